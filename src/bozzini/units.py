@@ -43,6 +43,9 @@ INTERNAL_UNITS = {
 """The unit that each kind of quantity has inside Bozzini."""
 
 
+FULL_TURN_RAD = 2.0 * math.pi * (1.0 + 1e-9)
+"""Largest angle that may be written without a unit: a full turn, rounded up [rad]."""
+
 LARGEST = {"length": 1e6}
 """What a quantity may be at most, in either direction: a length of 1 km [mm]."""
 _LARGEST_OTHER = 1e15
@@ -97,7 +100,8 @@ def _registry() -> pint.UnitRegistry[Any]:
 def parse_quantity(text: str | float, kind: str) -> float:
     """Turn text with a unit into a number in Bozzini's internal unit.
 
-    A bare number is taken in the internal unit.
+    A bare number is taken in the internal unit. As text, an angle beyond a full turn needs its
+    unit: it is mostly meant in degrees.
 
     Parameters
     ----------
@@ -115,7 +119,7 @@ def parse_quantity(text: str | float, kind: str) -> float:
     ------
     UnitError
         If the unit is unknown or of another dimension, or the number is not finite or absurdly
-        large (a length above 1 km).
+        large (a length above 1 km), or text gives an angle beyond a full turn without a unit.
     """
     unit = INTERNAL_UNITS[kind]
     article = "an" if kind[0] in "aeiou" else "a"
@@ -136,6 +140,8 @@ def parse_quantity(text: str | float, kind: str) -> float:
             if kind in ("moment", "rigidity"):
                 given = _SQUARE.sub("^2", _NEWTON_TIMES.sub("N*", given))
             value = _convert(value, given, unit, text, hint)
+        elif kind == "angle":
+            check_bare_angle(value, text.strip())
     else:
         value = _take_number(text, hint)
     if not math.isfinite(value):
@@ -147,6 +153,12 @@ def parse_quantity(text: str | float, kind: str) -> float:
         legal = f"[-{largest:g}, {largest:g}] {unit}".rstrip()
         raise UnitError(f"{shown}: {what} must lie in {legal}")
     return value
+
+
+def check_bare_angle(value: float, text: str) -> None:
+    """Raise `UnitError` for an angle [rad] beyond a full turn that was written without a unit."""
+    if FULL_TURN_RAD < abs(value) < math.inf:
+        raise UnitError(f"{text}: radians? write {text} deg, or {text} rad for so many radians")
 
 
 def _check_unit(given: str, text: str, hint: str) -> None:

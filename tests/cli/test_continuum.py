@@ -37,6 +37,7 @@ def spell(robot, displacements, digits=9):
 
 
 BENT = spell(ROBOT, displacements_for(ROBOT, BENDS))
+CLAMPED = "T1=3mm,T2=0mm,T3=0mm,T4=0mm,T5=0mm,T6=0mm"
 WOUND = "H1=2mm,H2=-5mm,H3=-5mm,H4=-5mm"
 
 
@@ -152,9 +153,9 @@ def test_a_slack_tendon_is_said(ask, run):
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["T1=3mm"], "tendon 'T1' is pulled 1 mm more than the nearest shape gives way"),
-        (["T1=3mm", "--model", "energy"], "tendon 'T1' would have to stretch"),
-        (["T1=3mm", "--model", "rod"], "'T1' would have to stretch"),
+        ([CLAMPED], "tendon 'T1' is pulled 1 mm more than the nearest shape gives way"),
+        ([CLAMPED, "--model", "energy"], "tendon 'T1' would have to stretch"),
+        ([CLAMPED, "--model", "rod"], "'T1' would have to stretch"),
         (["T1=-9.5mm"], "tendon 'T1' is moved -9.5 mm: its travel is [-9, 9] mm"),
         (["T1=-9.5mm", "--model", "energy"], "its travel is [-9, 9] mm"),
         (["T1=-9.5mm", "--model", "rod"], "its travel is [-9, 9] mm"),
@@ -311,7 +312,7 @@ def test_compare_names_what_models_refuse(ask, run):
 
 
 def test_compare_without_any_shape_is_a_negative_answer(run):
-    code, out, err = run("compare", TWO, "--displacement", "T1=3mm", "--out", "no.png", "--json")
+    code, out, err = run("compare", TWO, "--displacement", CLAMPED, "--out", "no.png", "--json")
     said = json.loads(out)
     assert (code, err) == (1, "")
     assert said["reference"] is None
@@ -492,3 +493,76 @@ def test_the_file_format_in_the_guide_is_read(run, tmp_path):
     assert all(f"{name}:" in text for name in (*SECTION_FIELDS, *TENDON_FIELDS, *HELIX_FIELDS))
     assert run("pose", "guide.yaml", "--displacement", "D1=0.5mm,D2=-2mm,D3=-2mm,T1=-2mm,T2=-2mm,"
                "T3=-2mm")[0] == 0  # fmt: skip
+
+
+def test_a_new_robot_runs_at_once(run, ask):
+    assert ask("new")["tendons"] == 6
+    said = ask("pose", "robot.yaml", "--displacement", "T1=2mm")
+    assert said["converged"] and said["tendons"]["T1"]["displacement_mm"] == 2.0
+    for tendons in (1, 5):
+        ask("new", "--sections", 3, "--tendons", tendons, "--out", f"{tendons}.yaml")
+        robot = ContinuumRobot.from_yaml(f"{tendons}.yaml")
+        assert len(robot.sections) == 3 and len(robot.tendons) == 3 * tendons
+    code, _, err = run("new")
+    assert code == 2 and "robot.yaml" in err
+    code, _, err = run("new", "--sections", 0, "--out", "none.yaml")
+    assert (code, err) == (2, "bozzini: error: sections is 0: it must lie in [1, 20]\n")
+    assert not Path("none.yaml").exists()
+
+
+def test_tendons_that_are_not_named_follow(ask):
+    said = ask("pose", TWO, "--displacement", "T1=2mm,T4=3mm")
+    shape = ROBOT.forward({"T1": 2.0, "T4": 3.0}, model="arc")
+    assert said["tip_mm"] == pytest.approx(shape.tip.tolist())
+    moved = [row["displacement_mm"] for row in said["tendons"].values()]
+    again = ask("pose", TWO, "--displacement", spell(ROBOT, moved, digits=12))
+    assert again["tip_mm"] == pytest.approx(said["tip_mm"], abs=1e-6)
+
+
+def test_tensions_are_taken_by_name(ask, run):
+    said = ask("pose", TWO, "--tension", "T1=0.5N,T4=300mN")
+    pulls = [0.5, 0.0, 0.0, 0.3, 0.0, 0.0]
+    assert said["model"] == "rod"
+    assert [row["tension_N"] for row in said["tendons"].values()] == pytest.approx(pulls)
+    assert said["tip_mm"] == pytest.approx(ROBOT.forward(tensions=pulls).tip.tolist())
+    for words, line in (
+        (("--tension", "T1=1N", "--displacement", "T1=1mm"), "pose takes --displacement or"),
+        ((), "pose takes --displacement or --tension: give one of them"),
+        (("--tension", "T1=1mm"), "'1mm' has the wrong kind of unit"),
+        (("--tension", "T1=-1N"), "tension of tendon 'T1' is -1 N: it must lie in [0, inf) N"),
+        (("--tension", "T1=1N", "--model", "arc"), "the arc model takes displacements only"),
+        (("--tension", "T1=1N", "--history", "T1=1mm"), "--history goes with --displacement"),
+    ):
+        code, out, err = run("pose", TWO, *words)
+        assert (code, out) == (2, "") and line in err and err.count("\n") == 1
+
+
+def test_places_in_the_world_where_the_base_has_a_pose(ask, run):
+    turned = ContinuumRobot(
+        ROBOT.sections, base_position=(1.0, 2.0, 3.0), base_rotation=(0.0, math.pi / 2.0, 0.0)
+    )
+    turned.to_yaml("turned.yaml")
+    said = ask("pose", "turned.yaml", "--displacement", "T1=2mm")
+    plain = ask("pose", TWO, "--displacement", "T1=2mm")
+    x, y, z = plain["tip_mm"]
+    assert said["tip_mm"] == plain["tip_mm"]
+    assert said["tip_world_mm"] == pytest.approx([1.0 + z, 2.0 + y, 3.0 - x])
+    assert "tip_world_mm" not in plain
+    assert "in the world at" in run("pose", "turned.yaml", "--displacement", "T1=2mm")[1]
+
+
+@pytest.mark.parametrize(
+    ("load", "line"),
+    [
+        ("force=1:2:3mN", "--load force is '1:2:3mN': 1 has no unit, give each one its own"),
+        ("force=1N", "--load force is '1N': it must be X:Y:Z, such as 0:0:-1N"),
+        ("at=30mm", "--load is 'at=30mm': it has no force, moment or line"),
+        ("at=1mm,line=0:0:1N/m", "--load names 'at': a load along a line has line, from, to,"),
+        ("force=0:0:1N,force=0:0:1N", "--load names 'force' more than once"),
+        ("force=0:0:1N,frame=tool", "load's frame is 'tool': it must be one of base, world, body"),
+        ("nonsense", "--load is 'nonsense': it must be at=30mm,force=0:0:-1N,frame=body"),
+    ],
+)
+def test_loads_are_refused(run, load, line):
+    code, out, err = run("pose", TWO, "--displacement", "T1=1mm", "--load", load, *WIRE)
+    assert (code, out) == (2, "") and line in err and err.count("\n") == 1

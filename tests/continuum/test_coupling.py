@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linprog, minimize
 
@@ -201,3 +203,53 @@ def test_slack_shape_scales_with_the_command(size: float) -> None:
     one, other = coupling.solve(pulled), coupling.solve(size * pulled)
     assert one.slack.tolist() == other.slack.tolist() == [False, False, True, False]
     assert np.allclose(other.bends, size * one.bends, rtol=1e-9, atol=1e-12 * size)
+
+
+@settings(max_examples=15)
+@given(robot=antagonistic_robots(), seed=st.integers(0, 1000))
+def test_tendons_that_follow_are_where_least_energy_has_them(
+    robot: ContinuumRobot, seed: int
+) -> None:
+    rng = np.random.default_rng(seed)
+    # Of tendons on one side of one section, so that none has to push.
+    row = int(rng.integers(len(robot.tendons)))
+    pulled = np.full(len(robot.tendons), np.nan)
+    pulled[row] = rng.uniform(0.1, 0.5)
+    found = Coupling(robot).solve(pulled)
+    matrix = Coupling(robot).matrix
+    assert found.converged
+    assert matrix @ found.bends.ravel() == pytest.approx(found.displacements)
+    assert found.displacements[row] == pulled[row]
+    # What follows, commanded, changes nothing.
+    assert Coupling(robot).solve(found.displacements).bends == pytest.approx(found.bends, abs=1e-9)
+    # And no bends with the same displacement of that tendon have less energy.
+    free = np.linalg.svd(matrix[row : row + 1])[2][1:]
+    least = bend_energy(robot, found.bends)
+    for way in free:
+        assert bend_energy(robot, found.bends.ravel() + 1e-3 * way) > least
+
+
+def test_names_left_out_follow_and_all_left_out_stay_straight() -> None:
+    robot = make_robot(QUARTER)
+    shape = robot.forward({"t00": 2.0, "t01": [0.0, 1.0]}, model="arc")
+    assert shape.converged.all()
+    assert shape.displacements == pytest.approx(
+        np.array([[2.0, 0.0, -2.0, 0.0], [2.0, 1.0, -2.0, -1.0]])
+    )
+    assert not robot.forward({}, model="linkage").section_parameters.any()
+    alone = robot.forward({"t00": 2.0}, model="linkage")
+    assert alone.displacements == pytest.approx([2.0, 0.0, -2.0, 0.0])
+    # A cable that is let out alone goes slack, and nothing bends.
+    loose = robot.forward({"t00": -2.0}, model="arc")
+    assert loose.converged and loose.slack.tolist() == [True, False, False, False]
+    assert not loose.section_parameters.any()
+
+
+def test_travel_holds_for_tendons_that_follow() -> None:
+    robot = make_robot(QUARTER)
+    tight = dataclasses.replace(robot.sections[0].tendons[2], travel=(-1.0, 1.0))
+    tendons = (*robot.sections[0].tendons[:2], tight, robot.sections[0].tendons[3])
+    section = dataclasses.replace(robot.sections[0], tendons=tendons)
+    shape = ContinuumRobot((section,)).forward({"t00": 2.0}, model="arc")
+    assert not shape.converged
+    assert str(shape.reason) == "tendon 't02' is moved -2 mm: its travel is [-1, 1] mm"

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 
 from bozzini.continuum import ContinuumRobot, Helix, Section, Tendon
+from bozzini.errors import FileFormatError
 from tests.continuum.robots import QUARTER, ROBOT_FILE, THIRD, antagonistic_robots, make_robot
 
 
@@ -113,6 +114,30 @@ def test_stiffness_takes_its_units(file: Path, text: str) -> None:
 def test_null_is_no_limit_of_travel(file: Path) -> None:
     file.write_text(ROBOT_FILE.replace("[-10 mm, null]", "null", 1), encoding="utf-8")
     assert ContinuumRobot.from_yaml(file).tendons[0].travel == (-math.inf, math.inf)
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [("120 deg}", "120}"), ("max_bend: 120 deg", "max_bend: 120"), ("10 deg", "90")],
+)
+def test_degrees_without_their_unit_are_refused(file: Path, old: str, new: str) -> None:
+    file.write_text(ROBOT_FILE.replace(old, new, 1), encoding="utf-8")
+    number = new.split()[-1].rstrip("}")
+    with pytest.raises(FileFormatError, match=f"{number}: radians\\? write {number} deg, or"):
+        ContinuumRobot.from_yaml(file)
+    file.write_text(ROBOT_FILE.replace(old, old.replace("deg", "rad"), 1), encoding="utf-8")
+    ContinuumRobot.from_yaml(file)
+
+
+def test_angles_beyond_a_turn_come_back(tmp_path: Path) -> None:
+    tendons = (
+        Tendon(name="a", offset=4.0, angle=Helix(turns=-3.0)),
+        Tendon(name="b", offset=4.0, angle=7.0),
+    )
+    robot = ContinuumRobot((Section(length=60.0, radius=5.0, tendons=tendons, max_bend=9.0),))
+    assert ContinuumRobot.from_yaml(robot.to_yaml(tmp_path / "robot.yaml")) == robot
+    assert ContinuumRobot.from_yaml(robot.to_yaml(tmp_path / "robot.json")) == robot
+    assert ContinuumRobot.from_dict(robot.to_dict()) == robot
 
 
 def test_names_of_other_kinds_of_text_can_be_written(tmp_path: Path) -> None:

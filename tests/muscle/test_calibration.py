@@ -22,7 +22,8 @@ from bozzini.muscle import (
     preset,
 )
 from bozzini.muscle import problem as fitting
-from bozzini.muscle.fit import CONDITION_LIMIT, CORRELATION_LIMIT, judge_parameters, judge_repeats
+from bozzini.muscle.fit import judge_parameters, judge_repeats
+from bozzini.numeric.estimation import CONDITION_LIMIT, CORRELATION_LIMIT
 from bozzini.muscle.problem import Task
 
 TRUTH = preset("thesis-45", modulus=0.5, dead_length=10.0)

@@ -13,6 +13,7 @@ from bozzini.muscle import (
     MODELS,
     AntagonisticJoint,
     Bundle,
+    EndEffects,
     EnergyMuscle,
     Muscle,
     MuscleModel,
@@ -22,6 +23,7 @@ from bozzini.muscle import (
 
 ENERGY = EnergyMuscle(preset("effector-45"))
 BALANCE = MODELS["kothera-balance"](preset("effector-45", modulus=0.5))
+MOUNTED = EndEffects(offset=0.3, compliance=0.05, slack_force=0.1).mount(BALANCE)
 JOINT = AntagonisticJoint(ENERGY, ENERGY, radius=5.0, rest_contraction=5.0)
 
 
@@ -80,7 +82,7 @@ def test_a_joint_of_springs_is_linear():
     assert joint.stiffness([0.5, 0.0], 0.0) == pytest.approx(64.0 * 2.0, rel=1e-6)
 
 
-@pytest.mark.parametrize("model", [ENERGY, BALANCE], ids=["energy", "balance"])
+@pytest.mark.parametrize("model", [ENERGY, BALANCE, MOUNTED], ids=["energy", "balance", "mounted"])
 def test_a_joint_of_equals_is_symmetric(model):
     joint = AntagonisticJoint(model, model, radius=5.0, rest_contraction=5.0)
     assert joint.angle([[0.3, 0.3], [0.6, 0.6]]) == pytest.approx([0.0, 0.0], abs=1e-9)

@@ -26,7 +26,7 @@ from bozzini.muscle import (
 MUSCLE = preset("effector-45", dead_length=3.0)
 PRESSURES = np.array([0.1, 0.3, 0.8])
 CONTRACTIONS = np.linspace(-3.0, 12.0, 7)
-LOADS = np.array([0.0, 0.3, 1.0, 30.0])
+LOADS = np.array([-0.5, 0.0, 0.3, 1.0, 30.0])
 NAMES = ("muscle_force", "muscle_contraction", "muscle_pressure")
 
 
@@ -132,6 +132,16 @@ def test_code_of_a_mounted_muscle(load, slack_force, tmp_path):
     assert np.nanmin(pulls) == 0.2 if slack_force else np.nanmin(pulls) < 0.0
     taut = pulls > 0.2
     assert inflate(pulls[taut], MUSCLE.length - over[taut]) == pytest.approx(0.4, rel=1e-9)
+
+
+@pytest.mark.parametrize("load", [load_c, load_python], ids=["c", "python"])
+def test_code_of_a_muscle_that_would_be_too_long_without_give(load, tmp_path):
+    mounted = EndEffects(offset=0.4, compliance=0.05).mount(build("ogden"))
+    force, *_ = load(export_muscle(mounted, tmp_path / ("m.c" if load is load_c else "m.py")))
+    over = np.array([-20.0, -8.0, -5.0, -3.0])
+    pulls = ask(mounted.force, 0.4, over)
+    assert np.isnan(pulls).tolist() == [True, False, False, False]
+    assert force(0.4, over) == pytest.approx(pulls, rel=1e-9, nan_ok=True)
 
 
 def test_code_of_compositions_and_of_friction(tmp_path):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import time
 
 import numpy as np
 import pytest
@@ -25,7 +26,7 @@ from bozzini.muscle import (
     read_muscle,
     write_muscle,
 )
-from bozzini.muscle.problem import Problem, Task
+from bozzini.muscle.problem import Clock, Problem, Task
 from bozzini.muscle.ranking import split_pressures, split_specimens
 
 MUSCLE = Muscle(
@@ -130,6 +131,24 @@ def test_a_mounted_muscle_answers_its_own_questions(name):
     slack = float(model.contraction(0.5)) + 2.0
     assert float(model.force(0.5, slack)) == 6.0
     assert float(model.stiffness(0.5, slack)) == 0.0
+
+
+@pytest.mark.parametrize("name", ["energy", "ogden", "gaylord-1"])
+def test_fittings_that_give_answer_where_the_muscle_alone_could_not_be_so_long(name):
+    own = make(name)
+    load = np.linspace(50.0, 400.0, 8)
+    model = EndEffects(compliance=0.05).mount(own)
+    contraction, held = model.try_contraction(0.5, load)
+    assert (contraction[held] < own.contraction_limits[0]).any()
+    assert model.force(0.5, contraction[held]) == pytest.approx(load[held], rel=1e-9)
+
+
+def test_a_muscle_that_gets_longer_is_tried_under_a_push():
+    model = MODELS["gaylord-1"](MUSCLE.replace(braid_angle=math.radians(68.0)))
+    load = np.array([-5.0, 0.0, 2.0])
+    contraction, held = model.try_contraction(0.3, load)
+    assert held.all()
+    assert contraction == pytest.approx(model.contraction(0.3, load))
 
 
 def test_end_effects_of_none_are_none():
@@ -530,6 +549,53 @@ def test_resampled_errors_are_near_the_linearised_ones():
         assert other.standard_errors[name] == pytest.approx(one.standard_errors[name], rel=0.5)
 
 
+def test_a_band_has_an_end():
+    found = calibrate(
+        MODELS["kothera-balance"],
+        MUSCLE,
+        data=measure(make("kothera-balance"), noise=2.0),
+        free=("modulus",),
+    )
+    states = measure(make("kothera-balance"))
+    assert np.isfinite(found.predict(states, level=0.999999).prediction).all()
+    with pytest.raises(InputError, match="level is 1: it must lie in"):
+        found.predict(states, level=1.0)
+
+
+def test_rows_of_one_state_cannot_show_whether_a_model_fits():
+    data = measure(make("kothera-balance")).select(np.full(30, 20))
+    found = calibrate(MODELS["kothera-balance"], MUSCLE, data=data, free=("modulus",))
+    assert any("1 state(s) for 1 parameter(s)" in text for text in found.warnings)
+    assert not found.trusted
+
+
+@pytest.mark.parametrize("done", [0, 5])
+def test_resamples_without_time_do_not_count(done, monkeypatch):
+    """A resample that is stopped is where it began: it would make the errors too small."""
+    data = measure(make("kothera-balance"), noise=2.0)
+    calls, limit = [0], [10**9]
+
+    def is_over(clock):
+        calls[0] += 1
+        return calls[0] > limit[0]
+
+    monkeypatch.setattr(Clock, "is_over", property(is_over))
+
+    def fit(resamples):
+        calls[0] = 0
+        free, options = ("modulus", "braid_angle"), FitOptions(resamples=resamples)
+        return calibrate(MODELS["kothera-balance"], MUSCLE, data=data, free=free, options=options)
+
+    expected = fit(0)
+    if done:
+        limit[0] = 10**9
+        expected = fit(done)
+    limit[0] = calls[0]
+    stopped = fit(20)
+    assert f"used up after {done} of 20 resamples" in " ".join(stopped.warnings)
+    assert stopped.standard_errors == pytest.approx(expected.standard_errors)
+
+
 def test_a_fit_without_time_is_stopped_and_says_so():
     data = measure(make("kothera-balance"), noise=1.0)
     found = calibrate(
@@ -547,6 +613,28 @@ def test_a_fit_without_time_is_stopped_and_says_so():
     )
     doubt = {entry.name: entry.doubt for entry in ranking.models}
     assert doubt["gaylord-1"] == "" and "stopped" in doubt["pressure-stiffening"]
+
+
+class Idle(EnergyMuscle):
+    """A model that takes its time."""
+
+    def __post_init__(self):
+        time.sleep(20.0)
+
+
+@pytest.mark.slow
+def test_an_interrupt_does_not_wait_for_the_models_that_are_left():
+    data = measure(make("kothera-balance"))
+    models = {"first": MODELS["gaylord-1"], **{f"idle {k}": Idle for k in range(6)}}
+
+    def interrupt(text, share):
+        if text == "fitted first":
+            raise KeyboardInterrupt
+
+    begin = time.monotonic()
+    with pytest.raises(KeyboardInterrupt):
+        rank(data, MUSCLE, models=models, options=RankOptions(jobs=2), progress=interrupt)
+    assert time.monotonic() - begin < 18.0
 
 
 @pytest.mark.slow

@@ -43,6 +43,8 @@ from .common import (
     split_setting,
     step_option,
 )
+from .contact import contact_command, insert_command
+from .fit import command as fit_command
 from .routing import design_command, rank_command
 
 if TYPE_CHECKING:
@@ -51,6 +53,9 @@ if TYPE_CHECKING:
         ContinuumModel,
         ContinuumRobot,
         ContinuumWorkspace,
+        InverseOptions,
+        LineLoad,
+        PointLoad,
         Shape,
     )
     from ..continuum.checks import Floats
@@ -84,13 +89,12 @@ NEEDED_FREEDOMS = 5
 
 robot_argument = click.argument("robot_file", metavar="ROBOT.yaml", type=click.Path(path_type=Path))
 
-displacement_option = click.option(
-    "--displacement",
-    required=True,
-    metavar="NAME=LENGTH,...",
-    help="How far tendons are pulled, such as T1=2mm,T2=-1mm; negative lets them out, "
-    "and those left out are held where they are at rest.",
+DISPLACEMENT_HELP = (
+    "How far tendons are pulled, such as T1=2mm,T2=-1mm; negative lets them out, and those left "
+    "out follow the others."
 )
+
+LOAD_EXAMPLE = "at=30mm,force=0:0:-1N,frame=body"
 
 
 def _list_options() -> dict[str, tuple[dataclasses.Field[Any], list[str]]]:
@@ -123,7 +127,9 @@ def _make_option(name: str) -> Callable[[Command], Command]:
 model_options = gather("given", dict, *map(_make_option, OPTIONS))
 
 
-def read_robot(path: Path, *, arcs_for: str = "") -> ContinuumRobot:
+def read_robot(
+    path: Path, *, arcs_for: str = "", others: str = "only pose and compare take others"
+) -> ContinuumRobot:
     """Return the robot in a YAML file; `arcs_for` is a command that takes parallel tendons only."""
     from ..continuum import ContinuumRobot
     from ..continuum.coupling import find_crooked
@@ -133,7 +139,7 @@ def read_robot(path: Path, *, arcs_for: str = "") -> ContinuumRobot:
     if crooked:
         raise GeometryError(
             f"{crooked}: {arcs_for} takes sections that bend in arcs, by tendons parallel to the "
-            "backbone; only pose and compare take others"
+            f"backbone; {others}"
         )
     return robot
 
@@ -146,6 +152,73 @@ def read_displacements(
     example = "T1=2mm,T2=-1mm"
     found = parse_pairs(spelled, text, "length", example=example, names=names, owner=owner)
     return robot.order_displacements(found)
+
+
+def read_tensions(robot: ContinuumRobot, text: str) -> Floats:
+    """Return ``NAME=FORCE,...`` as tensions of all tendons [N], shape (t,)."""
+    names, owner = robot.tendon_names, f"the tendons of robot '{robot.name}'"
+    found = parse_pairs(
+        "--tension", text, "force", example="T1=2N,T2=0.5N", names=names, owner=owner
+    )
+    return robot.order_tensions(found)
+
+
+def parse_load(text: str) -> PointLoad | LineLoad:
+    """Return ``NAME=VALUE,...`` as a load; one with ``line`` is along a part of the backbone."""
+    from ..continuum import LineLoad, PointLoad
+
+    given: dict[str, str] = {}
+    for part in text.split(","):
+        name, value = split_setting("--load", part.strip(), LOAD_EXAMPLE)
+        if name in given:
+            raise InputError(f"--load names '{name}' more than once: give it once")
+        given[name] = value
+    along = "line" in given
+    legal = ("line", "from", "to", "frame") if along else ("at", "force", "moment", "frame")
+    for name in given:
+        if name not in legal:
+            raise InputError(
+                f"--load names '{name}': a load {'along a line' if along else 'at a point'} has "
+                f"{', '.join(legal)}, such as {LOAD_EXAMPLE}"
+            )
+    if not (along or "force" in given or "moment" in given):
+        raise InputError(f"--load is '{text}': it has no force, moment or line")
+    fields: dict[str, Any] = {"frame": given.get("frame", "base")}
+    for name, field, kind in (
+        ("at", "arc_length", "length"),
+        ("from", "start", "length"),
+        ("to", "end", "length"),
+    ):
+        if name in given:
+            fields[field] = parse_quantity(given[name], kind)
+    for name, field, kind in (
+        ("force", "force", "force"),
+        ("moment", "moment", "moment"),
+        ("line", "force", "line force"),
+    ):
+        if name in given:
+            fields[field] = _parse_components(name, given[name], kind)
+    return LineLoad(**fields) if along else PointLoad(**fields)
+
+
+def _parse_components(name: str, text: str, kind: str) -> tuple[float, ...]:
+    """Return ``X:Y:Z`` as numbers; each but 0 has its unit, or none has one."""
+    parts = [part.strip() for part in text.split(":")]
+    if len(parts) != 3:
+        raise InputError(f"--load {name} is '{text}': it must be X:Y:Z, such as 0:0:-1N")
+    values = tuple(parse_quantity(part, kind) for part in parts)
+    bare = [part for part, value in zip(parts, values, strict=True) if value and _is_number(part)]
+    if bare and not all(_is_number(part) for part in parts):
+        raise InputError(f"--load {name} is '{text}': {bare[0]} has no unit, give each one its own")
+    return values
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
 
 
 def make_consistent(
@@ -192,28 +265,48 @@ def parse_settings(name: str, texts: Sequence[str]) -> dict[str, float | str]:
 
 
 def make_model(
-    name: str, robot: ContinuumRobot, given: Mapping[str, object], *, strict: bool = True
+    name: str,
+    robot: ContinuumRobot,
+    given: Mapping[str, object],
+    *,
+    strict: bool = True,
+    pulled: bool = False,
 ) -> ContinuumModel:
-    """Return the model that the options ask for; unless `strict`, others' options are left out."""
+    """Return the model that the options ask for; unless `strict`, others' options are left out.
+
+    Whether tendons are `pulled` with tensions: then it does not matter how they stretch.
+    """
     options = {key: value for key, value in given.items() if value is not None}
     known = {item.name for item in dataclasses.fields(CONTINUUM_MODELS[name])}
     if name == "arc":
         known -= {"between"}  # its stations are for pictures only
+    if "loads" in options and "loads" not in known:
+        takers = [other for other, kind in CONTINUUM_MODELS.own.items() if hasattr(kind, "loads")]
+        raise InputError(
+            f"--load is not for the {name} model: it is for {' and '.join(takers) or 'none'}"
+        )
     for key in set(options) - known if strict else ():
         item, models = OPTIONS[key]
         others = " and ".join(other for other in models if other != name)
         raise InputError(f"{spell_option(item)} is not for the {name} model: it is for {others}")
     options = {key: value for key, value in options.items() if key in known}
+    stretches = pulled or "tendon_stiffness" in options or _stretch(robot)
     for load in LOADS:
-        if load in options and "tendon_stiffness" not in options:
+        if load in options and not stretches:
+            spelled = "--load" if load == "loads" else spell_option(OPTIONS[load][0])
             raise InputError(
-                f"{spell_option(OPTIONS[load][0])} needs --tendon-stiffness, EA of the tendons, "
+                f"{spelled} needs --tendon-stiffness, EA of the tendons, "
                 "such as 1e4N (steel wire of 0.25 mm): tendons that do not stretch lock the "
                 "backbone's twist"
             )
     if name == "arc":
         options["between"] = STATIONS_BETWEEN_DISCS
     return robot.model(name, **options)
+
+
+def _stretch(robot: ContinuumRobot) -> bool:
+    """Whether each tendon of a robot has a stiffness of its own."""
+    return all(math.isfinite(stiffness) for stiffness in robot.tendon_stiffness)
 
 
 # Results as plain values, as text, and as files.
@@ -245,6 +338,10 @@ def format_shape(robot: ContinuumRobot, shape: Mapping[str, Any]) -> str:
     aside = math.degrees(math.atan2(math.hypot(x, y), z))
     place = format_place(shape["tip_mm"])
     lines = [f"tip at {place} mm, looking {aside:.2f} deg away from the base's axis"]
+    if "tip_world_mm" in shape:
+        lines.append(f"in the world at {format_place(shape['tip_world_mm'])} mm")
+    if "stability" in shape:
+        lines.append(f"stable: as stiff as {shape['stability']:.3g} of the unloaded robot at rest")
     if shape["sections"]:
         lines.append(format_bends(robot, shape["sections"]))
     tendons = shape["tendons"]
@@ -277,14 +374,44 @@ def models_command(answer: Answer) -> None:
     answer.give({"models": rows}, text)
 
 
+@command.command("new")
+@click.option("--sections", default=2, show_default=True, help="Number of sections.")
+@click.option("--tendons", default=3, show_default=True, help="Tendons that end in each.")
+@answer_options(
+    ".yaml", quiet=False, default=Path("robot.yaml"), show_default=True, help="The robot file."
+)
+def new_command(sections: int, tendons: int, answer: Answer) -> None:
+    """Write a robot file to start from, with comments, that runs as it is."""
+    from ..continuum.template import write_template
+    from ..io.files import write_text
+
+    file = str(answer.target)
+    write_text(answer.target, write_template(sections=sections, tendons=tendons, file=file))
+    result = {"file": file, "sections": sections, "tendons": sections * tendons}
+    first = f"bozzini continuum pose {file} --displacement T1=2mm"
+    answer.give(result, f"written: {file}; try {first}")
+
+
 @command.command("pose")
 @robot_argument
-@displacement_option
+@option("--displacement NAME=LENGTH,...", DISPLACEMENT_HELP)
+@option(
+    "--tension NAME=FORCE,...",
+    "Instead, tensions of tendons at the base, such as T1=2N; 0 for those left out.",
+)
+@option(
+    "--load NAME=VALUE,...",
+    f"A load on the body, such as {LOAD_EXAMPLE} (at: the tip unless given; moment as force; "
+    "frame: base, world or body), or along a part of it, line=0:0:-1N/m,from=10mm,to=30mm; can be "
+    "repeated.",
+    multiple=True,
+)
 @click.option(
     "--model",
     "model_name",
     type=ModelType(lambda: CONTINUUM_MODELS, show=True),
-    help="By default arc for parallel tendons, energy for others, rod under loads or friction.",
+    help="By default arc for parallel tendons, energy for others, rod under loads, tensions or "
+    "friction.",
 )
 @option(
     "--history NAME=LENGTH,...",
@@ -303,37 +430,48 @@ def models_command(answer: Answer) -> None:
 )
 def pose_command(
     robot_file: Path,
-    displacement: str,
+    displacement: str | None,
+    tension: str | None,
+    load: tuple[str, ...],
     history: tuple[str, ...],
     model_name: str | None,
     given: Mapping[str, Any],
     settings: tuple[str, ...],
     answer: Answer,
 ) -> None:
-    """Find the shape of a robot under tendon displacements.
+    """Find the shape of a robot under displacements or tensions of its tendons.
+
+    Weight and the pose of the base are in the robot's file.
 
     Exit code 0: there is one; 1: there is none, which tendon or section stops it and by how much
     is reported, and nothing is written; 2: bad input.
     """
     from ..plot.continuum import draw_shape
 
+    if (displacement is None) == (tension is None):
+        raise InputError("pose takes --displacement or --tension: give one of them")
     robot = read_robot(robot_file)
-    displacements, notes = make_consistent(
-        robot, read_displacements(robot, displacement), given["tolerance"]
-    )
-    name = model_name or robot.choose_model(given)
-    model = make_model(name, robot, {**given, **parse_settings(name, settings)})
-    shape = _find_pose(
-        model,
-        displacements,
-        [
+    given = {**given, "loads": tuple(map(parse_load, load)) or None}
+    name = model_name or ("rod" if tension is not None else robot.choose_model(given))
+    settings_given = {**given, **parse_settings(name, settings)}
+    model = make_model(name, robot, settings_given, pulled=tension is not None)
+    if tension is not None:
+        if history:
+            raise InputError("--history goes with --displacement, not with --tension")
+        notes = list(model.notes)
+        shape = model.find_shape_under_tensions(read_tensions(robot, tension))
+    else:
+        displacements, notes = make_consistent(
+            robot, read_displacements(robot, str(displacement)), given["tolerance"]
+        )
+        before = [
             make_consistent(
                 robot, read_displacements(robot, text, spelled="--history"), given["tolerance"]
             )[0]
             for text in history
-        ],
-    )
-    notes += model.notes
+        ]
+        shape = _find_pose(model, displacements, before)
+        notes += [*model.notes, *_note_held(model, displacements)]
     result = {"model": model.name, "robot": describe_robot(robot), "file": None, "notes": notes}
     result |= shape.to_dict()
     if not shape.converged:
@@ -342,6 +480,21 @@ def pose_command(
     answer.write(shape.list_columns(), lambda: draw_shape(shape))
     lines = [f"{model.name}: {format_shape(robot, result)}", *(f"note: {line}" for line in notes)]
     answer.give(result | {"file": answer.out}, "\n".join(lines))
+
+
+def _note_held(model: ContinuumModel, displacements: Floats) -> list[str]:
+    """Return a note on tendons that do not follow, though none was named."""
+    held = [
+        name
+        for name, moved in zip(model.robot.tendon_names, displacements, strict=True)
+        if math.isnan(moved) and not model.lets_follow
+    ]
+    if not held:
+        return []
+    return [
+        f"the {model.name} model holds tendons that are not named where they are at rest: "
+        f"{', '.join(held)}"
+    ]
 
 
 def _find_pose(model: ContinuumModel, displacements: Floats, before: list[Floats]) -> Shape:
@@ -380,9 +533,18 @@ def _find_pose(model: ContinuumModel, displacements: Floats, before: list[Floats
     metavar="X,Y,Z",
     help="Where it shall look, of any length.",
 )
-@click.option("--starts", default=16, show_default=True, help="Starts that may be tried.")
+@option(
+    "--model model_name NAME",
+    "arc, for parallel tendons; or energy or rod, for any: then the least tensions are found, "
+    "under loads and weight.",
+    ("arc", "energy", "rod"),
+    default="arc",
+)
+@option("--load NAME=VALUE,...", "A load on the body, see pose; can be repeated.", multiple=True)
+@model_options
+@click.option("--starts", type=int, help="Starts that may be tried (default: 16, 8 with tensions).")
 @click.option(
-    "--smallest-bends", is_flag=True, help="Use the freedom that is left for small bends."
+    "--smallest-bends", is_flag=True, help="arc: use the freedom that is left for small bends."
 )
 @answer_options(
     ".csv", *PICTURES, quiet=False, help="A picture, or the displacements as a table (.csv)."
@@ -391,22 +553,34 @@ def reach_command(
     robot_file: Path,
     target: tuple[float, ...],
     direction: tuple[float, ...] | None,
-    starts: int,
+    model_name: str,
+    load: tuple[str, ...],
+    given: Mapping[str, Any],
+    starts: int | None,
     smallest_bends: bool,
     answer: Answer,
 ) -> None:
     """Find the tendon displacements that bring the tip to a place.
 
-    The sections are arcs; the tendons have to be parallel to the backbone.
+    By default the sections are arcs; then the tendons have to be parallel to the backbone.
 
     Exit code 0: reached; 1: not reached, the nearest that was found and the reason are reported; 2:
     bad input.
     """
     from ..plot.continuum import draw_shape
 
-    robot = read_robot(robot_file, arcs_for="reach")
-    found = robot.inverse(target, direction=direction, starts=starts, smallest_bends=smallest_bends)
-    needed = None if found.converged else _find_needed_length(robot, target)
+    arcs = model_name == "arc"
+    others = "give --model energy or --model rod"
+    robot = read_robot(robot_file, arcs_for="reach" if arcs else "", others=others)
+    given = {**given, "loads": tuple(map(parse_load, load)) or None}
+    model = make_model(model_name, robot, given, pulled=True)
+    if smallest_bends and not arcs:
+        raise InputError(f"--smallest-bends is not for the {model_name} model: it is for arc")
+    options: InverseOptions = {} if starts is None else {"starts": starts}
+    if arcs:
+        options["smallest_bends"] = smallest_bends
+    found = robot.inverse(target, direction=direction, model=model, **options)
+    needed = _find_needed_length(robot, target) if arcs and not found.converged else None
     result = found.to_dict()
     result |= {
         "success": found.converged,
@@ -446,11 +620,16 @@ def _format_reach(found: ContinuumInverse, reason: str) -> str:
     if not found.converged:
         head = f"not reached: {reason}\nnearest: tip at {place} mm"
     moved = [[name, f"{value:z.4f}"] for name, value in result["displacements_mm"].items()]
+    titles = ["tendon", "displacement [mm]"]
+    if "tensions_N" in result:
+        titles.append("tension [N]")
+        for row, pull in zip(moved, result["tensions_N"].values(), strict=True):
+            row.append(f"{pull:z.4f}")
     return "\n".join(
         [
             head,
-            format_bends(found.robot, result["sections"]),
-            format_rows(["tendon", "displacement [mm]"], moved),
+            *([format_bends(found.robot, result["sections"])] if result["sections"] else []),
+            format_rows(titles, moved),
             *([f"limit: {line}" for line in found.at_limits] if found.converged else []),
         ]
     )
@@ -461,7 +640,7 @@ def _format_reach(found: ContinuumInverse, reason: str) -> str:
 
 @command.command("compare")
 @robot_argument
-@displacement_option
+@option("--displacement NAME=LENGTH,...", DISPLACEMENT_HELP, required=True)
 @model_options
 @answer_options(
     ".csv",
@@ -493,6 +672,7 @@ def compare_command(
         try:
             model = make_model(name, robot, given, strict=False)
             shape = model.find_shape(displacements)
+            notes += _note_held(model, displacements)
         except (GeometryError, PluginError) as error:  # it takes no such robot, or is broken
             rows[name] |= {"refused": True, "reason": str(error)}
             continue
@@ -751,3 +931,6 @@ def fabricate_command(robot_file: Path, options: BodyOptions, step: bool, answer
 
 command.add_command(design_command)
 command.add_command(rank_command)
+command.add_command(contact_command)
+command.add_command(insert_command)
+command.add_command(fit_command)

@@ -64,7 +64,7 @@ class ArcModel(ParallelModel):
         """
         found = self.solve(displacements)
         frames = _frames(self.robot, found.bends, self.arc_length)
-        return self.answer(displacements, found, arc_length=self.arc_length, frames=frames)
+        return self.answer(found, arc_length=self.arc_length, frames=frames)
 
 
 def bend_vectors(robot: RobotDesign, displacements: ArrayLike) -> Floats:

@@ -8,6 +8,7 @@ takes the shape of least elastic energy; where a cable would have to push, it go
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import functools
 import math
@@ -20,7 +21,13 @@ from numpy.typing import ArrayLike, NDArray
 from ..checks import check_array, check_number, take_named
 from ..errors import GeometryError, InputError
 from .checks import Floats
-from .model import BendMeasure, ContinuumModel, check_limits, write_reasons
+from .model import (
+    BendMeasure,
+    ContinuumModel,
+    advise_contradiction,
+    check_limits,
+    write_reasons,
+)
 from .profile import ROUND_OFF_MM
 from .robot import RobotDesign, check_robot
 from .shape import Shape
@@ -35,6 +42,8 @@ class BendSolution:
 
     Attributes
     ----------
+    displacements : (..., t) ndarray
+        Displacements [mm]; of tendons that follow those that they have.
     bends : (..., m, 2) ndarray
         ``(theta cos(phi), theta sin(phi))`` of each section [rad].
     misfit : (..., t) ndarray
@@ -49,6 +58,7 @@ class BendSolution:
         Which tendon does not go, and by how much; empty where converged.
     """
 
+    displacements: Floats
     bends: Floats
     misfit: Floats
     residual: Floats
@@ -58,32 +68,40 @@ class BendSolution:
 
 
 def check_displacements(
-    robot: RobotDesign, displacements: ArrayLike, *, follows: bool = False
+    robot: RobotDesign, displacements: ArrayLike, *, may_follow: bool = False
 ) -> Floats:
     """Return displacements as an array of shape (..., t) [mm]; see `ContinuumRobot.forward`.
 
-    They are finite, but for NaN of tendons that follow if `follows`.
+    Parameters
+    ----------
+    robot : RobotDesign
+        The robot.
+    displacements : array_like, shape (..., t), or mapping
+        Displacements [mm].
+    may_follow : bool
+        Whether they may be NaN, for tendons that follow; those that a mapping leaves out do then,
+        otherwise they are held at 0.
 
     Raises
     ------
     InputError
-        If there is not one finite displacement for each tendon.
+        If there is not one displacement for each tendon, or one is not finite.
     """
     count = len(robot.tendons)
     named = take_named("displacements", displacements)
     array = (
         check_array("displacements", displacements)
         if named is None
-        else robot.order_displacements(named)
+        else robot.order_displacements(named, missing=math.nan if may_follow else 0.0)
     )
     if array.ndim == 0 or array.shape[-1] != count:
         raise InputError(
             f"displacements has shape {array.shape}: it must be (..., {count}), one for each of "
             f"the tendons {list(robot.tendon_names)}"
         )
-    good = np.isfinite(array) | (follows & np.isnan(array))
-    if not good.all():
-        place = np.argwhere(~good)[0]
+    wrong = np.isinf(array) if may_follow else ~np.isfinite(array)
+    if wrong.any():
+        place = np.argwhere(wrong)[0]
         name = robot.tendon_names[place[-1]]
         raise InputError(f"displacement of tendon '{name}' is {array[tuple(place)]}: not finite")
     return array
@@ -174,25 +192,38 @@ class Coupling:
         self.tolerance = check_number(
             "tolerance", tolerance, low=0.0, high=1.0, low_open=True, unit="mm"
         )
-        self.matrix = coupling_matrix(robot, model=model)
         self._scale = 1.0 / np.sqrt(_stiffness(robot))
+        self._parts: dict[bytes, Coupling] = {}
+        self._hold(coupling_matrix(robot, model=model), np.ones(len(robot.tendons), dtype=np.bool_))
+
+    def _hold(self, matrix: Floats, held: NDArray[np.bool_]) -> None:
+        """Take the tendons that are `held`; the others follow."""
+        self.matrix = matrix[held]
+        self._pushes = self.robot.pushes[held]
+        self._names = tuple(np.asarray(self.robot.tendon_names, dtype=object)[held])
         self._scaled = self.matrix * self._scale
         inverse = np.linalg.pinv(self._scaled, rcond=RANK_RATIO)
         self.inverse = self._scale[:, None] * inverse
         self._tension = inverse.T @ inverse
-        self._always_taut = bool(self.robot.pushes.all()) or self._can_be_preloaded()
+        self._always_taut = bool(self._pushes.all()) or self._can_be_preloaded()
 
     def solve(self, displacements: Floats) -> BendSolution:
-        """Return the bends under checked displacements of shape (..., t)."""
+        """Return the bends under checked displacements of shape (..., t).
+
+        Where one is NaN the tendon follows the bends of least energy that the others leave.
+        """
+        follows = np.isnan(displacements)
+        if follows.any():
+            return self._solve_following(displacements, follows)
         bends = displacements @ self.inverse.T
         misfit = displacements - bends @ self.matrix.T
-        fits = np.abs(misfit).max(axis=-1) <= self.tolerance
+        fits = np.abs(misfit).max(axis=-1, initial=0.0) <= self.tolerance
         slack = np.zeros(displacements.shape, dtype=bool)
         reasons: dict[tuple[int, ...], str] = {}
         good = fits.copy()
         if not self._always_taut:
             tensions = displacements @ self._tension.T
-            least = np.where(self.robot.pushes, 0.0, tensions).min(axis=-1)
+            least = np.where(self._pushes, 0.0, tensions).min(axis=-1)
             good &= least >= -RANK_RATIO * np.abs(tensions).max(axis=-1)
         converged = np.array(good)
         for index in np.argwhere(~good):
@@ -203,17 +234,58 @@ class Coupling:
                 continue
             bends[place] = found
             misfit[place] = displacements[place] - self.matrix @ found
-            slack[place] = ~self.robot.pushes & (misfit[place] < -self.tolerance)
+            slack[place] = ~self._pushes & (misfit[place] < -self.tolerance)
             converged[place] = True
         sections = len(self.robot.sections)
         return BendSolution(
+            displacements=displacements,
             bends=bends.reshape(*bends.shape[:-1], sections, 2),
             misfit=misfit,
-            residual=np.where(slack, 0.0, np.abs(misfit)).max(axis=-1),
+            residual=np.where(slack, 0.0, np.abs(misfit)).max(axis=-1, initial=0.0),
             slack=slack,
             converged=converged,
             reason=write_reasons(fits.shape, reasons),
         )
+
+    def _solve_following(self, displacements: Floats, follows: NDArray[np.bool_]) -> BendSolution:
+        """Solve the commands of each set of tendons that are held, and gather the answers."""
+        batch, count = displacements.shape[:-1], displacements.shape[-1]
+        rows, loose = displacements.reshape(-1, count), follows.reshape(-1, count)
+        bends = np.zeros((len(rows), len(self.robot.sections), 2))
+        misfit, filled = np.zeros(rows.shape), np.array(rows)
+        slack, converged = np.zeros(rows.shape, dtype=bool), np.zeros(len(rows), dtype=bool)
+        residual = np.zeros(len(rows))
+        reasons: dict[tuple[int, ...], str] = {}
+        for pattern in np.unique(loose, axis=0):
+            own = np.flatnonzero((loose == pattern).all(axis=1))
+            held = np.flatnonzero(~pattern)
+            found = self._without(pattern).solve(rows[np.ix_(own, held)])
+            bends[own], residual[own] = found.bends, found.residual
+            converged[own] = found.converged
+            misfit[np.ix_(own, held)] = found.misfit
+            slack[np.ix_(own, held)] = found.slack
+            moved = found.bends.reshape(len(own), -1) @ self.matrix.T
+            filled[own] = np.where(pattern, moved, rows[own])
+            for row, reason in zip(own, found.reason, strict=True):
+                if reason:
+                    reasons[(int(row),)] = str(reason)
+        return BendSolution(
+            displacements=filled.reshape(displacements.shape),
+            bends=bends.reshape(*batch, *bends.shape[1:]),
+            misfit=misfit.reshape(displacements.shape),
+            residual=residual.reshape(batch),
+            slack=slack.reshape(displacements.shape),
+            converged=converged.reshape(batch),
+            reason=write_reasons((len(rows),), reasons).reshape(batch),
+        )
+
+    def _without(self, follows: NDArray[np.bool_]) -> Coupling:
+        """Return the same for the tendons that do not follow."""
+        key = follows.tobytes()
+        if key not in self._parts:
+            self._parts[key] = part = copy.copy(self)
+            part._hold(self.matrix, ~follows)
+        return self._parts[key]
 
     def open_directions(self) -> tuple[str, ...]:
         """Return one sentence for each section whose own tendons do not bend it every way."""
@@ -237,10 +309,10 @@ class Coupling:
         """Whether every cable can be tight at once without bending anything."""
         from scipy.optimize import nnls
 
-        rods = self._scaled[self.robot.pushes]
+        rods = self._scaled[self._pushes]
         columns = np.vstack([self._scaled, -rods]).T
         size = float(np.abs(columns).max())
-        load = -self._scaled[~self.robot.pushes].sum(axis=0) / size
+        load = -self._scaled[~self._pushes].sum(axis=0) / size
         return bool(nnls(columns / size, load)[1] < 1e-9)
 
     def _solve_slack(self, displacements: Floats) -> Floats | None:
@@ -250,7 +322,7 @@ class Coupling:
         """
         from scipy.optimize import nnls
 
-        rods = self.robot.pushes
+        rods = self._pushes
         sign = np.concatenate([np.ones(len(rods)), -np.ones(int(rods.sum()))])
         rows = np.vstack([self._scaled, self._scaled[rods]]) * sign[:, None]
         short = np.concatenate([displacements, displacements[rods]]) * sign
@@ -269,13 +341,14 @@ class Coupling:
         return np.asarray(bends)
 
     def _explain(self, misfit: Floats) -> str:
-        names = self.robot.tendon_names
-        worst = int(np.argmax(np.where(self.robot.pushes, np.abs(misfit), misfit)))
+        names = self._names
+        worst = int(np.argmax(np.where(self._pushes, np.abs(misfit), misfit)))
         amount = float(misfit[worst])
         if amount > 0.0:
             return (
                 f"tendon '{names[worst]}' is pulled {amount:.4g} mm more than the nearest shape "
-                "gives way: it would have to stretch (let out those on the other side)"
+                "gives way: it would have to stretch (let out those on the other side; "
+                f"{advise_contradiction(self.tolerance)}, in the energy or rod model)"
             )
         return (
             f"rod '{names[worst]}' is pushed {-amount:.4g} mm more than the nearest shape gives "
@@ -286,6 +359,8 @@ class Coupling:
 @dataclass(frozen=True)
 class ParallelModel(ContinuumModel):
     """Base of the models in which displacements are linear in the bends of the sections."""
+
+    lets_follow = True
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -304,23 +379,24 @@ class ParallelModel(ContinuumModel):
     def solve(self, displacements: ArrayLike) -> BendSolution:
         """Return the bends of the sections under `displacements`, shape (..., t) [mm].
 
+        Where one is NaN the tendon follows.
+
         Raises
         ------
         InputError
             If there is not one finite displacement for each tendon.
         """
-        commanded = check_displacements(self.robot, displacements)
-        found = self.coupling.solve(commanded)
+        found = self.coupling.solve(check_displacements(self.robot, displacements, may_follow=True))
         measure = BendMeasure(bends=np.hypot(found.bends[..., 0], found.bends[..., 1]))
         verdict = (found.converged, found.reason)
-        converged, reason = check_limits(self.robot, commanded, measure, verdict)
+        converged, reason = check_limits(self.robot, found.displacements, measure, verdict)
         return dataclasses.replace(found, converged=converged, reason=reason)
 
-    def answer(self, displacements: ArrayLike, found: BendSolution, **stations: Floats) -> Shape:
+    def answer(self, found: BendSolution, **stations: Floats) -> Shape:
         """Return the shapes of bends, given the stations and the frames there."""
         bends = found.bends.reshape(*found.bends.shape[:-2], 2 * len(self.robot.sections))
         return self.make_shape(
-            check_displacements(self.robot, displacements),
+            found.displacements,
             tendon_lengths=self.robot.tendon_ends - bends @ self.coupling.matrix.T,
             section_parameters=found.bends,
             slack=found.slack,

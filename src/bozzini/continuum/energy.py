@@ -3,29 +3,45 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import quantity
-from ..errors import GeometryError
-from .checks import Floats
+from ..checks import check_integer, check_number, check_points, quantity
+from ..errors import GeometryError, InputError
+from .checks import Floats, check_values
+from .continuation import EquilibriumPath, Point, Tracer, Varied
 from .coupling import check_displacements
+from .equilibrium import WHOLE, ZERO_MODE, Command, Equilibrium, LoadedRod, Spots, measure_rest
+from .gradients import Held, ShapeJacobian
 from .kernels import energy as kernels
-from .kernels.energy import ARC, CHANNEL, CHORD, CONVERGED, FOLDED, measure_lengths, solve_commands
+from .kernels.energy import (
+    ARC,
+    CHANNEL,
+    CHORD,
+    CONVERGED,
+    FOLDED,
+    RIDGE,
+    share_tensions,
+    solve_commands,
+)
+from .kernels.loads import place_spots
+from .loads import Load, PackedLoads, check_loads, pack_loads
 from .model import (
     BendMeasure,
     ContinuumModel,
+    advise_contradiction,
     check_limits,
     check_numbers,
     choose_stiffness,
     explain_contrast,
 )
 from .profile import ROUND_OFF_MM
-from .robot import RobotDesign
+from .robot import ZERO, RobotDesign, Vector
 from .section import LEAST_LEVER
 from .shape import Shape
 
@@ -146,6 +162,12 @@ class Grid:
         middles = 0.5 * (self.arc_length[1:] + self.arc_length[:-1])
         return self.robot.stiffness_at(middles)[:, 3:] / self.spans[:, None]
 
+    @cached_property
+    def rest(self) -> Floats:
+        """Turns of the segments at rest, shape (n, 3) [rad]."""
+        middles = 0.5 * (self.arc_length[1:] + self.arc_length[:-1])
+        return self.robot.curvature_at(middles) * self.spans[:, None]
+
     def place_frames(self, turns: Floats) -> Floats:
         """Frames at the stations, for turns (b, n, 3) of the segments, (b, n + 1, 4, 4)."""
         count, stations = len(turns), len(self.arc_length)
@@ -197,46 +219,14 @@ class Grid:
         return guides
 
 
-# Whether an equilibrium of the discrete rod is stable.
-
-
-def is_stable(
-    grid: Grid, turns: Floats, tensions: Floats, taut: NDArray[np.bool_], compliances: Floats
-) -> bool:
-    """Whether the energy is a minimum among the shapes of the same tendon lengths.
-
-    In channels every segment has to be one by itself. `compliances` (t,) are the tendons' [mm/N].
-    """
-    tendons, segments = len(taut), len(turns)
-    slopes = np.empty((tendons, segments, 3))
-    positive, whole = np.empty((2, segments, 3, 3))
-    measure_lengths(grid.packed, turns, tensions, np.empty(tendons), slopes, positive, whole)
-    scale = 1.0 / np.sqrt(grid.stiffness)
-    if grid.segment == "channel":
-        # In finer and finer segments, one that gives way alone is enough.
-        blocks = whole * scale[:, :, None] * scale[:, None, :] + np.eye(3)
-        return bool(np.linalg.eigvalsh(blocks).min() > -1e-9)
-    hessian = np.zeros((segments, 3, segments, 3))
-    index = np.arange(segments)
-    hessian[index, :, index, :] = whole * scale[:, :, None] * scale[:, None, :]
-    size = 3 * segments
-    hessian = hessian.reshape(size, size) + np.eye(size)
-    rows = (slopes * scale).reshape(tendons, size)[taut]
-    if compliances.any():
-        # Lengths are not held, but cost energy.
-        hessian += rows.T @ (rows / compliances[taut, None])
-        rows = rows[:0]
-    _, sizes, ways = np.linalg.svd(rows, full_matrices=True)
-    rank = int(np.count_nonzero(sizes > 1e-9 * sizes.max(initial=0.0)))
-    free = ways[rank:]
-    return bool(np.linalg.eigvalsh(free @ hessian @ free.T).min(initial=1.0) > -1e-9)
-
-
 UNSTABLE = 4
 """Code, beside those of the kernels, of an equilibrium that is not a minimum."""
 
 MOST_STEPS = 60
 """Steps of Newton's method for one part of a command."""
+
+Start = tuple[Floats, Floats]
+"""Turns (n, 3) [rad] and tensions (t,) [N] to begin with."""
 
 STRONGEST = 1e4
 """Tension at which a command counts as impossible, against one that turns a segment by 1 rad."""
@@ -264,30 +254,54 @@ class Answers(NamedTuple):
     steps: NDArray[np.int64]
     errors: Floats
     shares: Floats
-    suspects: NDArray[np.int64]
+    stability: Floats
 
     @classmethod
     def make(cls, count: int, segments: int, tendons: int) -> Answers:
         """Return arrays for so many commands, segments and tendons."""
-        codes, steps, suspects = np.zeros((3, count), dtype=np.int64)
-        errors, shares = np.zeros((2, count))
+        codes, steps = np.zeros((2, count), dtype=np.int64)
+        errors, shares, stability = np.zeros((3, count))
         tensions, lengths = np.zeros((2, count, tendons))
         turns = np.zeros((count, segments, 3))
-        return cls(turns, tensions, lengths, codes, steps, errors, shares, suspects)
+        return cls(turns, tensions, lengths, codes, steps, errors, shares, stability)
+
+
+def measure_turns(frames: Floats) -> Floats:
+    """Return the turns of segments (..., n, 3) between frames (..., n + 1, 4, 4) [rad]."""
+    from scipy.spatial.transform import Rotation
+
+    axes = frames[..., :3, :3]
+    steps = np.swapaxes(axes[..., :-1, :, :], -1, -2) @ axes[..., 1:, :, :]
+    turns = Rotation.from_matrix(steps.reshape(-1, 3, 3)).as_rotvec()
+    return np.asarray(turns.reshape(steps.shape[:-1]))
+
+
+def check_tension_commands(robot: RobotDesign, tensions: ArrayLike) -> Floats:
+    """Return tensions (..., t) [N] as an array; a cable's must not be negative."""
+    pulls = check_points("tensions", tensions, dim=len(robot.tendons))
+    low = np.where(robot.pushes, -math.inf, 0.0)
+    if np.any(pulls < low):
+        place = np.argwhere(pulls < low)[0]
+        raise InputError(
+            f"tension of tendon '{robot.tendon_names[place[-1]]}' is {pulls[tuple(place)]:g} N: "
+            "it must lie in [0, inf) N, for a cable does not push"
+        )
+    return pulls
 
 
 @dataclass(frozen=True)
 class EnergyModel(ContinuumModel):
-    """Discrete rod under tendon displacements, for any routing, without load or friction.
+    """Discrete rod under tendons and loads, for any routing, without friction.
 
-    One rotation vector ``w_j`` for each segment, of length ``h_j``::
+    One rotation vector ``w_j`` for each segment, of length ``h_j``, and ``u_j`` at rest::
 
-        minimise   1/2 sum_j w_j . diag(EI, EI, GJ) w_j / h_j
+        minimise   1/2 sum_j (w_j - u_j) . diag(EI, EI, GJ) (w_j - u_j) / h_j  -  work of the loads
         such that  sum_j l_kj <= length of cable k,  with equality for rods that push
 
     The multipliers of the lengths are the tensions: a cable never pushes, and one that is not
-    needed goes slack. What is commanded is how much shorter a tendon gets than in the straight
-    *discrete* robot. The tendons' lengths depend on the kind of `segment`:
+    needed goes slack. What is commanded is how much shorter a tendon gets than in the *discrete*
+    robot at rest, without loads; or its tension. A tendon whose displacement is NaN follows, with
+    its pretension. The tendons' lengths depend on the kind of `segment`:
 
     - ``"chord"``: ``l_kj = | h_j exp(w_j / 2) e_z + exp(w_j) r_k(s_{j+1}) - r_k(s_j) |``, a
       straight link and tendons straight between the discs. For parallel tendons it is the closed
@@ -307,6 +321,15 @@ class EnergyModel(ContinuumModel):
     The one that is reached from the straight rod is taken, in steps where rods push; where it
     ceases to be one, another may be, or the reason states how far it went. It is checked to be
     stable: among shapes of the same tendon lengths, and in channels in each segment by itself.
+
+    Under loads, command and loads are raised together from the robot at rest, in steps in which
+    shapes follow each other, unless the robot snaps; each is a minimum of the energy, found by
+    Newton's method with its exact Hessian. Forces along the robot act at the middles of segments.
+    Where a path leads to an equilibrium that is not stable, such as that of a straight robot under
+    more than its buckling load, the shape has not converged and the reason states that load.
+    Loads that follow the body, and moments, have no energy: what is found is an equilibrium, and
+    its stability that against divergence, by the least real part of the tangent's eigenvalues.
+    `Shape.stability` without loads is a lower bound, that of the segments by themselves.
 
     A shape beyond a tendon's travel or a section's `max_bend`, or so curved that discs meet, has
     not converged. A section's bend is here the integral of its curvature. Stiffnesses of the
@@ -358,12 +381,35 @@ class EnergyModel(ContinuumModel):
         default=math.inf,
         kw_only=True,
     )
+    loads: Sequence[Load] = field(default=(), kw_only=True)
+    tip_force: Vector = quantity(
+        "force",
+        "Force on the tip in the base's frame, such as 0,0,-0.1N.",
+        default=ZERO,
+        kw_only=True,
+    )
+    tip_moment: Vector = field(default=ZERO, kw_only=True)
+    distributed_force: Vector = quantity(
+        "line force",
+        "Force per length in the base's frame, such as 0,-0.001N/mm,0.",
+        default=ZERO,
+        kw_only=True,
+        option="line_force",
+    )
 
     name = "energy"
-    heeds = frozenset({"stiffness of tendons", "tension limits"})
+    lets_follow = True
+    heeds = frozenset(
+        {"weight", "curvature at rest", "stiffness of tendons", "pretension", "tension limits"}
+    )
+    checked_by_class = ("tip_force", "tip_moment", "distributed_force")
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        object.__setattr__(self, "loads", check_loads(self.robot, self.loads))
+        for name in self.checked_by_class:
+            vector = check_values(name, getattr(self, name), (3,))
+            object.__setattr__(self, name, tuple(vector.tolist()))
         if not self.robot.tendons:
             raise GeometryError(f"robot '{self.robot.name}' has no tendons: nothing can move it")
 
@@ -374,32 +420,52 @@ class EnergyModel(ContinuumModel):
 
     @cached_property
     def natural_lengths(self) -> Floats:
-        """Length of each tendon in the straight discrete robot [mm], shape (t,)."""
-        return np.asarray(np.sum(self._grid.straight, axis=1))
+        """Length of each tendon in the discrete robot at rest, without loads [mm], shape (t,)."""
+        if self.robot.is_straight:
+            return np.asarray(np.sum(self._grid.straight, axis=1))
+        return measure_rest(self._grid)
 
-    def shape(self, displacements: ArrayLike) -> Shape:
-        """Return the shapes under tendon displacements; see `ContinuumModel.shape`.
+    def shape(self, displacements: ArrayLike, *, initial: Shape | None = None) -> Shape:
+        """Return the shapes under tendon displacements and the loads; see `ContinuumModel.shape`.
 
         One that has not converged is the shape as far as the command can be followed, and the
         reason states how far that is and which tendon stops it.
+
+        Parameters
+        ----------
+        displacements : array_like, shape (..., t)
+            How far each tendon is pulled [mm]; NaN where it follows.
+        initial : Shape, optional
+            Where the search begins: one shape of this model, or one for each command; the robot
+            at rest unless given.
         """
-        commands = check_displacements(self.robot, displacements)
+        commands = check_displacements(self.robot, displacements, may_follow=True)
         flat = np.ascontiguousarray(commands.reshape(-1, commands.shape[-1]))
-        found = self._solve(flat)
+        held = ~np.isnan(flat)
+        if self._is_loaded or initial is not None or not held.all():
+            free = self.natural_lengths - np.nan_to_num(flat) - self._pretension_stretches
+            pulls = self.robot.pretensions
+            todo = [self._command(*row, pulls) for row in zip(free, held, strict=True)]
+            return self._shape_loaded(commands, todo, self._take_starts(initial, commands))
+        stretched = flat + self._pretension_stretches
+        found = self._solve(stretched)
         frames = self._grid.place_frames(found.turns)
-        followed = self.natural_lengths - found.shares[:, None] * flat
+        followed = self.natural_lengths - found.shares[:, None] * stretched
         slack = ~self.robot.pushes & (found.lengths < followed - self.tolerance)
-        for index in np.flatnonzero((found.codes == CONVERGED) & (found.suspects > 0)):
-            turns, tensions = found.turns[index], found.tensions[index]
-            if not is_stable(self._grid, turns, tensions, ~slack[index], self._compliances):
+        stability = found.stability
+        for index in np.flatnonzero((found.codes == CONVERGED) & (stability < 0.0)):
+            command = self._command(followed[index], held[index], self.robot.pretensions)
+            stability[index] = self._measure_stability(found, int(index), command)
+            if stability[index] < -ZERO_MODE:
                 found.codes[index] = UNSTABLE
         converged = found.codes == CONVERGED
         words = np.full(len(flat), "", dtype=object)
-        missed = found.lengths - (self.natural_lengths - flat) - self._compliances * found.tensions
+        missed = found.lengths - self.natural_lengths + stretched
+        missed -= self._compliances * found.tensions
         missed[slack] = 0.0
         for index in np.flatnonzero(~converged):
             code, share = int(found.codes[index]), float(found.shares[index])
-            words[index] = self._explain(flat[index], code, share)
+            words[index] = self._explain(stretched[index], code, share)
         residual = np.abs(missed).max(axis=1)
         verdict = check_numbers(self, frames, residual, (converged, words.astype(np.str_)))
         bends, curvatures = self._grid.measure_bends(found.turns)
@@ -414,8 +480,348 @@ class EnergyModel(ContinuumModel):
             slack=slack,
             residual=residual,
             iterations=found.steps,
+            stability=np.where(converged, np.maximum(stability, 0.0), stability),
             verdict=check_limits(self.robot, flat, measure, verdict),
         )
+
+    def shape_under_tensions(self, tensions: ArrayLike, *, initial: Shape | None = None) -> Shape:
+        """Return the shapes under tensions of the tendons, and the loads.
+
+        Parameters
+        ----------
+        tensions : array_like, shape (..., t)
+            Tension of each tendon [N]; 0 or more unless it is a rod that pushes.
+        initial : Shape, optional
+            As of `shape`.
+
+        Returns
+        -------
+        Shape
+            Its displacements are those of the tendons in that shape.
+
+        Raises
+        ------
+        InputError
+            If the tensions are not finite numbers of that shape, or a cable's is negative.
+        """
+        pulls = check_tension_commands(self.robot, tensions)
+        none = np.zeros(pulls.shape[-1], dtype=np.bool_)
+        rows = pulls.reshape(-1, pulls.shape[-1])
+        todo = [self._command(self.natural_lengths, none, row) for row in rows]
+        return self._shape_loaded(pulls, todo, self._take_starts(initial, pulls))
+
+    def _shape_loaded(
+        self, commands: Floats, todo: Sequence[Command], starts: Sequence[Start | None]
+    ) -> Shape:
+        """Shapes of commands (..., t), one by one, under the loads."""
+        rod, natural = self._rod, self.natural_lengths
+        solved: list[Equilibrium] = []
+        stability, words = np.zeros(len(todo)), np.full(len(todo), "", dtype=object)
+        for index, (command, start) in enumerate(zip(todo, starts, strict=True)):
+            path = rod.follow(command, initial=start)
+            last = path[-1]
+            if last.found:
+                last, stability[index] = rod.settle(command, last)
+                if stability[index] < -ZERO_MODE:
+                    words[index] = self._explain_unstable(command, path, start)
+            else:
+                words[index] = self._explain_loaded(command, last)
+                stability[index] = rod.measure_stability(command, last)
+            solved.append(last)
+        turns = np.stack([found.turns for found in solved])
+        lengths = np.stack([found.lengths for found in solved])
+        held = np.stack([command.held for command in todo])
+        shared = [self._share(*pair) for pair in zip(todo, solved, strict=True)]
+        tensions = np.stack(shared)
+        shares = np.asarray([found.share for found in solved])[:, None]
+        free = np.stack([command.free_lengths for command in todo])
+        followed = natural + shares * (free - natural)
+        idle = np.where(held, lengths < followed - self.tolerance, tensions == 0.0)
+        slack = ~self.robot.pushes & idle
+        missed = lengths - free - self._compliances * tensions
+        missed[slack | ~held] = 0.0
+        residual = np.abs(missed).max(axis=1)
+        displacements = np.where(
+            held, natural - self._pretension_stretches - free, natural - lengths
+        )
+        displacements += np.where(
+            held, 0.0, self._compliances * tensions - self._pretension_stretches
+        )
+        frames = self._grid.place_frames(turns)
+        verdict = np.asarray(words == "", dtype=np.bool_), words.astype(np.str_)
+        verdict = check_numbers(self, frames, residual, verdict)
+        bends, curvatures = self._grid.measure_bends(turns)
+        measure = BendMeasure(bends=bends, curvatures=curvatures, round_off=ROUND_OFF)
+        return self.make_shape(
+            displacements.reshape(commands.shape),
+            arc_length=self.arc_length,
+            frames=frames,
+            tendon_lengths=lengths,
+            section_parameters=np.zeros((len(todo), 0, 2)),
+            tensions=tensions,
+            slack=slack,
+            residual=residual,
+            iterations=np.asarray([found.steps for found in solved]),
+            stability=np.where(verdict[0], np.maximum(stability, 0.0), stability),
+            verdict=check_limits(self.robot, displacements, measure, verdict),
+        )
+
+    def trace_path(
+        self,
+        command: ArrayLike,
+        *,
+        given: Held = "displacements",
+        varied: Varied = "loads",
+        factors: tuple[float, float] = (0.0, 1.0),
+        initial: Shape | None = None,
+        most_points: int = 1000,
+    ) -> EquilibriumPath:
+        """Return equilibria as loads or command grow, past limit points and unstable ones too.
+
+        Parameters
+        ----------
+        command : array_like, shape (t,)
+            Displacements [mm], NaN where a tendon follows, or tensions [N].
+        given : {"displacements", "tensions"}
+            Which of them.
+        varied : {"loads", "command", "both"}
+            What the factor multiplies: all loads, weight included; the command; or both.
+        factors : (float, float)
+            Where the path begins and where it ends. It begins at the shape that is followed from
+            rest, and also ends where it comes back to the first factor.
+        initial : Shape, optional
+            Where the search of the first shape begins instead.
+        most_points : int
+            Points after which the path ends, in [2, 100000].
+
+        Raises
+        ------
+        InputError
+            If an input is outside its range.
+        GeometryError
+            If there is no shape at the first factor.
+        """
+        low, high = (check_number("factors", value) for value in factors)
+        if low == high:
+            raise InputError(f"factors are {low:g} and {high:g}: they must differ")
+        most = check_integer("most_points", most_points, low=2, high=100_000)
+        if given == "tensions":
+            flat = check_tension_commands(self.robot, command)
+            held = np.zeros(flat.shape, dtype=np.bool_)
+            free, pulls = self.natural_lengths, flat
+        else:
+            flat = check_displacements(self.robot, command, may_follow=True)
+            held, pulls = ~np.isnan(flat), self.robot.pretensions
+            free = self.natural_lengths - np.nan_to_num(flat) - self._pretension_stretches
+        if flat.ndim != 1:
+            raise InputError(f"command has shape {flat.shape}: it must be ({flat.shape[-1]},)")
+        whole = self._command(free, held, pulls)
+        tracer = Tracer(self._rod, whole, varied, (low, high))
+        first = self._rod.start_path(
+            whole, tracer.factors(low), initial=self._take_starts(initial, flat)[0]
+        )
+        if not first.found:
+            raise GeometryError(f"at the factor {low:g}: {self._explain_loaded(whole, first)}")
+        points, limits, reason = tracer.trace(first, most)
+        stability = np.asarray([self._rod.measure_stability(whole, p.found) for p in points])
+        stability[np.abs(stability) < ZERO_MODE] = 0.0  # a turn that costs nothing
+        turned = [p.tangent[-1] for p in points]
+        branches = [
+            index
+            for index in range(1, len(points))
+            if stability[index] * stability[index - 1] < 0.0
+            and turned[index] * turned[index - 1] > 0.0
+            and not {index, index - 1} & set(limits)
+        ]
+        return EquilibriumPath(
+            shapes=self._make_path(tracer, points, stability),
+            factors=np.asarray([p.factor for p in points]),
+            varied=varied,
+            energy=np.asarray([self._rod.measure_energy(p.found) for p in points]),
+            limit_points=tuple(limits),
+            branch_points=tuple(branches),
+            reason=reason,
+        )
+
+    def _make_path(self, tracer: Tracer, points: list[Point], stability: Floats) -> Shape:
+        """Shapes of a path."""
+        turns = np.stack([point.turns for point in points])
+        lengths = np.stack([point.found.lengths for point in points])
+        tensions = np.stack([point.tensions for point in points])
+        held = tracer.command.held
+        limits = np.stack([tracer.command.limits(tracer.factors(p.factor)) for p in points])
+        asked = np.where(held, limits, lengths - self._compliances * tensions)
+        slack = ~self.robot.pushes & (tensions == 0.0) & (lengths < asked - self.tolerance)
+        missed = np.where(slack, 0.0, lengths - asked - self._compliances * tensions)
+        missed[:, ~held] = 0.0
+        return self.make_shape(
+            self.natural_lengths - asked - self._pretension_stretches,
+            arc_length=self.arc_length,
+            frames=self._grid.place_frames(turns),
+            tendon_lengths=lengths,
+            section_parameters=np.zeros((len(points), 0, 2)),
+            tensions=tensions,
+            slack=slack,
+            residual=np.abs(missed).max(axis=1),
+            stability=stability,
+        )
+
+    def jacobian(self, shape: Shape, *, held: Held = "displacements") -> ShapeJacobian:
+        """Return how the frames of shapes change, by the theorem of implicit functions.
+
+        Parameters
+        ----------
+        shape : Shape
+            Shapes of this model.
+        held : {"displacements", "tensions"}
+            What of the tendons stays where a load or a stiffness changes; displacements hold the
+            tendons that have a tension, and the others follow.
+
+        Raises
+        ------
+        InputError
+            If the shape is not one of this model.
+        """
+        batch = shape.frames.shape[:-3]
+        starts = self._take_starts(shape, np.empty((*batch, len(self.robot.tendons))))
+        rows = [self._differentiate(*start, held) for start in starts if start is not None]
+        parts = {
+            name: np.stack([row[name] for row in rows]).reshape(*batch, *rows[0][name].shape)
+            for name in rows[0]
+        }
+        return ShapeJacobian(arc_length=self.arc_length, held=held, **parts)
+
+    def _differentiate(self, turns: Floats, tensions: Floats, held: Held) -> dict[str, Floats]:
+        """Derivatives of one shape."""
+        rod, grid = self._rod, self._grid
+        found = rod.measure(WHOLE, turns, tensions)
+        size, tendons = turns.size, len(tensions)
+        slopes = found.slopes.reshape(tendons, size)
+        stations = len(grid.spans)
+        spots = np.arange(stations), np.ones(stations), np.zeros((stations, 3))
+        places, axes = np.empty((stations, 3)), np.empty((stations, 3, 3))
+        moved = np.zeros((stations + 1, 6, size))
+        place_spots(grid.packed, turns, spots, places, axes, moved[1:])
+        # What changes the residual: a tension, a wrench on the tip, a stiffness.
+        bent = (grid.stiffness * (turns - grid.rest))[:, None, None, :]
+        own = grid.sections[:, None] == np.arange(len(self.robot.sections))
+        kinds = np.array([[1.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+        stiffer = (own[:, :, None, None] * kinds * bent).transpose(0, 3, 1, 2)
+        right = np.concatenate([moved[-1].T, -stiffer.reshape(size, -1)], axis=1)
+        taut = np.flatnonzero((tensions != 0.0) | self.robot.pushes)
+        pulled = np.linalg.solve(found.hessian, -slopes.T)
+        count = len(taut)
+        whole = np.zeros((size + count, size + count))
+        whole[:size, :size] = found.hessian
+        whole[:size, size:] = slopes[taut].T
+        whole[size:, :size] = slopes[taut]
+        # A trace of flexibility gives redundant tendons one answer.
+        give = RIDGE * float((slopes**2 / grid.stiffness.ravel()).sum(axis=1).max())
+        whole[size:, size:] = -np.diag(np.maximum(self._compliances[taut], give))
+        sides = np.zeros((size + count, count + right.shape[1]))
+        sides[size:, :count] = -np.eye(count)
+        sides[:size, count:] = right
+        solved = np.linalg.solve(whole, sides)
+        by_displacement, stiffening = np.zeros((size, tendons)), np.zeros((tendons, tendons))
+        by_displacement[:, taut] = solved[:size, :count]
+        stiffening[np.ix_(taut, taut)] = solved[size:, :count]
+        others = (
+            solved[:size, count:]
+            if held == "displacements"
+            else np.linalg.solve(found.hessian, right)
+        )
+        wrench, stiffness = moved @ others[:, :6], moved @ others[:, 6:]
+        return {
+            "by_displacement": moved @ by_displacement,
+            "by_tension": moved @ pulled,
+            "by_tip_wrench": wrench,
+            "by_stiffness": stiffness.reshape(stations + 1, 6, -1, 2),
+            "tensions_by_displacement": stiffening,
+        }
+
+    @cached_property
+    def _packed(self) -> PackedLoads:
+        return pack_loads(
+            self.robot,
+            self.loads,
+            tip_force=self.tip_force,
+            tip_moment=self.tip_moment,
+            distributed_force=self.distributed_force,
+        )
+
+    @cached_property
+    def _is_loaded(self) -> bool:
+        return not (self._packed.is_empty and self.robot.is_straight)
+
+    @cached_property
+    def _rod(self) -> LoadedRod:
+        return LoadedRod(
+            grid=self._grid,
+            spots=Spots.place(self.robot, self.arc_length, self._packed),
+            rest=self._grid.rest,
+            compliances=self._compliances,
+            pushes=self.robot.pushes,
+            tolerance=self.tolerance,
+        )
+
+    @cached_property
+    def _pretension_stretches(self) -> Floats:
+        """How much shorter a tendon is for its pretension [mm], shape (t,)."""
+        return self._compliances * self.robot.pretensions
+
+    def _command(self, free: Floats, held: NDArray[np.bool_], pulls: Floats) -> Command:
+        return Command(free_lengths=free, rest_lengths=self.natural_lengths, held=held, pulls=pulls)
+
+    def _take_starts(self, initial: Shape | None, commands: Floats) -> list[Start | None]:
+        """Turns and tensions to begin with, for each command."""
+        batch = commands.shape[:-1]
+        count = math.prod(batch)
+        if initial is None:
+            return [None] * count
+        if not isinstance(initial, Shape):
+            raise InputError(
+                f"initial is of type {type(initial).__name__}: it must be a Shape of this model"
+            )
+        own = initial.displacements.shape[:-1]
+        stations = initial.arc_length.shape
+        if own not in ((), batch) or stations != self.arc_length.shape or not initial.tensions.size:
+            raise InputError(
+                f"initial has shapes for {own} at {stations[0]} stations: it must be one shape of "
+                f"this model, or one for each of {batch}, at its {len(self.arc_length)} stations"
+            )
+        turns = measure_turns(initial.frames)
+        if not own:
+            return [(turns, initial.tensions)] * count
+        rows = turns.reshape(count, *turns.shape[-2:]), initial.tensions.reshape(count, -1)
+        return list(zip(*rows, strict=True))
+
+    def _measure_stability(self, found: Answers, index: int, command: Command) -> float:
+        """Stability of one answer of the unloaded rod."""
+        start = found.turns[index], found.tensions[index]
+        same = self._rod.solve(command, WHOLE, start)
+        return self._rod.measure_stability(command, same)
+
+    def _share(self, command: Command, found: Equilibrium) -> Floats:
+        """Least tensions that hold the rod as it is, where the lengths leave them open."""
+        tensions = found.tensions.copy()
+        if not found.found or self._compliances.any() or command.held.sum() < 2:
+            return tensions
+        held = np.where(command.held, tensions, 0.0)
+        turns = -np.tensordot(held, found.slopes, 1) / self._grid.stiffness
+        limits = found.lengths - command.free_lengths > -2.0 * self.tolerance
+        taut = command.held & (self.robot.pushes | limits)
+        strongest = np.full(len(tensions), self._strongest)
+        share_tensions(
+            self._grid.stiffness,
+            self._grid.counts,
+            found.slopes,
+            turns,
+            taut,
+            np.where(self.robot.pushes, -strongest, 0.0),
+            strongest,
+            held,
+        )
+        return np.where(command.held, held, tensions)
 
     @cached_property
     def _grid(self) -> Grid:
@@ -427,7 +833,7 @@ class EnergyModel(ContinuumModel):
 
     def _solve(self, commands: Floats, *, compliances: Floats | None = None) -> Answers:
         found = Answers.make(len(commands), len(self._grid.spans), len(self.robot.pushes))
-        strongest = STRONGEST * self._grid.stiffness.max() / self._grid.reach.max(axis=1).min()
+        strongest = self._strongest
         rod = (
             self._grid.packed,
             self._compliances if compliances is None else compliances,
@@ -438,6 +844,11 @@ class EnergyModel(ContinuumModel):
         firsts = self._first_parts(commands)
         solve_commands(rod, self.natural_lengths, commands, firsts, self.tolerance, tuple(found))
         return found
+
+    @cached_property
+    def _strongest(self) -> float:
+        """Tension at which a command counts as impossible [N]."""
+        return float(STRONGEST * self._grid.stiffness.max() / self._grid.reach.max(axis=1).min())
 
     def _first_parts(self, commands: Floats) -> Floats:
         """Part of each command that is tried at once: little where that may end elsewhere."""
@@ -485,8 +896,34 @@ class EnergyModel(ContinuumModel):
         against = f" against {', '.join(others[:3])}" if others else ""
         return followed + (
             f"tendon '{names[worst]}' would have to stretch by {stretches[worst]:.3g} mm{against}; "
-            "pull less, or let out those on the other side"
+            f"pull less, or let out those on the other side; {advise_contradiction(self.tolerance)}"
         )
+
+    def _explain_loaded(self, command: Command, last: Equilibrium) -> str:
+        """Why command and loads could not be followed."""
+        if command.held.any():
+            asked = np.where(command.held, self.natural_lengths - command.free_lengths, 0.0)
+            stretches = self._measure_stretches(asked)
+            if stretches.size:
+                return self._explain(asked, last.code, last.share)
+        what = "a segment folds over" if last.code == FOLDED else "no equilibrium was found"
+        return (
+            f"the command with its loads can be followed to {math.floor(100.0 * last.share)} % "
+            f"only: {what} beyond it; take smaller loads, or more discs"
+            f"{explain_contrast(self.robot)}"
+        )
+
+    def _explain_unstable(
+        self, command: Command, path: list[Equilibrium], start: Start | None
+    ) -> str:
+        """From which load on the robot is not stable."""
+        words = "the equilibrium that was found is not stable: the robot snaps away from it"
+        if start is not None:
+            path = self._rod.follow(command)
+        share = self._rod.find_buckling(command, path)
+        force = np.linalg.norm(self._rod.spots.forces.sum(axis=0))
+        loads = f" of the load, {share * force:.3g} N" if force > 0.0 else " of the command"
+        return f"unstable: it buckles at {share:.3g}{loads}; {words}"
 
     def _measure_stretches(self, command: Floats) -> Floats:
         """How much tendons far stiffer than the backbone stretch [mm], (t,); empty if unknown.

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 
 
 BATCHED = (
-    "stability",
     "frames",
     "displacements",
     "tendon_lengths",
@@ -33,6 +32,7 @@ BATCHED = (
     "iterations",
     "converged",
     "reason",
+    "stability",
 )
 """Fields of a `Shape` with one value for each of the batch."""
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Unpack, cast
@@ -13,11 +13,20 @@ from numpy.typing import ArrayLike
 
 from ..checks import check_array, take_named
 from ..errors import InputError
-from .arc import jacobian
+from .arc import ArcModel, jacobian
 from .checks import Floats
 from .coupling import find_crooked
-from .inverse import ContinuumInverse, InverseOptions, solve_curve, solve_pose, solve_tip
-from .model import ContinuumModel
+from .elastic_inverse import solve_elastic
+from .inverse import (
+    ContinuumInverse,
+    InverseOptions,
+    check_pose_target,
+    check_tip_target,
+    solve_curve,
+    solve_pose,
+    solve_tip,
+)
+from .model import ContinuumModel, list_features
 from .models import CONTINUUM_MODELS
 from .robot import RobotDesign
 from .shape import Shape
@@ -26,7 +35,7 @@ from .workspace import ContinuumWorkspace, measure_workspace, sample_workspace
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-LOADS = ("tip_force", "tip_moment", "distributed_force")
+LOADS = ("tip_force", "tip_moment", "distributed_force", "loads")
 """Options that only a model with loads has."""
 
 
@@ -55,49 +64,67 @@ class ContinuumRobot(RobotDesign):
 
     def forward(
         self,
-        displacements: ArrayLike | Mapping[str, ArrayLike],
+        displacements: ArrayLike | Mapping[str, ArrayLike] | None = None,
         *,
+        tensions: ArrayLike | Mapping[str, ArrayLike] | None = None,
         model: str | None = None,
         **options: object,
     ) -> Shape:
-        """Return the shapes under tendon displacements.
+        """Return the shapes under displacements or tensions of the tendons.
 
         Parameters
         ----------
         displacements : array_like, shape (..., t), or mapping
             How far each tendon is pulled [mm]; or by the tendons' names, numbers or arrays of one
-            shape, 0 for those left out. The columns of a table and the labels of a series are
-            names.
+            shape. The columns of a table and the labels of a series are names. A tendon that is
+            NaN or left out follows the others.
+        tensions : array_like, shape (..., t), or mapping
+            Instead, the tension of each tendon at the base [N]; or by names, 0 for those left out.
         model : str, optional
-            Name in `CONTINUUM_MODELS`; arc for parallel tendons, energy for others, and rod under
-            loads or with friction of tendons unless given.
+            Name in `CONTINUUM_MODELS`. Unless given arc for parallel tendons and energy for
+            others; rod under loads or tensions, with friction of tendons, and for robots with
+            weight, curvature at rest or pretension.
         **options
             Options of the model, such as ``tip_force`` of the rod.
 
         Raises
         ------
         InputError
-            If an input has another shape, or there is no such model or option.
+            If an input has another shape, there is no such model or option, or not one of
+            displacements and tensions.
         GeometryError
             If the model does not take such a robot.
         PluginError
             If a model of another package gives no shape.
         """
-        named = take_named("displacements", displacements)
-        ordered = (
-            cast("ArrayLike", displacements) if named is None else self.order_displacements(named)
-        )
+        if (displacements is None) == (tensions is None):
+            raise InputError("forward takes either displacements or tensions: give one of them")
+        if tensions is not None:
+            name = "rod" if model is None else model
+            return self.model(name, **options).find_shape_under_tensions(
+                self._take("tensions", tensions, self.order_tensions)
+            )
         chosen = self._default_model if model is None and not options else None
-        return (chosen or self.model(model, **options)).find_shape(ordered)
+        return (chosen or self.model(model, **options)).find_shape(
+            self._take("displacements", displacements, self.order_displacements)
+        )
+
+    @staticmethod
+    def _take(
+        name: str, given: object, order: Callable[[Mapping[str, ArrayLike]], Floats]
+    ) -> ArrayLike:
+        named = take_named(name, given)
+        return cast("ArrayLike", given) if named is None else order(named)
 
     def inverse(
         self,
         tip: ArrayLike,
         *,
         direction: ArrayLike | None = None,
+        model: str | ContinuumModel = "arc",
         **options: Unpack[InverseOptions],
     ) -> ContinuumInverse:
-        """Return the bends and displacements that bring the tip to a target.
+        """Return what brings the tip to a target: bends and displacements, or tensions.
 
         Parameters
         ----------
@@ -106,8 +133,13 @@ class ContinuumRobot(RobotDesign):
             backbone, the tip among them, shape (k, 3) [mm].
         direction : array_like, shape (3,), optional
             Where the tip's tangent shall point; with a place only.
+        model : str or ContinuumModel
+            ``"arc"`` for parallel tendons; ``"energy"``, ``"rod"`` or such a model of this robot,
+            with its loads, for any. Of tensions that meet the target those are taken whose
+            squares have the least sum, and the displacements are those of the shape under them.
         **options
-            See `InverseOptions`.
+            See `InverseOptions`. With tensions `initial` is tensions (t,) [N], there is no
+            `smallest_bends`, and the defaults are 8 starts, 1e-4 mm and 1e-5 rad.
 
         Raises
         ------
@@ -117,6 +149,11 @@ class ContinuumRobot(RobotDesign):
             If the tendons are not parallel, or the limits leave no shape at all.
         """
         shape = check_array("target", tip).shape
+        if model != "arc" and not isinstance(model, ArcModel):
+            chosen = self.model(model) if isinstance(model, str) else model
+            pose = shape == (4, 4) and direction is None
+            goal = check_pose_target(tip) if pose else check_tip_target(tip, direction)
+            return solve_elastic(chosen, *goal, dict(options))
         if shape == (3,):
             return solve_tip(self, tip, direction=direction, **options)
         if shape != (4, 4) and (len(shape) != 2 or shape[1] != 3):
@@ -156,7 +193,10 @@ class ContinuumRobot(RobotDesign):
         return kind(self, **options)
 
     def choose_model(self, options: Mapping[str, object]) -> str:
-        """Return the model that suits this robot: by loads, friction of tendons, and routing."""
-        if any(options.get(load) is not None for load in LOADS) or self.tendon_friction.any():
+        """Return the model that suits this robot: by loads, what it has, and routing."""
+        loaded = any(options.get(load) is not None for load in LOADS)
+        if loaded or self.tendon_friction.any():
             return "rod"
-        return "energy" if find_crooked(self) else "arc"
+        features = set(list_features(self))
+        names = ["energy"] if find_crooked(self) else ["arc", "energy"]
+        return next((name for name in names if features <= CONTINUUM_MODELS[name].heeds), "rod")

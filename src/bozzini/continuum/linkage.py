@@ -116,7 +116,6 @@ class LinkageModel(ParallelModel):
         frames = np.empty((len(bends), len(self.arc_length), 4, 4))
         fill_linkage_frames(*self._chain, bends, frames)
         return self.answer(
-            displacements,
             found,
             arc_length=self.arc_length,
             discs=self.arc_length[1:],

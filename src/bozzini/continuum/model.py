@@ -10,7 +10,7 @@ from typing import ClassVar, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_fields, quantity
+from ..checks import check_array, check_fields, quantity
 from ..errors import InputError, PluginError
 from .checks import AXES_TOLERANCE, Floats
 from .robot import RobotDesign, check_robot
@@ -78,6 +78,8 @@ class ContinuumModel(ABC):
     """Whether it heeds the friction of tendons."""
     heeds: ClassVar[frozenset[Feature]] = frozenset()
     """What else of a robot it heeds; what it leaves out stands in its `notes`."""
+    lets_follow: ClassVar[bool] = False
+    """Whether a displacement may be NaN, for a tendon that follows the others."""
     checked_by_class: ClassVar[tuple[str, ...]] = ()
     """Options that are no single numbers, which the class checks itself."""
 
@@ -105,7 +107,8 @@ class ContinuumModel(ABC):
         Parameters
         ----------
         displacements : array_like, shape (..., t)
-            How far each tendon is pulled [mm], negative where it is let out.
+            How far each tendon is pulled [mm], negative where it is let out. Where it is NaN the
+            tendon follows what the others do, if the model `lets_follow`.
 
         Returns
         -------
@@ -119,18 +122,38 @@ class ContinuumModel(ABC):
         """
 
     def find_shape(self, displacements: ArrayLike) -> Shape:
-        """Return the answer of `shape`.
+        """Return the answer of `shape`; tendons that a model does not let follow are held at 0.
 
         Raises
         ------
         PluginError
             If it is no `Shape`.
         """
+        if not self.lets_follow:
+            moved = check_array("displacements", displacements)
+            displacements = np.where(np.isnan(moved), 0.0, moved)
         found: object = self.shape(displacements)
         if not isinstance(found, Shape):
             raise PluginError(
                 f"the model {self.name} gave a {type(found).__name__}: it must give a Shape"
             )
+        return found
+
+    def find_shape_under_tensions(self, tensions: ArrayLike) -> Shape:
+        """Return the shapes under tensions (..., t) of the tendons at the base [N].
+
+        Raises
+        ------
+        InputError
+            If the model takes none.
+        """
+        take = getattr(self, "shape_under_tensions", None)
+        if take is None:
+            raise InputError(
+                f"the {self.name} model takes displacements only: tensions need a model of forces, "
+                "such as the rod"
+            )
+        found: Shape = take(tensions)
         return found
 
     def make_shape(
@@ -368,6 +391,14 @@ def check_numbers(
     if not reasons:
         return verdict
     return converged & ~bad, np.where(bad, write_reasons(reason.shape, reasons), reason)
+
+
+def advise_contradiction(tolerance: float) -> str:
+    """Return what helps where measured displacements contradict each other."""
+    return (
+        f"if they were measured, raise the tolerance of {tolerance:g} mm or give the tendons their "
+        "stiffness"
+    )
 
 
 def explain_contrast(robot: RobotDesign) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import os
 from collections import Counter
 from collections.abc import Mapping
@@ -284,24 +285,39 @@ class RobotDesign:
         inner = discs[:-1, None] + np.diff(discs)[:, None] * steps
         return np.append(inner.ravel(), discs[-1])
 
-    def order_displacements(self, displacements: Mapping[str, ArrayLike]) -> Floats:
+    def order_displacements(
+        self, displacements: Mapping[str, ArrayLike], *, missing: float = math.nan
+    ) -> Floats:
         """Return displacements (...) [mm] by the tendons' names as an array (..., t).
 
-        Those left out are 0.
+        Those left out are `missing`, by default NaN: those tendons follow.
 
         Raises
         ------
         InputError
             If there is no such tendon, or a displacement is no number or array of numbers.
         """
-        for name in displacements:
+        return self._order("displacement", displacements, missing)
+
+    def order_tensions(self, tensions: Mapping[str, ArrayLike]) -> Floats:
+        """Return tensions (...) [N] by the tendons' names as an array (..., t); 0 if left out.
+
+        Raises
+        ------
+        InputError
+            If there is no such tendon, or a tension is no number or array of numbers.
+        """
+        return self._order("tension", tensions, 0.0)
+
+    def _order(self, what: str, given: Mapping[str, ArrayLike], missing: float) -> Floats:
+        for name in given:
             if name not in self.tendon_names:
                 raise InputError(
                     f"there is no tendon '{name}': those of robot '{self.name}' are "
                     f"{', '.join(self.tendon_names) or 'none'}"
                 )
         named = [
-            (name, check_array(f"displacement of tendon '{name}'", displacements.get(name, 0.0)))
+            (name, check_array(f"{what} of tendon '{name}'", given.get(name, missing)))
             for name in self.tendon_names
         ]
         return np.stack(broadcast(*named), axis=-1) if named else np.zeros(0)

@@ -28,6 +28,7 @@ from .loads import BODY, Load, PackedLoads, check_loads, pack_loads
 from .model import (
     BendMeasure,
     ContinuumModel,
+    advise_contradiction,
     check_limits,
     check_numbers,
     choose_stiffness,
@@ -272,8 +273,8 @@ class Target:
             held = np.flatnonzero(self.holds & (np.abs(tensions) >= self.strongest))
             names = ", ".join(f"'{self.names[k]}'" for k in held)
             return (
-                f"{names} would have to stretch beyond it; let out tendons on the other side, "
-                f"give a tendon_stiffness, or raise the tolerance of {self.tolerance:g} mm"
+                f"{names} would have to stretch beyond it; let out tendons on the other side; "
+                f"{advise_contradiction(self.tolerance)}"
             )
         if code == BUCKLING:
             return "the rod is about to buckle beyond it"
@@ -993,6 +994,7 @@ class RodModel(ContinuumModel):
     heeds = frozenset(
         {"weight", "curvature at rest", "stiffness of tendons", "pretension", "tension limits"}
     )
+    lets_follow = True
     takes_friction = True
     checked_by_class = ("tip_force", "tip_moment", "distributed_force", "loads", "stretches")
 
@@ -1105,11 +1107,10 @@ class RodModel(ContinuumModel):
 
     def _check_commands(self, displacements: ArrayLike) -> Floats:
         """Check displacements, of which those that are NaN follow."""
-        commands = check_displacements(self.robot, displacements, follows=True)
+        commands = check_displacements(self.robot, displacements, may_follow=True)
         tense = (self.robot.pretensions > 0.0) & (self._compliances == 0.0)
-        for index in np.flatnonzero(
-            tense & np.isfinite(commands).any(axis=tuple(range(commands.ndim - 1)))
-        ):
+        held = np.isfinite(_rows(commands)).any(axis=0)
+        for index in np.flatnonzero(tense & held):
             raise InputError(
                 f"tendon '{self.robot.tendon_names[index]}' has a pretension, and does not stretch:"
                 " give it a stiffness, or command tensions"

@@ -233,7 +233,14 @@ class Shape(Result):
             "arc_length_mm": self.arc_length,
             "backbone_mm": self.points,
         }
+        if np.any(self.robot.base_frame != np.eye(4)):
+            places |= {
+                "tip_world_mm": self.world_frames[..., -1, :3, 3],
+                "backbone_world_mm": self.world_points,
+            }
         verdict = {"converged": self.converged, "reason": self.reason}
+        if np.isfinite(self.stability).any():
+            verdict |= {"stable": self.stable, "stability": self.stability}
         plain = to_plain(verdict | (places if known else {}) | {"tendons": tendons})
         return dict(plain)
 

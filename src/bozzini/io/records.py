@@ -42,7 +42,7 @@ from numpy.typing import NDArray
 from ..checks import Quantity, check_path, check_points, list_quantities, show_value
 from ..errors import FileFormatError, InputError
 from ..results import Json, to_plain
-from ..units import parse_quantity
+from ..units import FULL_TURN_RAD, check_bare_angle, parse_quantity
 from .files import write_text
 
 if TYPE_CHECKING:
@@ -73,10 +73,14 @@ def read_record(data: object, record: type[_Record], *, name: str = "") -> _Reco
         One line with the path of the field, such as ``sections[2].length``, its value and what is
         legal.
     """
+    return _structure(data, record, name, from_file=False)
+
+
+def _structure(data: object, record: type[_Record], name: str, *, from_file: bool) -> _Record:
     from cattrs import BaseValidationError
 
     try:
-        return _converter().structure(data, record)
+        return _converter(from_file=from_file).structure(data, record)
     except (InputError, BaseValidationError) as error:
         path, first = _find_first(error)
         words = str(first)
@@ -102,6 +106,10 @@ def write_record(record: Any, *, with_units: bool = False) -> Json:
     with_units : bool
         Whether quantities become text with their unit, angles in degrees where that is exact.
     """
+    return _write_record(record, with_units=with_units)
+
+
+def _write_record(record: Any, *, with_units: bool = False, to_file: bool = False) -> Json:
     known = list_quantities(record.__class__)
     unset = getattr(record, "unset", ())
     written: Json = {}
@@ -109,11 +117,13 @@ def write_record(record: Any, *, with_units: bool = False) -> Json:
         if field.name in unset:
             continue
         value = getattr(record, field.name)
-        plain = _write_value(value, with_units=with_units)
+        plain = _write_value(value, with_units=with_units, to_file=to_file)
         item = known.get(field.name)
         if value != field.default or _is_legal(item, plain, record):
             if with_units and item is not None and isinstance(plain, (int, float)):
                 plain = _add_unit(plain, item)
+            if to_file and item is not None and item.kind == "angle":
+                plain = _spell_turns(plain)
             written[field.name] = plain
     return written
 
@@ -138,16 +148,28 @@ def _is_legal(known: Quantity | None, plain: object, record: object) -> bool:
     return True
 
 
-def _write_value(value: object, *, with_units: bool = False) -> object:
+def _spell_turns(plain: Any) -> Any:
+    """Return angles, or knots of arc length and angles, with their unit beyond a full turn."""
+    if not isinstance(plain, list):
+        turned = isinstance(plain, (int, float)) and abs(plain) > FULL_TURN_RAD
+        return f"{plain!r} rad" if turned else plain
+    if plain and isinstance(plain[0], list):
+        return [[place, *map(_spell_turns, rest)] for place, *rest in plain]
+    return [_spell_turns(item) for item in plain]
+
+
+def _write_value(value: object, *, with_units: bool = False, to_file: bool = False) -> object:
     if isinstance(value, (list, tuple)):
-        return [_write_value(item, with_units=with_units) for item in value]
+        return [_write_value(item, with_units=with_units, to_file=to_file) for item in value]
     if dataclasses.is_dataclass(value):
-        return write_record(value, with_units=with_units)
+        return _write_record(value, with_units=with_units, to_file=to_file)
     return to_plain(value)
 
 
 def load_record(path: str | os.PathLike[str], record: type[_Record], *, name: str = "") -> _Record:
     """Read a record from a file: JSON if it ends in ``.json``, YAML otherwise.
+
+    An angle beyond a full turn needs its unit there.
 
     Raises
     ------
@@ -156,7 +178,7 @@ def load_record(path: str | os.PathLike[str], record: type[_Record], *, name: st
     """
     source = check_path("path", path)
     try:
-        return read_record(load_data(source), record, name=name)
+        return _structure(load_data(source), record, name, from_file=True)
     except FileFormatError:
         raise
     except InputError as error:
@@ -187,7 +209,7 @@ def save_record(
         If the file cannot be written; then there is none.
     """
     target = check_path("path", path)
-    data = write_record(record, with_units=with_units)
+    data = _write_record(record, with_units=with_units, to_file=True)
     if target.suffix.lower() == ".json":
         return write_text(target, json.dumps(data, indent=2) + "\n")
     return write_text(target, (f"# {note}\n" if note else "") + format_yaml(data))
@@ -309,7 +331,7 @@ def _find_first(error: BaseException) -> tuple[str, BaseException]:
 
 
 @cache
-def _converter() -> Converter:
+def _converter(*, from_file: bool) -> Converter:
     from cattrs import BaseValidationError, Converter
     from cattrs.errors import IterableValidationNote
 
@@ -361,7 +383,7 @@ def _converter() -> Converter:
     for kind, read in simple:
         converter.register_structure_hook(kind, read)
     chosen: tuple[tuple[Callable[[Any], bool], _Reader], ...] = (
-        (_is_quantity, _read_quantity),
+        (_is_quantity, _read_file_quantity if from_file else _read_quantity),
         (lambda kind: bool(get_origin(kind) is Literal), _read_choice),
         (lambda kind: bool(get_origin(kind) is tuple), read_list),
         (_is_union, read_union),
@@ -455,6 +477,13 @@ def _read_quantity(data: object, kind: Any) -> float:
         raise InputError(f" is {show_value(data)}: it must be {article} {known.kind}")
     number = parse_quantity(data, known.kind)  # type: ignore[arg-type]  # it checks itself
     return number if callable(known.low) or callable(known.high) else known.check("", number)
+
+
+def _read_file_quantity(data: object, kind: Any) -> float:
+    known: Quantity = kind.__metadata__[0]
+    if known.kind == "angle" and isinstance(data, (int, float)) and not isinstance(data, bool):
+        check_bare_angle(data, f"{data:g}")
+    return _read_quantity(data, kind)
 
 
 _PLAIN_NUMBER = Quantity(kind="dimensionless", help="A number.")

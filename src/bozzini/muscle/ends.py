@@ -24,13 +24,19 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import broadcast, check_array, check_fields, check_number, quantity
 from ..errors import InputError
+from ..numeric.roots import find_between
+from .compose import find_limits
 from .design import PRESSURE_LIMIT
-from .model import MuscleModel, MuscleState, parse_direction
+from .model import MuscleModel, MuscleState, name_directions, parse_direction
 
 if TYPE_CHECKING:
     from .hysteresis import Hysteresis
 
 Floats = NDArray[np.float64]
+_Forces = tuple[Floats, NDArray[np.bool_], Floats]
+
+MARGIN = 1e-9
+"""Share of the legal contractions that the search for a force keeps clear of at both ends."""
 
 _STEPS = 50  # of the secant method for the force with a compliance
 _TOLERANCE = 1e-12  # relative, of that force
@@ -116,6 +122,12 @@ class MountedMuscle(MuscleModel):
         """Legal pressures [MPa]."""
         return self.model.pressure_limits
 
+    @property
+    def contraction_limits(self) -> tuple[float, float]:
+        """Measured contractions without force at which the muscle's own are legal [mm]."""
+        low, high = find_limits(self.model)
+        return low + self.ends.offset, high + self.ends.offset
+
     def dead_band(self) -> float:
         """Return the pressure below which the muscle does not contract [MPa]."""
         return self.model.dead_band()
@@ -145,7 +157,7 @@ class MountedMuscle(MuscleModel):
 
     def _find_force(
         self, pressure: ArrayLike, contraction: ArrayLike, direction: ArrayLike | None
-    ) -> tuple[Floats, NDArray[np.bool_], Floats]:
+    ) -> _Forces:
         """Return the force, where there is one, and the muscle's own contraction [mm].
 
         By the secant method on ``F - f(P, x + c F)``, which grows with F where the muscle is not
@@ -178,8 +190,35 @@ class MountedMuscle(MuscleModel):
             else:
                 held = held & (np.abs(rest) <= 1e-6 * (1.0 + np.abs(now)))
             force = now
+            if not held.all():
+                force, held, own = self._bracket_force(pressures, base, signs, (force, held, own))
         floored = force if ends.slack_force is None else np.maximum(force, ends.slack_force)
         return floored, np.asarray(held), own
+
+    def _bracket_force(
+        self, pressures: Floats, base: Floats, signs: Floats, known: _Forces
+    ) -> _Forces:
+        """Return what `_find_force` does, with the rows in which the secant method left the range.
+
+        Such are rows in which the muscle would be longer than it can be, if nothing gave.
+        """
+        force, held, own = (np.array(part) for part in known)
+        rows = np.flatnonzero(~held)
+        pressure, start = pressures.ravel()[rows], base.ravel()[rows]
+        words = name_directions(np.broadcast_to(signs, base.shape)).ravel()[rows]
+
+        def excess(index: NDArray[np.intp], at: Floats) -> Floats:
+            pull, good = self.model.try_force(pressure[index], at, direction=words[index])
+            return np.where(good, pull - (at - start[index]) / self.ends.compliance, np.nan)
+
+        low, high = find_limits(self.model)
+        margin = MARGIN * (high - low)
+        ends = np.full((2, rows.size), [[low + margin], [high - margin]])
+        found = find_between(excess, *ends)
+        rows, found = rows[np.isfinite(found)], found[np.isfinite(found)]
+        force.flat[rows] = (found - base.ravel()[rows]) / self.ends.compliance
+        held.flat[rows], own.flat[rows] = True, found
+        return force, held, own
 
     def contraction(
         self, pressure: ArrayLike, load: ArrayLike = 0.0, *, direction: ArrayLike | None = None

@@ -23,8 +23,8 @@ from ..checks import check_integer, check_kind, check_number
 from ..errors import BozziniError, InputError
 from ..io.files import write_parquet, write_text
 from .compose import Bundle, find_limits
-from .ends import EndEffects, MountedMuscle
-from .model import DIRECTIONS, MuscleModel, parse_direction
+from .ends import MARGIN, EndEffects, MountedMuscle
+from .model import DIRECTIONS, LOAD_LIMIT, MuscleModel, parse_direction
 from .models.base import STEPS, ExplicitModel
 from .terms import ScaledMuscle
 
@@ -175,10 +175,13 @@ class _Law:
         """Constants of the printed code, by name."""
         ends = self.model.ends if isinstance(self.model, MountedMuscle) else EndEffects()
         low, high = self.model.pressure_limits
+        least, most = _find_loads(self.model)
         return {
             "LENGTH": self.model.muscle.length,
             "LEAST_PRESSURE": float(low),
             "MOST_PRESSURE": float(high),
+            "LEAST_LOAD": float(least),
+            "MOST_LOAD": float(most),
             "OFFSET": ends.offset,
             "COMPLIANCE": ends.compliance,
             "SLACK_FORCE": -math.inf if ends.slack_force is None else ends.slack_force,
@@ -308,6 +311,7 @@ def print_c(model: MuscleModel, *, direction: str | None = None) -> str:
         about=_describe(model, direction),
         constants="\n".join(lines),
         steps=STEPS,
+        margin=MARGIN,
         pull=fill(law.pull),
         pull_word=_spell_c(law.pull),
         limits=fill(*law.limits),
@@ -346,6 +350,7 @@ def print_python(model: MuscleModel, *, direction: str | None = None) -> str:
         about=_describe(model, direction),
         constants="\n".join(lines),
         steps=STEPS,
+        margin=MARGIN,
         pull=fill(law.pull),
         pull_word=law.pull,
         limits=fill(*law.limits),
@@ -417,6 +422,16 @@ def _trace_pull(
     sign = model._sign_friction(sign)
     pull = model._pull(pressure, length)
     return pull + float(sign) * model._friction(pressure, length) if sign.any() else pull
+
+
+def _find_loads(model: MuscleModel) -> tuple[float, float]:
+    """Return the loads that a model has a contraction under [N]."""
+    if isinstance(model, (MountedMuscle, ScaledMuscle)):
+        return _find_loads(model.model)
+    if isinstance(model, Bundle):
+        lows, highs = zip(*map(_find_loads, model.models), strict=True)
+        return len(lows) * max(lows), len(highs) * min(highs)
+    return model.load_limits if isinstance(model, ExplicitModel) else (0.0, LOAD_LIMIT)
 
 
 def _trace_limits(model: MuscleModel, pressure: _Traced) -> tuple[Floats | float, Floats | float]:
@@ -501,6 +516,12 @@ static double miss_force(double force, double pressure, double contraction)
     return pull(pressure, contraction - OFFSET + COMPLIANCE * force) - force;
 }}
 
+/* Of the contraction of the muscle itself, where base is without give. */
+static double miss_own(double own, double pressure, double base)
+{{
+    return pull(pressure, own) - (own - base) / COMPLIANCE;
+}}
+
 static double miss_load(double contraction, double pressure, double load)
 {{
     return pull(pressure, contraction) - load;
@@ -514,10 +535,17 @@ static double miss_pressure(double pressure, double force, double contraction)
 /* Pull at a pressure and a contraction. */
 double muscle_force(double pressure, double contraction)
 {{
-    double force = pull(pressure, contraction - OFFSET), own;
+    const double base = contraction - OFFSET;
+    double force = pull(pressure, base), own, low, high, margin;
     if (COMPLIANCE > 0.0)
         force = find_root(miss_force, pressure, contraction, 0.0, force);
-    own = place(pressure, contraction - OFFSET + COMPLIANCE * force);
+    if (COMPLIANCE > 0.0 && isnan(place(pressure, base + COMPLIANCE * force))) {{
+        find_limits(pressure, &low, &high);
+        margin = {margin} * (high - low);
+        own = find_root(miss_own, pressure, base, low + margin, high - margin);
+        force = (own - base) / COMPLIANCE;
+    }}
+    own = place(pressure, base + COMPLIANCE * force);
     if (isnan(own) || isnan(force))
         return NAN;
     if (COMPLIANCE == 0.0)
@@ -531,6 +559,8 @@ double muscle_contraction(double pressure, double load)
     double low, high, start, end, near, first;
     int k;
     if (!(pressure >= LEAST_PRESSURE && pressure <= MOST_PRESSURE))
+        return NAN;
+    if (!(load >= LEAST_LOAD && load <= MOST_LOAD))
         return NAN;
     find_limits(pressure, &low, &high);
     if (!(low < high))
@@ -620,14 +650,24 @@ def muscle_force(pressure, contraction):
     """Pull at a pressure and a contraction."""
     pressure, contraction = _take(pressure, contraction)
     with np.errstate(all="ignore"):
-        force = _pull(pressure, contraction - OFFSET)
+        base = contraction - OFFSET
+        force = _pull(pressure, base)
         if COMPLIANCE > 0.0:
             force = _find_root(
-                lambda at: _pull(pressure, contraction - OFFSET + COMPLIANCE * at) - at,
+                lambda at: _pull(pressure, base + COMPLIANCE * at) - at,
                 np.zeros(force.shape),
                 force,
             )
-        own = _place(pressure, contraction - OFFSET + COMPLIANCE * force)
+            low, high = _find_limits(pressure)
+            margin = {margin} * (high - low)
+            own = _find_root(
+                lambda at: _pull(pressure, at) - (at - base) / COMPLIANCE,
+                low + margin,
+                high - margin,
+            )
+            wrong = np.isnan(_place(pressure, base + COMPLIANCE * force))
+            force = np.where(wrong, (own - base) / COMPLIANCE, force)
+        own = _place(pressure, base + COMPLIANCE * force)
         if COMPLIANCE == 0.0:
             force = _pull(pressure, own)
         return np.where(np.isnan(own), np.nan, np.maximum(force, SLACK_FORCE))[()]
@@ -650,6 +690,7 @@ def muscle_contraction(pressure, load):
         found = _find_root(lambda at: _pull(pressure, at) - load, near, far)
         found = np.where(first == 0.0, start, found) + OFFSET - COMPLIANCE * load
         legal = (pressure >= LEAST_PRESSURE) & (pressure <= MOST_PRESSURE) & (low < high)
+        legal &= (load >= LEAST_LOAD) & (load <= MOST_LOAD)
         return np.where(legal, found, np.nan)[()]
 
 

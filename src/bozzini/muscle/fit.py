@@ -6,7 +6,6 @@ import dataclasses
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import combinations
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 
 from ..checks import check_integer, check_number, describe_fields
 from ..errors import BozziniError, InputError
+from ..numeric.estimation import determine, judge_fit
 from ..results import Json, Result, take_axes, to_plain
 from .data import Measurements
 from .design import check_muscle
@@ -62,10 +62,6 @@ Floats = NDArray[np.float64]
 # rows under load or blocked, and so is friction unless there are both directions.
 
 
-CONDITION_LIMIT = 30.0
-"""Above this condition of the Jacobian, its columns scaled to length 1, a warning is given."""
-CORRELATION_LIMIT = 0.98
-"""Above this correlation of two parameters a warning is given."""
 GAP_PRESSURES = 3
 GAP_SPAN = 3.0
 """A free gap needs so many pressures, above none and below `GAP_SPAN` times that of contact."""
@@ -99,25 +95,6 @@ def judge_parameters(
     return tuple(never), tuple(doubts)
 
 
-def judge_fit(
-    free: Sequence[str], correlations: NDArray[np.float64], condition: float
-) -> list[str]:
-    """Return warnings on what a fit could not determine."""
-    warnings = []
-    if condition > CONDITION_LIMIT:
-        warnings.append(
-            f"the data determine the parameters poorly: condition {condition:.0f} is above "
-            f"{CONDITION_LIMIT:.0f}"
-        )
-    for i, j in combinations(range(len(free)), 2):
-        if abs(correlations[i, j]) > CORRELATION_LIMIT:
-            warnings.append(
-                f"{free[i]} and {free[j]} cannot be distinguished: correlation "
-                f"{correlations[i, j]:+.3f}"
-            )
-    return warnings
-
-
 def measure_repeats(task: Task, errors: Floats | None = None) -> tuple[float, int]:
     """Return the sum of squares about the means of rows that repeat a state, and the states.
 
@@ -134,7 +111,7 @@ def judge_repeats(
 ) -> list[str]:
     """Return a warning if a fit misses the data by more than the data miss each other.
 
-    The F-test of lack of fit at 0.1 %: it needs rows that repeat a state. With errors (n,) of the
+    There is one, too, if the data have no more states than the fit has parameters. The F-test of lack of fit at 0.1 %: it needs rows that repeat a state. With errors (n,) of the
     rows it is that of residuals over errors.
     """
     from scipy.stats import f as fisher
@@ -144,8 +121,13 @@ def judge_repeats(
     unit = task.unit if errors is None else "standard errors"
     squares = float(np.sum((residuals / scale) ** 2))
     freedom, lack = len(residuals) - states, squares - pure
+    if states <= parameters:
+        return [
+            f"the rows are of {states} state(s) for {parameters} parameter(s): they cannot show "
+            "whether the model fits"
+        ]
     exact = float(np.sum((_EXACT * task.worst / scale) ** 2))
-    if freedom < 1 or states <= parameters or lack <= exact:
+    if freedom < 1 or lack <= exact:
         return []
     limit = float(fisher.ppf(0.999, states - parameters, freedom))
     if lack / (states - parameters) <= limit * pure / freedom:
@@ -1009,17 +991,19 @@ def conclude(
     freedom = rows - count
     sigma = float(np.sqrt(residuals @ residuals / freedom))
     jacobian = np.where(answered[:, None], np.asarray(found.jac), 0.0) / problem.scales
-    # Huge, not infinite, where all is lost.
-    length = np.maximum(np.linalg.norm(jacobian, axis=0), 1e-12)
-    _, singular, basis = np.linalg.svd(jacobian / length, full_matrices=False)
-    singular = np.maximum(singular, 1e-12)
-    inverse = (basis.T / singular**2) @ basis
-    spread = np.sqrt(np.diag(inverse))
-    correlations = np.clip(inverse / np.outer(spread, spread), -1.0, 1.0)
-    covariance = squares / freedom * inverse / np.outer(length, length)
-    condition = float(singular[0] / singular[-1])
-    if options.resamples:
-        covariance = _resample(problem, found.x, options)
+    known_by = determine(jacobian)
+    correlations, condition = known_by.correlations, known_by.condition
+    covariance = squares / freedom * known_by.inverse
+    short: list[str] = []
+    drawn = _resample(problem, found.x, options) if options.resamples else []
+    enough = len(drawn) > min(count, options.resamples - 1)
+    if len(drawn) < options.resamples:
+        short = [
+            f"the time of the fit is used up after {len(drawn)} of {options.resamples} resamples"
+            + ("" if enough else ": the errors are linearised")
+        ]
+    if options.resamples and enough:
+        covariance = np.atleast_2d(np.cov(np.array(drawn), rowvar=False))
         deviations = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
         correlations = np.clip(covariance / np.outer(deviations, deviations), -1.0, 1.0)
     spreads = dict(zip(unknowns, np.sqrt(np.diag(covariance)).tolist(), strict=True))
@@ -1074,6 +1058,7 @@ def conclude(
             *at_bound,
             *lost,
             *gaps,
+            *short,
             *judge_fit(unknowns, correlations, condition),
             *judge_repeats(task, residuals, parameters=count, errors=errors),
             *judge_size(task, residuals),
@@ -1098,15 +1083,20 @@ def _build_mean(
         return next(iter(models.values()))
 
 
-def _resample(problem: Problem, point: NDArray[np.float64], options: FitOptions) -> Floats:
-    """Return the covariance of fits to rows drawn with replacement, within each specimen."""
+def _resample(
+    problem: Problem, point: NDArray[np.float64], options: FitOptions
+) -> list[list[float]]:
+    """Return the fits to rows drawn with replacement within each specimen, until time is up."""
     random = np.random.default_rng(options.seed)
-    task, found = problem.task, []
+    task: Task = problem.task
+    found: list[list[float]] = []
     for _ in range(options.resamples):
         rows = np.concatenate([random.choice(p.rows, size=len(p.rows)) for p in task.parts])
         again = dataclasses.replace(problem, task=dataclasses.replace(
             task, data=task.data.select(np.sort(rows))))  # fmt: skip
         start = again.move(problem.name_values(point))
         end = find_minimum(start, start.choose_start(), limit=_SECOND)
+        if end.status == OUT_OF_TIME:  # it is where it began, as all that follow would be
+            break
         found.append(list(start.name_values(end.x).values()))
-    return np.atleast_2d(np.cov(np.array(found), rowvar=False))
+    return found

@@ -308,7 +308,7 @@ class MuscleModel(ABC):
         least, most = self.pressure_limits
         legal = (one >= least) & (one <= most) & (other >= low) & (other <= high)
         values, held = np.zeros(one.shape), np.zeros(one.shape, dtype=np.bool_)
-        words = None if direction is None else _name_directions(signs)[legal]
+        words = None if direction is None else name_directions(signs)[legal]
         values[legal], held[legal] = try_rows(
             self.force, ("pressure", one[legal]), ("contraction", other[legal]), words
         )
@@ -346,7 +346,7 @@ class MuscleModel(ABC):
         )
         shape, wanted = forces.shape, forces.ravel()
         contraction = self.muscle.length - lengths.ravel()
-        words = _name_directions(signs).ravel()
+        words = name_directions(signs).ravel()
 
         def excess(index: NDArray[np.intp], pressures: Floats) -> Floats:
             pull, held = self.try_force(pressures, contraction[index], direction=words[index])
@@ -592,7 +592,7 @@ def take_arguments(
     return first, second, third
 
 
-def _name_directions(signs: Floats) -> NDArray[np.str_]:
+def name_directions(signs: Floats) -> NDArray[np.str_]:
     """Return the directions that have some signs."""
     return np.array(["", "deflating", "inflating"])[signs.astype(np.int64)]
 
@@ -610,7 +610,7 @@ def try_rows(
         ("direction", parse_direction(direction)),
     )
     flat, rest = one.ravel(), other.ravel()
-    branch = None if direction is None else _name_directions(signs).ravel()
+    branch = None if direction is None else name_directions(signs).ravel()
     values, held = np.zeros(flat.size), np.zeros(flat.size, dtype=np.bool_)
     parts = [np.arange(flat.size)] if flat.size else []
     while parts:

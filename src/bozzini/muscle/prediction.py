@@ -42,6 +42,9 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
+MOST_LEVEL = 0.999999
+"""Largest probability of a band: that of 1 has no end."""
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Prediction(Result):
@@ -150,7 +153,7 @@ def predict(
         Pressure [MPa] and length without load [mm], from which the offset follows; if there is
         none, and none in the data, it is the fit's.
     level : float
-        Probability of the bands, between 0 and 1.
+        Probability of the bands, above 0 and at most `MOST_LEVEL`.
 
     Raises
     ------
@@ -163,7 +166,7 @@ def predict(
         raise InputError("the muscle file holds no fit: write one by 'bozzini muscle fit --out'")
     if fit.rms is None:
         raise InputError("the fit has no rms: without it there is no band of readings")
-    check_number("level", level, low=0.0, high=1.0, low_open=True, unit="")
+    check_number("level", level, low=0.0, high=MOST_LEVEL, low_open=True, unit="")
     from scipy.stats import t as student
 
     muscle = fitted.muscle if length is None else fitted.muscle.replace(length=length)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import multiprocessing
 import pickle
+import signal
 from abc import abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
@@ -870,21 +871,32 @@ def _fit_all(
         apart = [name for name in kinds if name not in alone]
         # A forked process would inherit the locks of the threads of compiled loops.
         context = multiprocessing.get_context("spawn")
-        with ProcessPoolExecutor(options.jobs, mp_context=context) as pool:
+        pool = ProcessPoolExecutor(
+            options.jobs,
+            mp_context=context,
+            initializer=signal.signal,
+            initargs=(signal.SIGINT, signal.SIG_IGN),  # this process ends them
+        )
+        try:
             todo = {
                 pool.submit(_try_model, name, kinds[name], task, options, folds): name
                 for name in apart
             }
             for count, future in enumerate(as_completed(todo)):
                 progress(f"fitted {todo[future]}", count / len(kinds))
-                try:
-                    yield todo[future], future.result()
-                except BrokenProcessPool:
-                    raise BozziniError(
-                        "a process of the ranking ended: it was out of memory, a model ended it, "
-                        "or a script calls rank outside of \"if __name__ == '__main__':\"; with 1 "
-                        "job there are no processes"
-                    ) from None
+                yield todo[future], future.result()
+        except BrokenProcessPool:
+            raise BozziniError(
+                "a process of the ranking ended: it was out of memory, a model ended it, "
+                "or a script calls rank outside of \"if __name__ == '__main__':\"; with 1 "
+                "job there are no processes"
+            ) from None
+        except BaseException:  # an interrupt must not wait for the models that are left
+            for process in pool._processes.values():
+                process.terminate()
+            raise
+        finally:
+            pool.shutdown(cancel_futures=True)
     for index, name in enumerate(alone, start=len(kinds) - len(alone)):
         progress(f"fitting {name}", index / len(kinds))
         yield name, _try_model(name, kinds[name], task, options, folds)

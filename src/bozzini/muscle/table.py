@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import csv
 import dataclasses
 import difflib
-import io
-import itertools
 import math
 import os
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -19,8 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..checks import check_path
-from ..errors import FileFormatError, InputError, MissingExtraError, UnitError
+from ..errors import FileFormatError, InputError, UnitError
 from ..io.files import write_text
+from ..io.sheets import DECIMAL_COMMA, Sheet, read_sheet, show_cell, take_frame, take_number
 from ..units import parse_quantity
 from .data import (
     GEOMETRY,
@@ -87,7 +85,7 @@ def read_measurements(
         If a Parquet file is given and ``pyarrow`` is not installed.
     """
     path = check_path("path", path)
-    sheet = _read_sheet(path)
+    sheet = read_sheet(path)
     try:
         data = _take_sheet(sheet, muscle, units or {})
     except InputError as error:
@@ -119,7 +117,7 @@ def read_columns(
         As `read_measurements` does.
     """
     path = check_path("path", path)
-    sheet = _read_sheet(path)
+    sheet = read_sheet(path)
     given = {_find_name(word): unit for word, unit in (units or {}).items()}
     columns: dict[str, _Column] = {}
     notes: list[str] = []
@@ -148,16 +146,6 @@ def read_columns(
     return values, tuple(notes)
 
 
-def _read_sheet(path: Path) -> _Sheet:
-    suffix = path.suffix.lower()
-    if suffix in _PARQUET_SUFFIXES:
-        return _read_parquet(path)
-    if suffix in _TEXT_SUFFIXES:
-        return _read_text(path)
-    known = ", ".join(_TEXT_SUFFIXES + _PARQUET_SUFFIXES)
-    raise FileFormatError(f"{path.name} ends in '{suffix}': a table ends in one of {known}")
-
-
 def take_measurements(
     data: Measurements | pandas.DataFrame,
     *,
@@ -183,7 +171,7 @@ def take_measurements(
         return data
     if not hasattr(data, "columns"):
         raise InputError(f"data is a {type(data).__name__}: it must be Measurements or a DataFrame")
-    return _take_sheet(_take_frame(data), muscle, units or {})
+    return _take_sheet(take_frame(data), muscle, units or {})
 
 
 def write_measurements(path: str | os.PathLike[str], data: Measurements) -> Path:
@@ -239,10 +227,7 @@ EXAMPLES = {"pressure": "kPa", "length": "mm", "force": "N", "angle": "deg", "ti
 
 # A name, and perhaps a unit in brackets.
 _HEADER = re.compile(r"\s*(.+?)\s*(?:[\[(]\s*([^\])]*?)\s*[\])])?\s*")
-_DECIMAL_COMMA = re.compile(r"[-+]?[0-9]*,[0-9]+(?:[eE][-+]?[0-9]+)?")
 _LOAD_WORDS = re.compile(r"\b(load|force|tension|weight|mass|pull)s?\b")
-_TEXT_SUFFIXES = (".csv", ".tsv", ".txt")
-_PARQUET_SUFFIXES = (".parquet", ".pq")
 
 
 @dataclass(frozen=True)
@@ -258,106 +243,7 @@ class _Column:
     is_ratio: bool = False
 
 
-@dataclass(frozen=True)
-class _Sheet:
-    """A table as text: its titles, its rows, and the number of each row in the file.
-
-    `may_have_commas` is whether a comma may be a decimal one.
-    """
-
-    titles: Sequence[str]
-    rows: Sequence[Sequence[object]]
-    numbers: Sequence[int]
-    may_have_commas: bool = False
-
-
-def _take_frame(table: pandas.DataFrame) -> _Sheet:
-    cells = table.astype(object).where(table.notna(), "").to_numpy().tolist()
-    return _Sheet([_show(name) for name in table.columns], cells, range(1, len(cells) + 1))
-
-
-def _read_bytes(path: Path) -> bytes:
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise FileFormatError(f"cannot read {path}: {error.strerror or error}") from None
-    except ValueError as error:  # a null byte in the name
-        raise FileFormatError(f"cannot read {path}: {error}") from None
-
-
-def _read_text(path: Path) -> _Sheet:
-    try:
-        text = _read_bytes(path).decode("utf-8-sig")
-    except UnicodeDecodeError:
-        raise FileFormatError(f"{path.name} is not text in UTF-8: save the table as CSV") from None
-    records = _Records(text)
-    cells, numbers = [], []
-    try:
-        for row in records:
-            cells.append(row)
-            numbers.append(records.start)
-    except csv.Error as error:
-        raise FileFormatError(f"{path.name}: row {records.start} is not CSV: {error}") from None
-    if not cells:
-        raise FileFormatError(f"{path.name} is empty: a table has a header and rows")
-    kept = [i for i, row in enumerate(cells) if i and any(map(str.strip, row))]
-    titles = [_show(title) for title in cells[0]]
-    rows = [cells[i] for i in kept]
-    return _Sheet(titles, rows, [numbers[i] for i in kept], records.mark != ",")
-
-
-class _Records:
-    """The records of a CSV text, without comments; a quoted cell may hold ends of lines.
-
-    `start` is the line on which the last one begins, counted from 1; `mark` stands between cells.
-    """
-
-    def __init__(self, text: str) -> None:
-        self.start = 0
-        self._fresh = True
-        # Unlike str.splitlines this breaks lines where CSV does and nowhere else.
-        self._lines = enumerate(io.StringIO(text, newline=""), start=1)
-        first = next(self._feed(), "")
-        self.mark = max(",;\t", key=first.count)
-        self._reader = csv.reader(
-            itertools.chain([first] if first else [], self._feed()),
-            delimiter=self.mark,
-            skipinitialspace=True,
-            strict=True,  # a quote that is not closed would take the rest of the file
-        )
-
-    def __iter__(self) -> Iterator[list[str]]:
-        return self
-
-    def __next__(self) -> list[str]:
-        row = next(self._reader)
-        self._fresh = True
-        return row
-
-    def _feed(self) -> Iterator[str]:
-        for number, line in self._lines:
-            if self._fresh:
-                if not line.strip() or line.lstrip().startswith("#"):
-                    continue
-                self.start = number
-            self._fresh = False
-            yield line
-
-
-def _read_parquet(path: Path) -> _Sheet:
-    try:
-        from pyarrow import ArrowException, parquet
-    except ImportError:
-        raise MissingExtraError("pyarrow", "parquet") from None
-    try:
-        table = parquet.read_table(io.BytesIO(_read_bytes(path)))
-    except (ArrowException, OSError) as error:
-        what = " ".join(str(error).split())
-        raise FileFormatError(f"{path.name} is not a Parquet file: {what}") from None
-    return _take_frame(table.to_pandas())
-
-
-def _take_sheet(sheet: _Sheet, muscle: Muscle | None, units: Mapping[str, str]) -> Measurements:
+def _take_sheet(sheet: Sheet, muscle: Muscle | None, units: Mapping[str, str]) -> Measurements:
     columns, ignored, notes = _find_columns(sheet.titles, units)
     values, words, commas = _take_cells(sheet, columns)
     _find_contractions(values, columns, muscle)
@@ -379,13 +265,13 @@ def _take_sheet(sheet: _Sheet, muscle: Muscle | None, units: Mapping[str, str]) 
 
 
 def _take_cells(
-    sheet: _Sheet, columns: Mapping[str, _Column]
+    sheet: Sheet, columns: Mapping[str, _Column]
 ) -> tuple[dict[str, NDArray[np.float64]], dict[str, NDArray[np.str_]], bool]:
     """Return the numbers and the words of columns, and whether they have a decimal comma."""
     if not sheet.rows:
         raise FileFormatError("the table has a header and no rows")
     commas = sheet.may_have_commas and any(
-        _DECIMAL_COMMA.fullmatch(str(row[column.place]).strip())
+        DECIMAL_COMMA.fullmatch(str(row[column.place]).strip())
         for row in sheet.rows
         for name, column in columns.items()
         if name not in WORDS and column.place < len(row)
@@ -614,49 +500,19 @@ def _take_word(where: str, name: str, cell: object) -> str:
         return word
     if word.lower() not in BRANCHES:
         raise FileFormatError(
-            f"{where}direction is '{_show(cell)}': it must be inflating, deflating or empty"
+            f"{where}direction is '{show_cell(cell)}': it must be inflating, deflating or empty"
         )
     return BRANCHES[word.lower()]
 
 
 def _take_quantity(where: str, name: str, column: _Column, cell: object, *, commas: bool) -> float:
-    value = _take_number(where, name, cell, commas=commas) * column.factor
+    value = take_number(where, name, cell, commas=commas) * column.factor
     high, unit = LIMITS.get(name, (math.inf, ""))
     if name in LIMITS and not -high <= value <= high:
         hint = "; is it in kPa?" if name == "pressure" and column.factor == 1.0 else ""
         low = -high if name == "load" else 0.0
         raise InputError(
-            f"{where}{name} is {_show(cell)} in '{column.title}', {value:g} {unit}: it must lie in "
-            f"[{low:g}, {high:g}] {unit}{hint}"
+            f"{where}{name} is {show_cell(cell)} in '{column.title}', {value:g} {unit}: it must "
+            f"lie in [{low:g}, {high:g}] {unit}{hint}"
         )
     return value
-
-
-def _show(cell: object) -> str:
-    """Return a cell as one short line."""
-    text = " ".join(str(cell).split())
-    return text if len(text) <= 60 else f"{text[:57]}..."
-
-
-def _take_number(where: str, name: str, cell: object, *, commas: bool) -> float:
-    """Return the number in a cell; in a table with decimal commas a point is none."""
-    text = str(cell).strip()
-    try:
-        value = float(text.replace(",", ".") if commas and "." not in text else text)
-    except ValueError:
-        value = math.nan
-    mixed = commas and "." in text
-    # Python's own float takes 1_000 and the digits of every script.
-    is_plain = "_" not in text and text.isascii() and not isinstance(cell, bool)
-    if is_plain and math.isfinite(value) and not mixed:
-        return value
-    hint = ""
-    if not text:
-        hint = " (the cell is empty)"
-    elif mixed:
-        hint = " with a decimal comma, as in the rest of the table"
-    elif _DECIMAL_COMMA.fullmatch(text):
-        hint = " with a decimal point"
-    elif re.match(r"[-+.0-9]+\s*[A-Za-zµ]", text) and math.isnan(value):
-        hint = ": a unit belongs into the header, one for the whole column"
-    raise FileFormatError(f"{where}{name} is '{_show(text)}': it must be a finite number{hint}")

@@ -533,15 +533,47 @@ def follow_command(rod, natural, displacement, tolerance, parts, turns, tensions
 
 
 @njit(cache=True)
+def measure_least(stiffness, full):
+    """Least eigenvalue of the segments' Hessians (n, 3, 3), against the straight rod's.
+
+    In closed form (Smith 1961).
+    """
+    least = math.inf
+    a = np.empty((3, 3))
+    for j in range(stiffness.shape[0]):
+        mean, square = 0.0, 0.0
+        for i in range(3):
+            for k in range(3):
+                a[i, k] = full[j, i, k] / math.sqrt(stiffness[j, i] * stiffness[j, k])
+            mean += a[i, i] / 3.0
+        for i in range(3):
+            a[i, i] -= mean
+            for k in range(3):
+                square += a[i, k] ** 2
+        size = math.sqrt(square / 6.0)
+        value = mean
+        if size > 0.0:
+            det = (
+                a[0, 0] * (a[1, 1] * a[2, 2] - a[1, 2] * a[2, 1])
+                - a[0, 1] * (a[1, 0] * a[2, 2] - a[1, 2] * a[2, 0])
+                + a[0, 2] * (a[1, 0] * a[2, 1] - a[1, 1] * a[2, 0])
+            )
+            angle = math.acos(min(1.0, max(-1.0, 0.5 * det / size**3))) / 3.0
+            value += 2.0 * size * math.cos(angle + 2.0 * math.pi / 3.0)
+        least = min(least, 1.0 + value)
+    return least
+
+
+@njit(cache=True)
 def solve_commands(rod, natural, displacements, firsts, tolerance, answers):
     """Solve a batch of commands (b, k), each from the straight rod; fills the arrays of `answers`.
 
     ``rod`` is that of `solve_command`, ``natural`` (k,) the tendons' lengths in the straight rod,
     ``firsts`` (b,) the parts of the commands that are tried at once. Answers are turns (b, n, 3),
-    tensions and lengths (b, k), and codes, steps, errors, shares and unstable segments (b,). Where
-    a command fails, its share is how much of it can be followed, and the shape is that.
+    tensions and lengths (b, k), and codes, steps, errors, shares and `measure_least` (b,). Where a
+    command fails, its share is how much of it can be followed, and the shape is that.
     """
-    turns, tensions, lengths, codes, steps, errors, shares, unstable = answers
+    turns, tensions, lengths, codes, steps, errors, shares, stability = answers
     grid, compliances, low, high, _ = rod
     spans, stiffness, _, _, counts, _ = grid
     n, k = spans.size, counts.size
@@ -555,7 +587,7 @@ def solve_commands(rod, natural, displacements, firsts, tolerance, answers):
             allowed = tolerance if attempt > 0 else 1e-4 * tolerance
             smallest = SMALLEST_SHARE * firsts[b] if attempt == 2 else firsts[b]
             parts, state = (firsts[b], smallest), (turns[b], tensions[b], lengths[b])
-            codes[b], errors[b], unstable[b], shares[b], count = follow_command(
+            codes[b], errors[b], _, shares[b], count = follow_command(
                 rod, natural, displacements[b], allowed, parts, *state
             )
             steps[b] += count
@@ -565,6 +597,7 @@ def solve_commands(rod, natural, displacements, firsts, tolerance, answers):
         for m in range(k):
             gap = natural[m] - shares[b] * displacements[b, m] - lengths[b, m]
             taut[m] = low[m] < 0.0 or gap <= tolerance
+        stability[b] = measure_least(stiffness, full)
         # Tendons that stretch leave nothing open.
         if compliances.max() == 0.0:
             share_tensions(stiffness, counts, slopes, turns[b], taut, low, high, tensions[b])

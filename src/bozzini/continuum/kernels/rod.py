@@ -16,8 +16,8 @@ several, and a minimum of it is taken, for at others the rod would not be stable
 the rod has by nature adds ``K`` times it to the moment.
 
 Derivatives are carried along as solutions of the linearised equations. A small change of the rod
-is a rotation ``f`` of its cross-sections, in base axes, and changes of force and moment; with the
-flexibility ``C`` of a cross-section, in base axes, strains change by ``C (dN + N x f, dM + M x f)``.
+is a rotation ``f`` of its cross-sections, and changes of force and moment; with the flexibility
+``C`` of a cross-section, strains change by ``C (dN + N x f, dM + M x f)``, all in base axes.
 """
 
 from __future__ import annotations

@@ -337,7 +337,7 @@ def _judge(fit: LoopFit) -> LoopFit:
     elif not fit.record.starts_at_rest:
         notes.append(
             f"the record does not start at rest, but at {1e3 * fit.record.pressure[0]:.4g} kPa, "
-            "and rises once: it is fitted as if it had come there from rest"
+            "and hardly rises after its first maximum: it is fitted as if it had come from rest"
         )
     elif (first := _find_first_top(fit.samples.pressure)) and first < len(fit.samples) // 2:
         rise = float(np.sqrt(np.mean(np.square(fit.residual[:first]))))

@@ -301,7 +301,7 @@ class ExplicitModel(MuscleModel):
             ("load", check_array("load", load)),
             ("direction", parse_direction(direction)),
         )
-        at, held = np.clip(pressures, *self.pressure_limits), np.clip(loads, 0.0, LOAD_LIMIT)
+        at, held = np.clip(pressures, *self.pressure_limits), np.clip(loads, *self.load_limits)
         legal = (at == pressures) & (held == loads)
         try:
             roots = self._search_roots(at, held, signs)

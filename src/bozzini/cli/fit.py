@@ -1,0 +1,244 @@
+"""``bozzini continuum fit``: fit a robot to measured points of its body."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from ..errors import InputError
+from ..units import parse_quantity
+from .common import (
+    EXIT_NEGATIVE,
+    PICTURES,
+    Answer,
+    ModelType,
+    answer_options,
+    check_target,
+    gather,
+    option,
+    run_exit,
+    split_setting,
+)
+
+if TYPE_CHECKING:
+    from ..continuum.fit import RobotFitOptions
+    from ..continuum.measured import Marker, RobotMeasurements
+    from ..continuum.unknowns import Setup
+
+
+def _list_models() -> Any:
+    from ..continuum import CONTINUUM_MODELS
+
+    return CONTINUUM_MODELS
+
+
+@dataclasses.dataclass(frozen=True)
+class FitTable:
+    """How tables of measurements are read, as the options ask for it."""
+
+    marker_texts: tuple[str, ...]
+    column_texts: tuple[str, ...]
+    blocks: str
+
+    def list_markers(self) -> tuple[Marker, ...]:
+        """Return the markers of ``--marker``."""
+        return tuple(parse_marker(text) for text in self.marker_texts)
+
+    def read(self, path: Path, setup: Setup) -> RobotMeasurements:
+        """Return the measurements in a file; markers of the setup hold unless they are typed."""
+        from ..continuum.measured import read_robot_measurements
+
+        markers = {marker.name: marker for marker in (*setup.markers, *self.list_markers())}
+        columns = {}
+        for text in self.column_texts:
+            title, old = split_setting("--column", text, "TITLE=TITLE IN THE FILE")
+            columns[old.strip()] = title.strip()
+        return read_robot_measurements(
+            path, robot=setup.robot, markers=tuple(markers.values()), columns=columns,
+            blocks=self.blocks,
+        )  # fmt: skip
+
+
+def parse_marker(text: str) -> Marker:
+    """Return the marker of ``NAME=ARC,X,Y,Z``."""
+    from ..continuum.measured import Marker
+
+    form = "NAME=ARC or NAME=ARC,X,Y,Z"
+    name, value = split_setting("--marker", text, form)
+    parts = [part.strip() for part in value.split(",")]
+    if len(parts) not in (1, 4):
+        raise InputError(f"--marker is '{text}': it must be {form}, such as m1=129.1mm,0mm,0mm,5mm")
+    numbers = [parse_quantity(part, "length") for part in parts]
+    x, y, z = numbers[1:] or (0.0, 0.0, 0.0)
+    return Marker(name=name, arc_length=numbers[0], offset=(x, y, z))
+
+
+table_options = gather(
+    "table",
+    FitTable,
+    option(
+        "--marker marker_texts NAME=ARC,X,Y,Z",
+        "A point of the table: arc length of its cross-section, and where it is in that, such as "
+        "m1=129.1mm,0mm,0mm,25mm; can be repeated. The column tip is the tip.",
+        multiple=True,
+    ),
+    option(
+        "--column column_texts TITLE=OLD",
+        "A title to read in place of one in the file, such as 'T1 tension [N]=load cell 1'; can be "
+        "repeated.",
+        multiple=True,
+    ),
+    option("--blocks", "Column with labels of rows that are left out together.", default=""),
+)
+
+
+def _make_options(**values: Any) -> RobotFitOptions:
+    from ..continuum.fit import RobotFitOptions
+
+    model_options: dict[str, object] = {}
+    values["model"] = values["model"] or ""
+    for text in values.pop("settings"):
+        name, value = split_setting("--set", text, "NAME=VALUE")
+        model_options[name] = _parse_setting(values["model"], name, value)
+    values["smaller"] = not values.pop("only")
+    return RobotFitOptions(model_options=model_options, **values)
+
+
+def _parse_setting(model: str, name: str, value: str) -> object:
+    """Return an option of a model as its class takes it."""
+    kinds = [_list_models()[model]] if model else list(_list_models().own.values())
+    known: Mapping[str, Any] = {
+        item.name: item.metadata["quantity"] if "quantity" in item.metadata else None
+        for kind in kinds
+        for item in dataclasses.fields(kind)
+        if item.name != "robot"
+    }
+    if name not in known:
+        raise InputError(f"--set names '{name}': the options are {', '.join(known)}")
+    quantity = known[name]
+    if value in ("true", "false"):
+        return value == "true"
+    if quantity is None or quantity.words:
+        return value
+    number = parse_quantity(value, quantity.kind)
+    return int(number) if quantity.whole else number
+
+
+fit_options = gather(
+    "options",
+    _make_options,
+    click.option(
+        "--model",
+        type=ModelType(_list_models, show=True),
+        help="By default energy for displacements, rod for tensions and under weight.",
+    ),
+    option(
+        "--set settings NAME=VALUE",
+        "An option of the model, such as between=3; can be repeated.",
+        multiple=True,
+    ),
+    option(
+        "--loss",
+        "What of a misfit is summed; the first two count outliers less.",
+        ("soft_l1", "huber", "linear"),
+        default="soft_l1",
+    ),
+    option("--folds", "Blocks of rows left out in turn; 0 for none.", int, default=4),
+    option(
+        "--split",
+        "What a block is: rows that follow each other, or rows drawn at random.",
+        ("blocks", "random"),
+        default="blocks",
+    ),
+    click.option("--only", is_flag=True, help="Do not try fewer constants."),
+    option("--jobs", "Processes at the same time.", int, default=1),
+)
+
+
+@click.command("fit")
+@click.argument("robot_file", metavar="ROBOT.yaml", type=click.Path(path_type=Path))
+@click.argument("data_file", metavar="DATA.csv", type=click.Path(path_type=Path))
+@option(
+    "--free names NAME,...",
+    "What is fitted, such as base,sections.each.bending_stiffness,tendons.*.stiffness.",
+    default="",
+)
+@table_options
+@fit_options
+@option("--from start FILE", "A calibration to begin with: zeros and markers.",
+        click.Path(path_type=Path))  # fmt: skip
+@option("--check others FILE", "Measurements to predict, not to fit; can be repeated.",
+        click.Path(path_type=Path), multiple=True)  # fmt: skip
+@option("--calibration FILE", "Where to write zeros, markers and what was fitted (.yaml, .json).",
+        click.Path(path_type=Path))  # fmt: skip
+@option("--figure FILE", "A picture of the distances over the rows.",
+        click.Path(path_type=Path))  # fmt: skip
+@answer_options(".yaml", ".yml", ".json", help="The robot with the fitted numbers (.yaml, .json).")
+def command(
+    robot_file: Path,
+    data_file: Path,
+    names: str,
+    table: FitTable,
+    options: RobotFitOptions,
+    start: Path | None,
+    others: tuple[Path, ...],
+    calibration: Path | None,
+    figure: Path | None,
+    answer: Answer,
+) -> None:
+    """Fit numbers of a robot to measured points of its body.
+
+    DATA is a .csv or .parquet file with a column for each tendon, such as 'T1 displacement [mm]' or
+    'T1 tension [N]', and three for each point, such as 'tip x [mm]'. An empty place was not seen.
+
+    --free has paths as in the robot file: sections.2.bending_stiffness, tendons.T1.stiffness,
+    base.position, base.rotation.x, markers.m1.arc_length, commands.scale, commands.backlash. In
+    place of a name * is all with one number and each all with one each; sections.each.tendons.zero
+    is one zero offset of displacements for the tendons of each section. Without --free the robot is
+    compared as it is.
+
+    Blocks of rows are left out in turn and predicted. Whether fewer constants predict them better
+    is reported, and what the data do not determine.
+
+    Exit code 0: fitted; 1: not converged, or poor: off by more than 5 % of the span of the points;
+    2: bad input.
+    """
+    from ..continuum import ContinuumRobot
+    from ..continuum.fit import Setup, fit_robot, read_calibration, write_calibration
+
+    check_target(calibration, (".yaml", ".yml", ".json"), force=answer.force)
+    check_target(figure, PICTURES, force=answer.force)
+    robot = ContinuumRobot.from_yaml(robot_file)
+    setup = Setup(robot) if start is None else read_calibration(start).make_setup(robot)
+    data = table.read(data_file, setup)
+    checked = {path: table.read(path, setup) for path in others}
+    free = tuple(name for name in names.split(",") if name.strip())
+    with answer.show_progress() as progress:
+        found = fit_robot(setup, data, free=free, options=options, progress=progress)
+    result, lines = found.to_dict(), [found.format_table()]
+    lines += [f"note: {note}" for note in data.notes]
+    result |= {"checks": {}, "notes": data.notes}
+    for path, other in checked.items():
+        there = found.predict(other)
+        result["checks"][str(path)] = there.to_dict()
+        lines.append(f"{path.name}: {len(other)} rows predicted to {there.rms:.3g} mm rms")
+    if answer.out is not None:
+        found.robot.to_yaml(answer.out)
+    if calibration is not None:
+        write_calibration(calibration, found.to_calibration())
+    elif found.has_zeros:
+        lines.append(
+            "note: zeros and backlash are no part of a robot file: --calibration FILE keeps them"
+        )
+    if figure is not None:
+        from ..plot import write_figure
+
+        write_figure(found.plot(), figure)
+    result |= {"file": answer.out, "calibration": calibration, "figure": figure}
+    answer.give(result, "\n".join(lines))
+    if not found.converged or found.is_poor:
+        run_exit(EXIT_NEGATIVE)

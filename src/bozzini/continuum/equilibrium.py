@@ -1,0 +1,401 @@
+"""Equilibria of the discrete rod under loads, followed from rest, and whether they are stable."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .checks import Floats
+from .kernels.energy import CHANNEL, CONVERGED, NOT_CONVERGED, measure_lengths
+from .kernels.equilibrium import (
+    fill_proximities,
+    make_state,
+    measure_equilibrium,
+    solve_equilibrium,
+)
+from .loads import BODY, PackedLoads
+from .robot import RobotDesign
+
+if TYPE_CHECKING:
+    from .energy import Grid
+
+MOST_STEPS = 200
+"""Steps of Newton's method for one part of a command and its loads."""
+
+LEAST_PART = 1.0 / 256.0
+"""Smallest part of a command and its loads by which they are raised."""
+
+LARGEST_JUMP = 1.0
+"""Turns of the segments, summed, beyond which a part is halved: shapes follow each other [rad]."""
+
+PART_TURN = 2.0
+"""Turn that the first part of loads may bring, as a guess from the straight rod [rad]."""
+
+ZERO_MODE = 1e-9
+"""Stability, against the straight rod's, that is round-off."""
+
+KICK = 1e-3
+"""Turn of the softest mode, of all segments together, by which a shape is tried [rad]."""
+
+BUCKLING_SHARE = 1e-4
+"""Share of the loads to which the buckling load is found."""
+
+
+@dataclass(frozen=True, eq=False)
+class Spots:
+    """Loads on points of a discrete rod, as the kernels take them."""
+
+    segments: NDArray[np.int64]
+    parts: Floats
+    offsets: Floats
+    forces: Floats
+    moments: Floats
+    follows: NDArray[np.bool_]
+
+    @classmethod
+    def place(cls, robot: RobotDesign, arc_length: Floats, packed: PackedLoads) -> Spots:
+        """Put loads on the segments between stations; forces along the rod by their middles."""
+        edges = np.unique(np.concatenate([arc_length, packed.line_spans.ravel()]))
+        middles = 0.5 * (edges[1:] + edges[:-1])
+        dead, body = packed.line_forces_at(robot, middles)
+        spans = np.diff(edges)[:, None]
+        places = np.concatenate([packed.points, middles, middles])
+        forces = np.concatenate([packed.forces, spans * dead, spans * body])
+        moments = np.zeros_like(forces)
+        moments[: len(packed.points)] = packed.moments
+        follows = np.repeat([False, True], len(middles))
+        follows = np.concatenate([packed.frames == BODY, follows])
+        used = forces.any(axis=1) | moments.any(axis=1)
+        segments = np.searchsorted(arc_length, places[used], side="left") - 1
+        segments = np.clip(segments, 0, len(arc_length) - 2)
+        spans = np.diff(arc_length)[segments]
+        return cls(
+            segments=segments.astype(np.int64),
+            parts=np.clip((places[used] - arc_length[segments]) / spans, 0.0, 1.0),
+            offsets=np.zeros((len(segments), 3)),
+            forces=forces[used],
+            moments=moments[used],
+            follows=follows[used],
+        )
+
+    @property
+    def have_potential(self) -> bool:
+        """Whether all are forces of one direction."""
+        return not (self.follows.any() or self.moments.any())
+
+    @cached_property
+    def reach(self) -> float:
+        """Size of the loads as a moment, with lever 1 of every point and moments [N, N mm]."""
+        return float(np.linalg.norm(self.forces, axis=1).sum())
+
+
+@dataclass(frozen=True)
+class Factors:
+    """How much of the command and of the loads there is."""
+
+    command: float = 1.0
+    loads: float = 1.0
+
+
+WHOLE = Factors()
+
+
+@dataclass(frozen=True, eq=False)
+class Command:
+    """What the tendons of one robot are told to do.
+
+    Parameters
+    ----------
+    free_lengths : (t,) ndarray
+        Lengths of the tendons without tension [mm]; where a tension is commanded they do not count.
+    rest_lengths : (t,) ndarray
+        The same where nothing is commanded.
+    held : (t,) ndarray of bool
+        Which lengths are held; the tension of the others is.
+    pulls : (t,) ndarray
+        Tensions of those that are not held [N].
+    """
+
+    free_lengths: Floats
+    rest_lengths: Floats
+    held: NDArray[np.bool_]
+    pulls: Floats
+
+    def limits(self, factors: Factors) -> Floats:
+        """Lengths without tension under a part of the command [mm], shape (t,)."""
+        return self.rest_lengths + factors.command * (self.free_lengths - self.rest_lengths)
+
+
+@dataclass(frozen=True, eq=False)
+class Equilibrium:
+    """An equilibrium of a discrete rod, or how far one got."""
+
+    turns: Floats
+    tensions: Floats
+    lengths: Floats
+    slopes: Floats
+    blocks: Floats
+    gradient: Floats
+    hessian: Floats
+    code: int
+    steps: int
+    error: float
+    share: float = 1.0
+
+    @property
+    def found(self) -> bool:
+        """Whether it is one."""
+        return self.code == CONVERGED
+
+
+def make_equilibrium(
+    turns: Floats, state: tuple[Floats, ...], *, code: int, steps: int, error: float
+) -> Equilibrium:
+    """Return an equilibrium of what the kernels fill."""
+    lengths, trial, slopes, _, blocks, gradient, hessian = state
+    return Equilibrium(
+        turns=turns,
+        tensions=trial,
+        lengths=lengths,
+        slopes=slopes,
+        blocks=blocks,
+        gradient=gradient,
+        hessian=hessian,
+        code=code,
+        steps=steps,
+        error=error,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class LoadedRod:
+    """A discrete rod with its natural shape, its tendons and its loads."""
+
+    grid: Grid
+    spots: Spots
+    rest: Floats
+    compliances: Floats
+    pushes: NDArray[np.bool_]
+    tolerance: float
+
+    def solve(
+        self,
+        command: Command,
+        factors: Factors,
+        start: tuple[Floats, Floats],
+    ) -> Equilibrium:
+        """Return the equilibrium that Newton's method finds from turns and tensions."""
+        turns, tensions = start[0].copy(), start[1].copy()
+        state = make_state(len(turns), len(tensions))
+        one_sided = command.held & ~self.pushes
+        pulls = factors.command * command.pulls
+        rod = self._pack(command.held, pulls, factors.loads)
+        limits = command.limits(factors)
+        round_off = 1e-11 * float(limits.max(initial=0.0))
+        # As commanded to round-off; with the tolerance only where that cannot be.
+        code, count, error = NOT_CONVERGED, 0, 0.0
+        for allowed in (1e-4 * self.tolerance, self.tolerance):
+            turns[:], tensions[:] = start
+            code, steps, error, _ = solve_equilibrium(
+                rod,
+                limits + np.where(one_sided, allowed, 0.0),
+                allowed + round_off,
+                MOST_STEPS,
+                turns,
+                tensions,
+                state,
+            )
+            count += steps
+            if code == CONVERGED or not command.held.any():
+                break
+        return make_equilibrium(turns, state, code=int(code), steps=count, error=float(error))
+
+    def measure(self, factors: Factors, turns: Floats, tensions: Floats) -> Equilibrium:
+        """Return what acts on given turns under given tensions, whether in equilibrium or not."""
+        state = make_state(len(turns), len(tensions))
+        rod = self._pack(np.zeros(len(tensions), dtype=np.bool_), tensions, factors.loads)
+        measure_equilibrium(rod, tensions, turns, tensions, state)
+        return make_equilibrium(turns, state, code=CONVERGED, steps=0, error=0.0)
+
+    def _pack(self, held: NDArray[np.bool_], pulls: Floats, share: float) -> tuple[object, ...]:
+        """The rod as the kernels take it, with a share of its loads."""
+        proximities = np.empty(len(pulls))
+        fill_proximities(self.grid.packed, self.compliances, held, proximities)
+        tendons = self.compliances, held, held & ~self.pushes, pulls, proximities
+        own = self.spots
+        loads = share * own.forces, share * own.moments, own.follows
+        spots = own.segments, own.parts, own.offsets
+        return self.grid.packed, self.rest, tendons, spots, loads
+
+    def follow(
+        self, command: Command, *, initial: tuple[Floats, Floats] | None = None
+    ) -> list[Equilibrium]:
+        """Return equilibria up to the whole command and loads, raised together from rest.
+
+        In parts so small that shapes follow each other, unless the rod snaps. If the last one is
+        not that of the whole, it is as far as they can be followed. From `initial`, turns and
+        tensions, it is tried at once.
+        """
+        if initial is not None:
+            found = self.solve(command, WHOLE, initial)
+            if found.found:
+                return [found]
+        state = self.rest.copy(), np.where(command.held, 0.0, command.pulls)
+        path: list[Equilibrium] = []
+        reached, part, steps = 0.0, self._first_part(command), 0
+        while True:
+            share = min(1.0, reached + part)
+            share = 1.0 if share > 1.0 - 1e-9 else share
+            found = self.solve(command, Factors(share, share), state)
+            steps += found.steps
+            change = np.linalg.norm(found.turns - state[0], axis=1).sum()
+            halved = part > LEAST_PART and (not found.found or change > LARGEST_JUMP)
+            if halved:
+                part *= 0.5
+                continue
+            if not found.found:
+                return [*path, dataclasses.replace(found, share=reached, steps=steps)]
+            reached, state = share, (found.turns, found.tensions)
+            path.append(dataclasses.replace(found, share=reached, steps=steps))
+            if reached == 1.0:
+                return path
+            part = min(2.0 * part, 1.0)
+
+    def start_path(
+        self,
+        command: Command,
+        factors: Factors,
+        *,
+        initial: tuple[Floats, Floats] | None = None,
+    ) -> Equilibrium:
+        """Return the equilibrium under a part of command and loads, followed from rest."""
+        part = dataclasses.replace(
+            command,
+            free_lengths=command.limits(factors),
+            pulls=factors.command * command.pulls,
+        )
+        own = self.spots
+        spots = dataclasses.replace(
+            own, forces=factors.loads * own.forces, moments=factors.loads * own.moments
+        )
+        return dataclasses.replace(self, spots=spots).follow(part, initial=initial)[-1]
+
+    def measure_energy(self, found: Equilibrium) -> float:
+        """Return the elastic energy of backbone and tendons [N mm]."""
+        bent = found.turns - self.rest
+        stretched = self.compliances * found.tensions**2
+        return 0.5 * float((self.grid.stiffness * bent**2).sum() + stretched.sum())
+
+    def measure_stability(self, command: Command, found: Equilibrium) -> float:
+        """Return the least eigenvalue of the second variation, against the straight rod's.
+
+        Lengths that are held and carry tension do not change, or stretch their tendon. Loads
+        without a potential have a tangent that is not symmetric: least real part then.
+        """
+        return self.find_softest(command, found)[0]
+
+    def find_softest(self, command: Command, found: Equilibrium) -> tuple[float, Floats]:
+        """Return `measure_stability`, and the turns (n, 3) of the softest mode."""
+        scale = 1.0 / np.sqrt(self.grid.stiffness.ravel())
+        matrix = found.hessian * scale[:, None] * scale
+        taut = command.held & ((found.tensions != 0.0) | self.pushes)
+        rows = found.slopes.reshape(len(taut), -1)[taut] * scale
+        soft = self.compliances[taut] > 0.0
+        matrix += rows[soft].T @ (rows[soft] / self.compliances[taut][soft, None])
+        rows = rows[~soft]
+        if len(rows):
+            # Lengths that do not change: their directions are made stiff, and nothing else.
+            _, sizes, ways = np.linalg.svd(rows, full_matrices=False)
+            fixed = ways[sizes > 1e-9 * sizes.max(initial=0.0)]
+            across = fixed @ matrix
+            inner = across @ fixed.T + STIFF_MODE * np.eye(len(fixed))
+            matrix += fixed.T @ (inner @ fixed - across) - (matrix @ fixed.T) @ fixed
+        if self.spots.have_potential:
+            values, modes = np.linalg.eigh(matrix)
+        else:
+            values, modes = np.linalg.eig(matrix)
+            values, modes = values.real, modes.real
+        worst = int(np.argmin(values))
+        least = float(values[worst])
+        if self.grid.packed[5] == CHANNEL:
+            # In finer and finer segments, one that gives way alone is enough.
+            scales = scale.reshape(-1, 3)
+            own = found.blocks * scales[:, :, None] * scales[:, None, :] + np.eye(3)
+            alone = float(np.linalg.eigvalsh(own).min())
+            least = min(least, alone) if alone < -ZERO_MODE else least
+        return least, (modes[:, worst] * scale).reshape(-1, 3)
+
+    def settle(self, command: Command, found: Equilibrium) -> tuple[Equilibrium, float]:
+        """Return the equilibrium and its stability; kicked where tendons without tension may hold.
+
+        A tendon of the commanded length without tension holds what would lengthen it: then the
+        shape comes back from a kick.
+        """
+        least, mode = self.find_softest(command, found)
+        limits = command.free_lengths
+        idle = command.held & ~self.pushes & (found.tensions == 0.0)
+        idle &= found.lengths > limits - 2.0 * self.tolerance
+        if least > -ZERO_MODE or not idle.any() or not self.spots.have_potential:
+            return found, least
+        kick = KICK * mode / np.linalg.norm(mode)
+        for sign in (1.0, -1.0):
+            other = self.solve(command, WHOLE, (found.turns + sign * kick, found.tensions))
+            if not other.found or np.abs(other.turns - found.turns).max() > KICK:
+                return found, least
+            known, _ = self.find_softest(command, other)
+            if known <= -ZERO_MODE:
+                return found, least
+            back, value = other, known
+        return dataclasses.replace(back, steps=found.steps, share=found.share), value
+
+    def find_buckling(self, command: Command, path: list[Equilibrium]) -> float:
+        """Return the part of command and loads from which on a followed path is unstable; or 1."""
+        low, high = 0.0, 1.0
+        state = self.rest, np.where(command.held, 0.0, command.pulls)
+        for found in path:
+            if self.measure_stability(command, found) < 0.0:
+                high = found.share
+                break
+            low, state = found.share, (found.turns, found.tensions)
+        while high - low > BUCKLING_SHARE * high:
+            middle = 0.5 * (low + high)
+            found = self.solve(command, Factors(middle, middle), state)
+            if not found.found:
+                break
+            if self.measure_stability(command, found) < 0.0:
+                high = middle
+            else:
+                low, state = middle, (found.turns, found.tensions)
+        return high
+
+    def _first_part(self, command: Command) -> float:
+        """Part that is tried at once: what may turn the straight rod little."""
+        ends = self.grid.arc_length[self.spots.segments + 1]
+        moment = float(np.linalg.norm(self.spots.forces, axis=1) @ ends)
+        moment += float(np.linalg.norm(self.spots.moments, axis=1).sum())
+        turn = moment * float((1.0 / self.grid.stiffness[:, :2]).max(axis=1).sum())
+        reach = self.grid.reach.max(axis=1)
+        pulled = np.where(command.held, np.abs(command.free_lengths - command.rest_lengths), 0.0)
+        turn += float((pulled / reach).max(initial=0.0))
+        part = 1.0
+        while part * turn > PART_TURN and part > LEAST_PART:
+            part *= 0.5
+        return part
+
+
+STIFF_MODE = 1e3
+"""Stability that stands for a direction which is held."""
+
+
+def measure_rest(grid: Grid) -> Floats:
+    """Return the tendons' lengths in the robot at rest, without loads [mm], shape (t,)."""
+    count, segments = len(grid.counts), len(grid.spans)
+    lengths, slopes = np.empty(count), np.empty((count, segments, 3))
+    blocks = np.empty((2, segments, 3, 3))
+    measure_lengths(grid.packed, grid.rest, np.zeros(count), lengths, slopes, *blocks)
+    return lengths

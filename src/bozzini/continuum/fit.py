@@ -1,0 +1,957 @@
+"""Fit a robot to measured points, and report what the data do not determine."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import multiprocessing
+import os
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..checks import check_integer, check_kind, check_word, quantity
+from ..errors import InputError
+from ..io.records import load_record, save_record
+from ..numeric.estimation import describe_lost, determine, find_lost, judge_fit
+from ..progress import Progress, no_progress
+from ..results import Json, Result, take_axes, to_plain
+from .checks import Floats
+from .kinematics import ContinuumRobot
+from .measured import Marker, RobotMeasurements
+from .observation import Observation, Observed, align_base
+from .unknowns import Setup, Unknown, change_setup, parse_unknowns
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+Loss = Literal["linear", "soft_l1", "huber"]
+Split = Literal["blocks", "random"]
+
+EVALUATIONS = 60
+"""Largest number of evaluations of one search, derivatives apart."""
+CLUSTERS = 30
+"""Runs of rows in time order that count as independent of each other."""
+POOR_SHARE = 0.05
+"""A fit is poor if it misses by more than this share of the span of the points."""
+LEAST_SCALE_MM = 1e-6
+"""Least misfit at which a robust loss begins to count less [mm]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RobotFitOptions:
+    """How a robot is fitted, and validated.
+
+    Parameters
+    ----------
+    model : str, optional
+        Name of the model; by default ``energy`` for displacements of a robot without weight,
+        ``rod`` otherwise.
+    model_options : mapping
+        Options of the model; ``segment="channel"`` unless given, for the energy model.
+    loss : {"soft_l1", "huber", "linear"}
+        What of each coordinate's misfit is summed, as of `scipy.optimize.least_squares`. The
+        robust ones count a misfit above 1.5 times the scatter less than by its square.
+    folds : int
+        Blocks of rows that are left out in turn, and predicted; 0 for none.
+    split : {"blocks", "random"}
+        Whether blocks are runs of rows or drawn at random. A random split is refused where rows
+        that follow each other are alike: there it tests no prediction. Labels of the data, if there
+        are any, take the place of runs.
+    smaller : bool
+        Whether fits of fewer constants are tried on the blocks left out.
+    jobs : int
+        Processes at the same time.
+    """
+
+    model: str = ""
+    model_options: Mapping[str, object] = field(default_factory=dict)
+    loss: Loss = "soft_l1"
+    folds: int = 4
+    split: Split = "blocks"
+    smaller: bool = True
+    jobs: int = 1
+
+    def __post_init__(self) -> None:
+        check_word("loss", self.loss, get_args(Loss))
+        check_word("split", self.split, get_args(Split))
+        check_integer("jobs", self.jobs, low=1)
+        if check_integer("folds", self.folds, low=0) == 1:
+            raise InputError("folds is 1: it must be 2 or more, or 0 for none")
+
+
+DEFAULT_OPTIONS = RobotFitOptions()
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A fitted number.
+
+    Parameters
+    ----------
+    name : str
+        What was fitted.
+    value, low, high : float
+        The number, and the ends of its 95 % interval; infinite where the data do not determine it.
+    unit : str
+        Its unit; empty for a factor on what is in the robot file.
+    standard_error : float
+        Standard deviation, of a factor on its own value.
+    """
+
+    name: str
+    value: float
+    low: float
+    high: float
+    unit: str
+    standard_error: float
+
+
+@dataclass(frozen=True)
+class Validation:
+    """Blocks of rows left out in turn, and predicted by the fit to the others.
+
+    Parameters
+    ----------
+    names : tuple of str
+        What was fitted.
+    rms : float
+        Root mean square distance over all rows, each left out once [mm].
+    blocks : tuple of float
+        The same of each block.
+    """
+
+    names: tuple[str, ...]
+    rms: float
+    blocks: tuple[float, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class RobotCalibration:
+    """What a fit found that is no field of a robot, as a file beside the robot's.
+
+    Parameters
+    ----------
+    kind : str
+        ``"bozzini-robot-calibration"``, by which the file is known.
+    version : int
+        Of the format: 1.
+    zeros : mapping of str to float
+        What is added to the displacement of each tendon [mm].
+    scale : float
+        By what commands are multiplied.
+    backlash : float
+        Half the play between a command and its tendon [mm].
+    markers : tuple of Marker
+        Where the points are on the body.
+    names : tuple of str
+        What was fitted.
+    values : mapping of str to float
+        The numbers, in mm, N, MPa and rad; factors have no unit.
+    rms : float
+        Root mean square distance of the rows that were fitted [mm].
+    validation_rms : float
+        The same of rows left out [mm]; 0 if none were.
+    rows : int
+        How many rows were fitted.
+    source : str
+        Name of the file of measurements.
+    """
+
+    kind: Literal["bozzini-robot-calibration"] = field(
+        default_factory=lambda: "bozzini-robot-calibration"
+    )
+    version: int = quantity(default=1, low=1, high=1, whole=True)
+    zeros: Mapping[str, float] = field(default_factory=dict)
+    scale: float = 1.0
+    backlash: float = 0.0
+    markers: tuple[Marker, ...] = ()
+    names: tuple[str, ...] = ()
+    values: Mapping[str, float] = field(default_factory=dict)
+    rms: float = 0.0
+    validation_rms: float = 0.0
+    rows: int = 0
+    source: str = ""
+
+    def make_setup(self, robot: ContinuumRobot) -> Setup:
+        """Return the robot with the zeros and the markers.
+
+        Raises
+        ------
+        InputError
+            If the robot has no tendon of a name.
+        """
+        for name in self.zeros:
+            if name not in robot.tendon_names:
+                raise InputError(
+                    f"the calibration has a zero of tendon '{name}': those of robot "
+                    f"'{robot.name}' are {', '.join(robot.tendon_names)}"
+                )
+        zeros = tuple(self.zeros.get(name, 0.0) for name in robot.tendon_names)
+        return Setup(robot, self.markers, zeros, self.scale, self.backlash)
+
+
+def read_calibration(path: str | os.PathLike[str]) -> RobotCalibration:
+    """Read a calibration file: JSON if it ends in ``.json``, YAML otherwise.
+
+    Raises
+    ------
+    FileFormatError
+        If it is none; the message names the file and the field.
+    """
+    return load_record(path, RobotCalibration, name="the calibration file")
+
+
+def write_calibration(path: str | os.PathLike[str], calibration: RobotCalibration) -> Path:
+    """Write a calibration file that `read_calibration` reads back exactly.
+
+    Raises
+    ------
+    OutputError
+        If the file cannot be written.
+    """
+    check_kind("calibration", calibration, RobotCalibration)
+    return save_record(calibration, path, note="Numbers are in mm, N, MPa and rad.")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RobotPrediction(Result):
+    """What a fitted robot predicts of measurements.
+
+    Parameters
+    ----------
+    measured, predicted : ndarray, shape (n, m, 3)
+        Points [mm]; NaN where one was not seen.
+    markers : tuple of str
+        Names of the points.
+    answered : ndarray of bool, shape (n,)
+        Which rows the model has a converged shape for; the others count with the shape that it
+        found, and with the span of the points if that is not finite.
+    reason : str
+        Why a row has no shape; empty if all have one.
+    """
+
+    measured: Floats
+    predicted: Floats
+    markers: tuple[str, ...]
+    answered: NDArray[np.bool_]
+    reason: str
+
+    @property
+    def converged(self) -> bool:
+        """Whether all rows have a shape."""
+        return bool(self.answered.all())
+
+    @property
+    def distances(self) -> Floats:
+        """Distance of each point (n, m) [mm]; NaN where one was not seen."""
+        return np.asarray(np.linalg.norm(self.predicted - self.measured, axis=-1))
+
+    @property
+    def rms(self) -> float:
+        """Root mean square distance over all points seen [mm]."""
+        return float(np.sqrt(np.nanmean(self.distances**2)))
+
+    @property
+    def residual(self) -> float:
+        """`rms` [mm]."""
+        return self.rms
+
+    @property
+    def rms_by_marker(self) -> dict[str, float]:
+        """The same of each marker [mm]."""
+        return {
+            name: float(np.sqrt(np.nanmean(column**2)))
+            for name, column in zip(self.markers, self.distances.T, strict=True)
+        }
+
+    def to_dict(self) -> Json:
+        """Return the errors as plain values."""
+        values = {
+            "rms_mm": self.rms,
+            "rms_by_marker_mm": self.rms_by_marker,
+            "largest_mm": float(np.nanmax(self.distances)),
+            "rows": len(self.answered),
+            "rows_answered": int(self.answered.sum()),
+            "converged": self.converged,
+            "reason": self.reason,
+        }
+        return {name: to_plain(value) for name, value in values.items()}
+
+    def list_columns(self) -> dict[str, Floats]:
+        """Return the columns of `to_frame`, a row for each row of the measurements."""
+        columns: dict[str, Floats] = {}
+        for k, name in enumerate(self.markers):
+            for i, axis in enumerate("xyz"):
+                columns[f"{name}_{axis}_mm"] = self.predicted[:, k, i]
+            columns[f"{name}_error_mm"] = self.distances[:, k]
+        return columns
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the distance of each point over the rows, and return the axes."""
+        axes = take_axes(ax, x="row", y="measured to predicted [mm]")
+        for name, column in zip(self.markers, self.distances.T, strict=True):
+            axes.plot(np.arange(1, len(column) + 1), column, ".", markersize=3, label=name)
+        axes.axhline(self.rms, color="k", linewidth=0.8)
+        axes.set_ylim(0.0, None)
+        axes.legend()
+        return axes
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RobotFit(Result):
+    """What a fit of a robot found, and how far it can be trusted.
+
+    Parameters
+    ----------
+    setup : Setup
+        The robot with the fitted numbers, its zeros and markers.
+    estimates : tuple of Estimate
+        The fitted numbers.
+    correlations : ndarray, shape (k, k)
+    condition : float
+        Condition number of the Jacobian with columns of length 1.
+    prediction : RobotPrediction
+        The rows that were fitted.
+    validation : Validation, optional
+        Blocks of rows left out; None if there are no folds.
+    smaller : Validation, optional
+        The best of fewer constants, where that predicts rows left out better; None otherwise.
+    undetermined : tuple of str
+        Sets of numbers that the data do not determine, a sentence each.
+    warnings : tuple of str
+        What the estimates suffer from.
+    data : RobotMeasurements
+        What was fitted to.
+    model : str
+        Name of the model.
+    model_options : mapping
+        Options of the model.
+    converged : bool
+        Whether the fit ended at a minimum.
+    reason : str
+        Why the fit ended.
+    evaluations : int
+        How often all rows were solved, derivatives apart.
+    """
+
+    setup: Setup
+    estimates: tuple[Estimate, ...]
+    correlations: Floats
+    condition: float
+    prediction: RobotPrediction
+    validation: Validation | None
+    smaller: Validation | None
+    undetermined: tuple[str, ...]
+    warnings: tuple[str, ...]
+    data: RobotMeasurements
+    model: str
+    model_options: Mapping[str, object]
+    converged: bool
+    reason: str
+    evaluations: int
+
+    @property
+    def robot(self) -> ContinuumRobot:
+        """The robot with the fitted numbers."""
+        return self.setup.robot
+
+    @property
+    def rms(self) -> float:
+        """Root mean square distance over all points fitted [mm]."""
+        return self.prediction.rms
+
+    @property
+    def residual(self) -> float:
+        """`rms` [mm]."""
+        return self.rms
+
+    @property
+    def is_poor(self) -> bool:
+        """Whether rows left out, or fitted, are missed by more than 5 % of the points' span."""
+        error = self.rms if self.validation is None else self.validation.rms
+        return not error <= POOR_SHARE * self.data.span
+
+    @property
+    def has_zeros(self) -> bool:
+        """Whether something was found that is no field of a robot."""
+        setup = self.setup
+        return any(setup.zeros) or setup.scale != 1.0 or setup.backlash > 0.0
+
+    def predict(self, data: RobotMeasurements) -> RobotPrediction:
+        """Return what the fitted robot predicts of other measurements.
+
+        Raises
+        ------
+        InputError
+            If they have other tendons, or a marker that was not described.
+        """
+        return predict_points(self.setup, data, model=self.model, model_options=self.model_options)
+
+    def to_calibration(self) -> RobotCalibration:
+        """Return what a calibration file holds of the fit."""
+        zeros = dict(zip(self.robot.tendon_names, self.setup.zeros, strict=False))
+        return RobotCalibration(
+            zeros={name: value for name, value in zeros.items() if value},
+            scale=self.setup.scale,
+            backlash=self.setup.backlash,
+            markers=self.setup.markers,
+            names=tuple(one.name for one in self.estimates),
+            values={one.name: one.value for one in self.estimates},
+            rms=self.rms,
+            validation_rms=0.0 if self.validation is None else self.validation.rms,
+            rows=len(self.data),
+            source=self.data.source,
+        )
+
+    def to_dict(self) -> Json:
+        """Return the fit as plain values."""
+        values: Json = {
+            "model": self.model,
+            "command": self.data.command,
+            "estimates": {
+                one.name: {
+                    "value": one.value,
+                    "unit": one.unit,
+                    "standard_error": one.standard_error,
+                    "interval_95": [one.low, one.high],
+                }
+                for one in self.estimates
+            },
+            "correlations": self.correlations,
+            "condition": self.condition,
+            "fit": self.prediction.to_dict(),
+            "validation": _describe_validation(self.validation),
+            "smaller": _describe_validation(self.smaller),
+            "undetermined": self.undetermined,
+            "warnings": self.warnings,
+            "converged": self.converged,
+            "reason": self.reason,
+            "residual": self.residual,
+        }
+        return {name: to_plain(value) for name, value in values.items()}
+
+    def list_columns(self) -> dict[str, list[object]]:
+        """Return the columns of `to_frame`, a row for each fitted number."""
+        names = ("name", "value", "low", "high", "unit", "standard_error")
+        return {name: [getattr(one, name) for one in self.estimates] for name in names}
+
+    def format_table(self) -> str:
+        """Return the estimates as text, angles in degrees, and what to know of them."""
+        wide = max([16, *(len(one.name) + 1 for one in self.estimates)])
+        lines = []
+        for one in self.estimates:
+            values, unit = [one.value, one.low, one.high], one.unit
+            if unit == "rad":
+                values, unit = [math.degrees(value) for value in values], "deg"
+            unit = unit or "times"
+            value, low, high = values
+            interval = f"95 %: {low:.4g} to {high:.4g}" if math.isfinite(high - low) else (
+                "not determined"
+            )  # fmt: skip
+            lines.append(f"{one.name:<{wide}}{value:11.4g} {unit:<7} {interval}")
+        rows = len(self.prediction.answered)
+        lines.append(
+            f"fitted {rows} rows with {len(self.estimates)} constants: {self.rms:.3g} mm rms"
+        )
+        by_marker = self.prediction.rms_by_marker
+        if len(by_marker) > 1:
+            shown = ", ".join(f"{name} {value:.3g}" for name, value in by_marker.items())
+            lines.append(f"by marker [mm]: {shown}")
+        if self.validation is not None:
+            lines.append(_format_validation(self.validation))
+        if self.smaller is not None and self.validation is not None:
+            lines.append(
+                f"fewer constants predict better: {len(self.smaller.names)} in place of "
+                f"{len(self.estimates)} give {self.smaller.rms:.3g} mm on rows left out; "
+                f"take --free {','.join(self.smaller.names)}"
+            )
+        lines.append(f"{'converged' if self.converged else 'not converged'}: {self.reason}")
+        lines += [f"not determined: {text}" for text in self.undetermined]
+        return "\n".join([*lines, *(f"warning: {text}" for text in self.warnings)])
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the distance of each fitted point over the rows, and return the axes."""
+        return self.prediction.plot(ax)
+
+
+def _describe_validation(found: Validation | None) -> Json | None:
+    if found is None:
+        return None
+    return {"names": found.names, "rms_mm": found.rms, "blocks_mm": found.blocks}
+
+
+def _format_validation(found: Validation) -> str:
+    blocks = ", ".join(f"{value:.3g}" for value in found.blocks)
+    return f"rows left out, {len(found.blocks)} blocks: {found.rms:.3g} mm rms ({blocks})"
+
+
+# The search.
+
+
+@dataclass(frozen=True)
+class _Search:
+    """Unknowns of an observation, where they are looked for from, and what is made small."""
+
+    observation: Observation
+    unknowns: tuple[Unknown, ...]
+    loss: Loss
+    scale: float = 1.0
+
+    def miss(self, found: Observed) -> Floats:
+        """Return predicted less measured coordinates that were seen, as one row [mm]."""
+        return fill_gaps(found.points, self.observation.measured)[self.seen]
+
+    @property
+    def seen(self) -> NDArray[np.bool_]:
+        """Which coordinates were seen, (n, m, 3)."""
+        return np.asarray(np.isfinite(self.observation.measured))
+
+    def run(self, start: Floats, *, loss: Loss, limit: int = EVALUATIONS) -> _Found:
+        """Return where the search ends."""
+        from scipy.optimize import least_squares
+
+        known = [one.known for one in self.unknowns]
+        last: list[tuple[Floats, Observed]] = []
+
+        def observe(changes: Floats) -> Observed:
+            if not last or not np.array_equal(last[0][0], changes):
+                last[:] = [(changes.copy(), self.observation.change(self.unknowns, changes))]
+            return last[0][1]
+
+        def slope(changes: Floats) -> Floats:
+            rates = self.observation.differentiate(self.unknowns, changes, observe(changes))
+            return np.nan_to_num(rates[self.seen])
+
+        if not self.unknowns:
+            found = observe(start)
+            return _Found(start, found, np.zeros((int(self.seen.sum()), 0)), 1, 1)
+        end = least_squares(
+            lambda changes: self.miss(observe(changes)),
+            np.clip(start, [one.low for one in known], [one.high for one in known]),
+            jac=slope,
+            bounds=([one.low for one in known], [one.high for one in known]),
+            x_scale="jac",
+            loss=loss,
+            f_scale=self.scale,
+            xtol=1e-6,
+            ftol=1e-6,
+            gtol=1e-12,
+            max_nfev=limit,
+        )
+        found = observe(end.x)
+        return _Found(end.x, found, slope(end.x), int(end.status), int(end.nfev))
+
+
+@dataclass(frozen=True)
+class _Found:
+    """Where a search ended: changes, what they predict, and derivatives."""
+
+    changes: Floats
+    observed: Observed
+    jacobian: Floats
+    status: int
+    evaluations: int
+
+
+def fill_gaps(points: Floats, measured: Floats) -> Floats:
+    """Return predicted less measured points; the span of the measured ones without a shape."""
+    span = float(np.nanmax(measured) - np.nanmin(measured))
+    missed = points - measured
+    return np.asarray(np.where(np.isfinite(points), missed, span))
+
+
+def _search_all(search: _Search, options: RobotFitOptions) -> tuple[_Found, float]:
+    """Return the best fit to all rows, and from which misfit on a robust loss counts less."""
+    start = np.zeros(len(search.unknowns))
+    first = search.run(start, loss="linear")
+    if options.loss == "linear" or not search.unknowns:
+        return first, 1.0
+    scatter = 1.4826 * float(np.median(np.abs(search.miss(first.observed))))
+    scale = max(1.5 * scatter, LEAST_SCALE_MM)
+    found = dataclasses.replace(search, scale=scale).run(first.changes, loss=options.loss)
+    return dataclasses.replace(found, evaluations=found.evaluations + first.evaluations), scale
+
+
+def fit_robot(
+    robot: ContinuumRobot | Setup,
+    data: RobotMeasurements,
+    *,
+    free: Sequence[str],
+    options: RobotFitOptions = DEFAULT_OPTIONS,
+    progress: Progress = no_progress,
+) -> RobotFit:
+    """Fit numbers of a robot so that points of its body are where they were measured.
+
+    The sum of squared distances is made small, or that of a robust loss, over all points seen. If
+    all of ``base`` is free the base begins where the points fit best as they are. A row without a
+    converged shape counts with the shape that was found.
+
+    The intervals are of a sandwich estimator: rows that follow each other in time are not taken as
+    independent, but in at most 30 runs (Liang and Zeger 1986, *Biometrika* 73).
+
+    Blocks of rows are left out in turn and predicted. Fits with fewer of the names are tried in the
+    same way: first all of them with the model linearised at the fit, then the best one as it is.
+
+    Parameters
+    ----------
+    robot : ContinuumRobot or Setup
+        Where the fit begins, and all that is not free; a setup has zeros of the tendons as well.
+    data : RobotMeasurements
+        What was measured; its markers are those of the fit.
+    free : sequence of str
+        Names of what is fitted, see `bozzini.continuum.unknowns.parse_unknowns`; with none of
+        them the robot is compared as it is.
+    options : RobotFitOptions
+        Model, loss and validation.
+    progress : callable
+        Is called with what is done, and how much of it.
+
+    Returns
+    -------
+    RobotFit
+
+    Raises
+    ------
+    InputError
+        If a name is unknown, there are fewer numbers than constants, a random split tests no
+        prediction, or the model does not take such commands.
+    """
+    if isinstance(free, str):
+        raise InputError(f"free is '{free}': it must be a sequence of names, such as ['{free}']")
+    setup = robot if isinstance(robot, Setup) else Setup(robot)
+    setup = dataclasses.replace(setup, markers=data.markers)
+    observation = make_observation(setup, data, options.model, options.model_options)
+    unknowns = parse_unknowns(free, setup)
+    seen = int(np.isfinite(data.points).sum())
+    if seen <= len(unknowns):
+        raise InputError(f"{seen} coordinate(s) are too few for {len(unknowns)} constant(s)")
+    folds = make_folds(data, options)
+    progress("aligning", 0.0)
+    if sum(one.group == "base" for one in unknowns) == 6:
+        observation = dataclasses.replace(observation, setup=align_base(observation))
+    progress("fitting", 0.1)
+    search = _Search(observation, unknowns, options.loss)
+    found, scale = _search_all(search, options)
+    search = dataclasses.replace(search, scale=scale)
+    progress("leaving out blocks", 0.5)
+    validation = _validate(search, found.changes, folds, options.jobs)
+    smaller = None
+    if validation is not None and options.smaller and len(unknowns) > 1:
+        progress("trying fewer constants", 0.8)
+        smaller = _try_smaller(search, found, folds, validation, options.jobs)
+    progress("fitted", 1.0)
+    return _conclude(search, found, validation=validation, smaller=smaller)
+
+
+def make_observation(
+    setup: Setup,
+    data: RobotMeasurements,
+    model: str = "",
+    model_options: Mapping[str, object] | None = None,
+) -> Observation:
+    """Return measurements of a setup by a model, that by default if it is not named."""
+    robot = setup.robot
+    check_kind("robot", robot, ContinuumRobot)
+    weighs = robot.has_line_weight or robot.disc_weights.any()
+    name = model or ("rod" if data.command == "tension" or weighs else "energy")
+    options = dict(model_options or {})
+    if name == "energy":
+        options.setdefault("segment", "channel")
+    return Observation(setup, data, name, options, np.arange(len(data)))
+
+
+def predict_points(
+    setup: Setup,
+    data: RobotMeasurements,
+    *,
+    model: str = "",
+    model_options: Mapping[str, object] | None = None,
+) -> RobotPrediction:
+    """Return what a robot as it is predicts of measurements.
+
+    Parameters
+    ----------
+    setup : Setup
+        The robot, its zeros and markers; those of the data that it has not are the data's.
+    data : RobotMeasurements
+        Commands, and points to compare with.
+    model, model_options : optional
+        As of `RobotFitOptions`.
+
+    Raises
+    ------
+    InputError
+        If the robot has no such tendons, or the model does not take such commands.
+    """
+    own = {marker.name: marker for marker in setup.markers}
+    markers = tuple(own.get(marker.name, marker) for marker in data.markers)
+    setup = dataclasses.replace(setup, markers=markers)
+    observation = make_observation(setup, data, model, model_options)
+    return _compare(observation, observation.observe(setup))
+
+
+def _compare(observation: Observation, found: Observed) -> RobotPrediction:
+    measured = observation.measured
+    answered = found.answered
+    reasons = found.shape.reason[~answered]
+    missing = np.isnan(found.points) & np.isfinite(measured)
+    points = np.where(missing, measured + fill_gaps(found.points, measured), found.points)
+    return RobotPrediction(
+        measured=measured,
+        predicted=points,
+        markers=tuple(marker.name for marker in observation.data.markers),
+        answered=answered,
+        reason=str(reasons[0]) if len(reasons) else "",
+    )
+
+
+# Validation.
+
+
+Folds = tuple[NDArray[np.int64], ...]
+"""The rows of each block that is left out."""
+
+
+def make_folds(data: RobotMeasurements, options: RobotFitOptions) -> Folds:
+    """Return the rows of each block that is left out.
+
+    Raises
+    ------
+    InputError
+        If there are too few rows or labels, or a random split tests no prediction.
+    """
+    if not options.folds:
+        return ()
+    rows, labels = np.arange(len(data)), np.unique(data.blocks)
+    if options.split == "random":
+        if data.is_ordered:
+            raise InputError(
+                "a random split tests no prediction of rows in time order, whose neighbours are "
+                "alike: leave out blocks"
+            )
+        rows = np.random.default_rng(0).permutation(rows)
+    elif len(labels) > 1:
+        return tuple(rows[data.blocks == label] for label in labels)
+    if len(rows) < options.folds:
+        raise InputError(f"{len(rows)} row(s) are too few for {options.folds} folds")
+    return tuple(np.sort(part) for part in np.array_split(rows, options.folds))
+
+
+def _validate(search: _Search, start: Floats, folds: Folds, jobs: int) -> Validation | None:
+    """Return the errors at rows left out of fits that begin at `start`."""
+    if not folds:
+        return None
+    todo = [(search, start, fold) for fold in folds]
+    if jobs > 1:
+        # A forked process would inherit the locks of the threads of compiled loops.
+        context = multiprocessing.get_context("spawn")
+        with ProcessPoolExecutor(min(jobs, len(folds)), mp_context=context) as pool:
+            squares = list(pool.map(_leave_out, todo))
+    else:
+        squares = list(map(_leave_out, todo))
+    blocks = [float(np.sqrt(np.mean(one))) for one in squares]
+    return Validation(
+        names=tuple(one.name for one in search.unknowns),
+        rms=float(np.sqrt(np.mean(np.concatenate(squares)))),
+        blocks=tuple(blocks),
+    )
+
+
+def _leave_out(todo: tuple[_Search, Floats, NDArray[np.int64]]) -> Floats:
+    """Return squared distances of the points seen in a block left out."""
+    search, start, fold = todo
+    observation = search.observation
+    kept = np.setdiff1d(observation.rows, fold)
+    inside = dataclasses.replace(search, observation=dataclasses.replace(observation, rows=kept))
+    found = inside.run(start, loss=search.loss)
+    outside = dataclasses.replace(observation, rows=fold)
+    there = outside.change(search.unknowns, found.changes)
+    squares = np.sum(fill_gaps(there.points, outside.measured) ** 2, axis=-1)
+    return np.asarray(squares[np.isfinite(squares)])
+
+
+def _try_smaller(
+    search: _Search, found: _Found, folds: Folds, validation: Validation, jobs: int
+) -> Validation | None:
+    """Return the validation of fewer constants, where that is better.
+
+    One set after the other is left out, the one without which rows left out are predicted best by
+    the model linearised at the fit.
+    """
+    families: dict[str, list[int]] = {}
+    for index, one in enumerate(search.unknowns):
+        key = f"{one.group}.{one.field}" if one.group != "base" else one.field.partition(".")[0]
+        families.setdefault(key, []).append(index)
+    linear = _Linear.make(search, found, folds)
+    kept = list(range(len(search.unknowns)))
+    best, least = kept, linear.measure(kept)
+    while len(families) > 1:
+        trials = [
+            (linear.measure([i for i in kept if i not in members]), name)
+            for name, members in families.items()
+        ]
+        error, name = min(trials)
+        left = families.pop(name)
+        kept = [i for i in kept if i not in left]
+        if error < least * (1.0 + 1e-3):
+            best, least = kept, min(error, least)
+    if len(best) == len(search.unknowns):
+        return None
+    fewer = dataclasses.replace(search, unknowns=tuple(search.unknowns[i] for i in best))
+    again = fewer.run(found.changes[best], loss=search.loss)
+    other = _validate(fewer, again.changes, folds, jobs)
+    return other if other is not None and other.rms <= validation.rms else None
+
+
+@dataclass(frozen=True)
+class _Linear:
+    """A fit with the model linearised at its end."""
+
+    jacobian: Floats
+    target: Floats
+    folds: tuple[NDArray[np.bool_], ...]
+
+    @classmethod
+    def make(cls, search: _Search, found: _Found, folds: Folds) -> _Linear:
+        """Return it from where a search ended."""
+        seen = search.seen
+        row = np.broadcast_to(np.arange(len(seen))[:, None, None], seen.shape)[seen]
+        target = found.jacobian @ found.changes - search.miss(found.observed)
+        return cls(found.jacobian, target, tuple(np.isin(row, fold) for fold in folds))
+
+    def measure(self, kept: Sequence[int]) -> float:
+        """Return the sum of squares at rows left out, with some of the unknowns."""
+        total = 0.0
+        for out in self.folds:
+            columns = self.jacobian[:, kept]
+            values = np.linalg.lstsq(columns[~out], self.target[~out], rcond=1e-9)[0]
+            total += float(np.sum((self.target[out] - columns[out] @ values) ** 2))
+        return total
+
+
+# What is reported.
+
+
+def _conclude(
+    search: _Search,
+    found: _Found,
+    *,
+    validation: Validation | None,
+    smaller: Validation | None,
+) -> RobotFit:
+    """Put the statistics together from the residuals and the Jacobian at the minimum."""
+    observation, unknowns = search.observation, search.unknowns
+    names = [one.name for one in unknowns]
+    setup = change_setup(observation.setup, unknowns, found.changes)
+    prediction = _compare(observation, found.observed)
+    known = determine(found.jacobian) if unknowns else None
+    estimates: tuple[Estimate, ...] = ()
+    undetermined: list[str] = []
+    warnings: list[str] = []
+    if known is not None:
+        lost = {i for members, _ in find_lost(known) for i in members}
+        spread, freedom = _measure_spread(search, found)
+        estimates = tuple(
+            _estimate(one, observation.setup, float(change), math.inf if i in lost else float(s),
+                      freedom)
+            for i, (one, change, s) in enumerate(zip(unknowns, found.changes, spread, strict=True))
+        )  # fmt: skip
+        undetermined = describe_lost(names, known)
+        if not undetermined:
+            warnings += judge_fit(names, known.correlations, known.condition)
+        warnings += [
+            f"{one.name} is at its bound, where its interval does not hold"
+            for one, change in zip(unknowns, found.changes, strict=True)
+            if not one.known.low < change < one.known.high
+        ]
+    if not prediction.converged:
+        warnings.append(
+            f"{int((~prediction.answered).sum())} of {len(prediction.answered)} rows have no "
+            f"converged shape: {prediction.reason}"
+        )
+    reasons = {1: "the gradient vanished", 2: "the sum of squares settled"}
+    fit = RobotFit(
+        setup=setup,
+        estimates=estimates,
+        correlations=np.zeros((0, 0)) if known is None else known.correlations,
+        condition=1.0 if known is None else known.condition,
+        prediction=prediction,
+        validation=validation,
+        smaller=smaller,
+        undetermined=tuple(undetermined),
+        warnings=tuple(warnings),
+        data=observation.data,
+        model=observation.model,
+        model_options=observation.options,
+        converged=found.status > 0,
+        reason=reasons.get(found.status, "the constants settled")
+        if found.status > 0
+        else f"no minimum within {EVALUATIONS} evaluations",
+        evaluations=found.evaluations,
+    )
+    if not fit.is_poor:
+        return fit
+    error = fit.rms if validation is None else validation.rms
+    poor = (
+        f"the fit is poor: it is off by {error:.3g} mm, {100.0 * error / fit.data.span:.0f} % of "
+        f"the points' span, {fit.data.span:.3g} mm; above {100.0 * POOR_SHARE:.0f} % it is poor"
+    )
+    return dataclasses.replace(fit, warnings=(*fit.warnings, poor))
+
+
+def _estimate(one: Unknown, setup: Setup, change: float, spread: float, freedom: int) -> Estimate:
+    """Return a number with its interval; a factor has one that is even in its logarithm."""
+    from scipy.stats import t as student
+
+    half = float(student.ppf(0.975, freedom)) * spread
+    start = one.read(setup)
+    if one.known.change == "shift":
+        value = change + (start or 0.0)
+        return Estimate(one.name, value, value - half, value + half, one.known.unit, spread)
+    factor, unit = (1.0, "") if start is None else (start, one.known.unit)
+    value = factor * math.exp(change)
+    low, high = (
+        (0.0, math.inf) if half > 50.0 else (value * math.exp(-half), value * math.exp(half))
+    )
+    return Estimate(one.name, value, low, high, unit, value * spread)
+
+
+def _measure_spread(search: _Search, found: _Found) -> tuple[Floats, int]:
+    """Return standard errors of the changes, and degrees of freedom.
+
+    Rows in time order count in runs, others each for itself.
+    """
+    jacobian, seen = found.jacobian, search.seen
+    rows, count = len(seen), jacobian.shape[1]
+    misfit = search.miss(found.observed)
+    weight = _weigh(misfit / search.scale, search.loss)
+    runs = min(rows, CLUSTERS) if search.observation.data.is_ordered else rows
+    run = (np.arange(rows) * runs) // rows
+    group = np.broadcast_to(run[:, None, None], seen.shape)[seen]
+    inverse = determine(jacobian * np.sqrt(weight)[:, None]).inverse
+    scores = np.stack([
+        np.bincount(group, weight * misfit * jacobian[:, k], minlength=runs) for k in range(count)
+    ], axis=1)  # fmt: skip
+    freedom = max(runs - count, 1)
+    middle = scores.T @ scores * runs / freedom
+    if runs <= count:  # too few runs for it: rows as if they were independent
+        freedom = max(len(misfit) - count, 1)
+        squares = float(weight @ misfit**2) / freedom
+        return np.sqrt(np.diag(inverse) * squares), freedom
+    covariance = inverse @ middle @ inverse
+    return np.sqrt(np.maximum(np.diag(covariance), 0.0)), freedom
+
+
+def _weigh(misfit: Floats, loss: Loss) -> Floats:
+    """Return the derivative of the loss by the square of a misfit over its scale."""
+    if loss == "soft_l1":
+        return np.asarray(1.0 / np.sqrt(1.0 + misfit**2))
+    if loss == "huber":
+        return np.asarray(1.0 / np.maximum(np.abs(misfit), 1.0))
+    return np.ones(len(misfit))

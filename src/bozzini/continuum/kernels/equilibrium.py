@@ -1,0 +1,263 @@
+"""Numba kernels of the discrete rod under loads: Newton's method with the exact Hessian.
+
+The least of elastic energy and the loads' potential, with tendons whose length or whose tension is
+commanded. Lengths are held by an augmented Lagrangian (Nocedal and Wright 2006, chapter 17): every
+step is one of Newton's method on it, with a Hessian that is shifted until it is positive, and a
+line search; so what is found is a minimum, unless the search begins at a saddle. Loads without a
+potential have no such function: there the residual's norm has to fall.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from ...numeric.kernels.linear_algebra import factor_cholesky, solve_lower, solve_upper
+from .energy import (
+    CONVERGED,
+    FOLDED,
+    NOT_CONVERGED,
+    ROUGH,
+    STEP_LIMIT,
+    STEP_TOLERANCE,
+    TURN_LIMIT,
+    measure_lengths,
+)
+from .loads import measure_loads
+
+PROXIMITY = 0.1
+"""Flexibility of the augmented Lagrangian, against the backbone's as a tendon has it."""
+
+LEAST_DECREASE = 1e-4
+"""Share of the promised decrease that a step has to bring."""
+
+FIRST_SHIFT = 1e-2
+"""First shift of a Hessian that is not positive, against the straight rod's."""
+
+SADDLE_TOLERANCE = 1e-13
+"""Turn at which a point counts as a saddle, where the Hessian is not positive [rad]."""
+
+SETTLED = 1e-13
+"""Error of a tendon's length, against the longest, below which no further step is taken."""
+
+MOST_HALVINGS = 25
+"""Halvings of a step in the line search."""
+
+
+@njit(cache=True)
+def fill_proximities(grid, compliances, held, proximities):
+    """Flexibility (k,) [mm/N] by which the lengths are held in one step; 0 of soft tendons."""
+    _, stiffness, paths, _, counts, _ = grid
+    for k in range(counts.size):
+        give = 0.0
+        for j in range(counts[k]):
+            square = paths[k, j + 1, 0] ** 2 + paths[k, j + 1, 1] ** 2
+            give += square / min(stiffness[j, 0], stiffness[j, 1])
+        soft = compliances[k] > PROXIMITY * give
+        proximities[k] = 0.0 if soft or not held[k] else PROXIMITY * max(give, 1e-300)
+
+
+@njit(cache=True)
+def measure_equilibrium(rod, limits, turns, tensions, state):
+    """Augmented Lagrangian at the turns, its gradient and what its Hessian is made of.
+
+    ``rod`` is the grid, the rest turns (n, 3), the tendons and the loads. Tendons are their
+    compliances (k,) [mm/N], which are held at a length (k,), which only pull (k,), the tensions of
+    those that are not held (k,) [N], and `fill_proximities`. Loads are ``spots`` and ``loads`` of
+    `measure_loads`. ``limits`` (k,) are the free lengths of held tendons.
+
+    ``state`` is filled: lengths, trial tensions, slopes (k, n, 3), psd and full (n, 3, 3) of
+    `measure_lengths`, gradient (n, 3), and Hessian (3 n, 3 n) without the part of the lengths.
+    """
+    grid, rest, tendons, spots, loads = rod
+    compliances, held, one_sided, pulls, proximities = tendons
+    lengths, trial, slopes, psd, full, gradient, hessian = state
+    stiffness = grid[1]
+    n, k = turns.shape[0], lengths.size
+    value = measure_loads(grid, turns, spots, loads, gradient, hessian)
+    trial[:] = 0.0
+    measure_lengths(grid, turns, trial, lengths, slopes, psd, full)
+    for m in range(k):
+        if held[m]:
+            whole = compliances[m] + proximities[m]
+            trial[m] = (lengths[m] - limits[m] + proximities[m] * tensions[m]) / whole
+            if one_sided[m]:
+                trial[m] = max(trial[m], 0.0)
+            value += trial[m] * (lengths[m] - limits[m]) - 0.5 * compliances[m] * trial[m] ** 2
+            value -= 0.5 * proximities[m] * (trial[m] - tensions[m]) ** 2
+        else:
+            trial[m] = pulls[m]
+            value += pulls[m] * lengths[m]
+    measure_lengths(grid, turns, trial, lengths, slopes, psd, full)
+    for j in range(n):
+        for i in range(3):
+            bent = turns[j, i] - rest[j, i]
+            value += 0.5 * stiffness[j, i] * bent * bent
+            gradient[j, i] += stiffness[j, i] * bent
+            for m in range(k):
+                gradient[j, i] += trial[m] * slopes[m, j, i]
+            hessian[3 * j + i, 3 * j + i] += stiffness[j, i]
+            for b in range(3):
+                hessian[3 * j + i, 3 * j + b] += full[j, i, b]
+    return value
+
+
+@njit(cache=True)
+def make_state(n, k):
+    """Empty arrays of `measure_equilibrium`."""
+    return (
+        np.empty(k),
+        np.empty(k),
+        np.empty((k, n, 3)),
+        np.empty((n, 3, 3)),
+        np.empty((n, 3, 3)),
+        np.empty((n, 3)),
+        np.empty((3 * n, 3 * n)),
+    )
+
+
+@njit(cache=True)
+def _find_step(rod, state, scale, conservative, matrix, factor, step, shift):
+    """Newton's step (3 n,) in scaled turns; returns the shift of the Hessian, -1 if none did."""
+    _, _, tendons, _, _ = rod
+    compliances, held, one_sided, _, proximities = tendons
+    _, trial, slopes, _, _, gradient, hessian = state
+    size = step.size
+    n = size // 3
+    for i in range(size):
+        for m in range(size):
+            matrix[i, m] = hessian[i, m] * scale[i] * scale[m]
+        step[i] = -gradient[i // 3, i % 3] * scale[i]
+    row = np.empty(size)
+    for m in range(trial.size):
+        if not held[m] or (one_sided[m] and trial[m] <= 0.0):
+            continue
+        for j in range(n):
+            for i in range(3):
+                row[3 * j + i] = slopes[m, j, i] * scale[3 * j + i]
+        weight = 1.0 / (compliances[m] + proximities[m])
+        for i in range(size):
+            if row[i] != 0.0:
+                for b in range(size):
+                    matrix[i, b] += weight * row[i] * row[b]
+    if not conservative:
+        step[:] = np.linalg.solve(matrix, step)
+        return 0.0
+    used = 0.0
+    for _ in range(40):
+        if factor_cholesky(matrix, size, used, 1e-13, factor):
+            solve_lower(factor, step, size)
+            solve_upper(factor, step, size)
+            return used
+        used = max(FIRST_SHIFT, 0.25 * shift) if used == 0.0 else 4.0 * used
+    return -1.0
+
+
+@njit(cache=True)
+def solve_equilibrium(rod, limits, tolerance, most_steps, turns, tensions, state):
+    """One equilibrium, from where ``turns`` and ``tensions`` stand; both are changed.
+
+    Returns a code, the steps taken, the error of the tendons' lengths [mm], and the shift of the
+    last Hessian: more than 0 if it was not positive. ``state`` is as of the last turns.
+    """
+    grid, _, tendons, _, loads = rod
+    compliances, held, one_sided, _, proximities = tendons
+    n, k = turns.shape[0], tensions.size
+    forces, moments, follows = loads
+    conservative = True
+    for p in range(follows.size):
+        moment = moments[p, 0] != 0.0 or moments[p, 1] != 0.0 or moments[p, 2] != 0.0
+        conservative = conservative and not follows[p] and not moment
+    size = 3 * n
+    scale, step = np.empty(size), np.empty(size)
+    matrix, factor = np.empty((size, size)), np.empty((size, size))
+    other, before = turns.copy(), turns.copy()
+    for j in range(n):
+        for i in range(3):
+            scale[3 * j + i] = 1.0 / math.sqrt(grid[1][j, i])
+    value = measure_equilibrium(rod, limits, turns, tensions, state)
+    lengths, trial, slopes, _, _, gradient, _ = state
+    shift, last, error, missed, longest = 0.0, math.inf, 0.0, math.inf, 0.0
+    for m in range(k):
+        longest = max(longest, limits[m])
+    for count in range(most_steps):
+        shift = _find_step(rod, state, scale, conservative, matrix, factor, step, shift)
+        if shift < 0.0:
+            return NOT_CONVERGED, count, error, shift
+        largest, slope, residual = 0.0, 0.0, 0.0
+        for j in range(n):
+            square = 0.0
+            for i in range(3):
+                g = gradient[j, i] * scale[3 * j + i]
+                slope += g * step[3 * j + i]
+                residual += g * g
+                square += (step[3 * j + i] * scale[3 * j + i]) ** 2
+            largest = max(largest, math.sqrt(square))
+        missed, error = error if count > 0 else math.inf, 0.0
+        for m in range(k):
+            if held[m]:
+                gap = lengths[m] - limits[m] - compliances[m] * trial[m]
+                if one_sided[m] and trial[m] == 0.0:
+                    gap = max(gap, 0.0)
+                error = max(error, abs(gap))
+        quiet = largest <= (STEP_TOLERANCE if shift == 0.0 else SADDLE_TOLERANCE)
+        quiet = quiet or (shift == 0.0 and largest <= ROUGH and largest > 0.5 * last)
+        settled = error <= SETTLED * longest or error > 0.5 * missed
+        if quiet and settled and error <= tolerance:
+            tensions[:] = trial
+            return CONVERGED, count, error, shift
+        last = largest
+        share = min(1.0, STEP_LIMIT / largest) if largest > 0.0 else 1.0
+        before[:] = turns
+        kept = trial.copy()
+        active = np.zeros(k)
+        for m in range(k):
+            if held[m] and (trial[m] > 0.0 or not one_sided[m]):
+                for j in range(n):
+                    for i in range(3):
+                        active[m] += slopes[m, j, i] * step[3 * j + i] * scale[3 * j + i]
+                active[m] /= compliances[m] + proximities[m]
+        good = False
+        for _ in range(MOST_HALVINGS):
+            folded = False
+            for j in range(n):
+                square = 0.0
+                for i in range(3):
+                    other[j, i] = before[j, i] + share * step[3 * j + i] * scale[3 * j + i]
+                    square += other[j, i] ** 2
+                folded = folded or square > TURN_LIMIT**2
+            if not folded:
+                found = measure_equilibrium(rod, limits, other, tensions, state)
+                fresh = 0.0
+                for j in range(n):
+                    for i in range(3):
+                        fresh += (gradient[j, i] * scale[3 * j + i]) ** 2
+                if conservative:
+                    noise = 1e-12 * (abs(value) + abs(found))
+                    good = found <= value + LEAST_DECREASE * share * slope or (
+                        found <= value + noise and fresh <= residual
+                    )
+                else:
+                    good = fresh <= (1.0 - LEAST_DECREASE * share) * residual
+                good = good or largest <= ROUGH
+            if good:
+                break
+            share *= 0.5
+        if not good:
+            turns[:] = before
+            measure_equilibrium(rod, limits, turns, tensions, state)
+            return FOLDED if folded else NOT_CONVERGED, count, error, shift
+        turns[:] = other
+        value = found
+        if share == 1.0 and shift == 0.0:
+            # The tensions that Newton's method on the conditions themselves would take.
+            for m in range(k):
+                if proximities[m] > 0.0:
+                    tensions[m] = kept[m] + active[m]
+                    if one_sided[m]:
+                        tensions[m] = max(tensions[m], 0.0)
+            value = measure_equilibrium(rod, limits, turns, tensions, state)
+    tensions[:] = trial
+    return NOT_CONVERGED, most_steps, error, shift

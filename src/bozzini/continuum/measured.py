@@ -1,0 +1,385 @@
+"""Measured robots: tables of commands and of points seen on the body."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..checks import check_array, check_fields, check_path, check_word, quantity
+from ..errors import FileFormatError, InputError, UnitError
+from ..io.sheets import DECIMAL_COMMA, Sheet, read_sheet, show_cell, take_frame, take_number
+from ..units import parse_quantity
+from .checks import Floats, check_items, check_name, check_values
+
+if TYPE_CHECKING:
+    import pandas
+
+    from .robot import RobotDesign
+
+Command = Literal["displacement", "tension"]
+"""What is commanded of the tendons."""
+
+KINDS: dict[str, str] = {"displacement": "length", "tension": "force"}
+"""Kind of quantity of each command."""
+
+EXAMPLES = {"length": "mm", "force": "N"}
+MISSING = ("", "nan", "na", "none")
+"""Cells of a value that was not measured, in lower case."""
+
+TIP = "tip"
+"""Name of the point that is the tip unless a marker of this name is described."""
+
+_HEADER = re.compile(r"\s*(.+?)\s*(?:[\[(]\s*([^\])]*?)\s*[\])])?\s*")
+_AXIS = re.compile(r"(.+?)[\s_]+([xyz])")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Marker:
+    """A point that is seen, fixed to a cross-section of the body.
+
+    Parameters
+    ----------
+    name : str
+        As in the columns, ``marker_1`` of ``marker_1 x [mm]``.
+    arc_length : float, optional
+        Where its cross-section is, from the base [mm]; without it, at the tip.
+    offset : (x, y, z)
+        Where it is in the frame of the cross-section [mm]; z along the backbone.
+
+    Raises
+    ------
+    InputError
+        If a value is outside its legal range.
+    """
+
+    name: str
+    arc_length: float | None = quantity("length", "Arc length.", low=0.0, default=None)
+    offset: tuple[float, float, float] = quantity(
+        "length", "Place in the cross-section's frame.", default=(0.0, 0.0, 0.0)
+    )
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "name", check_name("marker", self.name))
+        label = f"marker '{self.name}' "
+        skip = ("offset",) if self.arc_length is not None else ("offset", "arc_length")
+        check_fields(self, label, skip=skip)
+        offset = check_values(f"{label}offset", self.offset, (3,), unit="mm")
+        object.__setattr__(self, "offset", tuple(offset.tolist()))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RobotMeasurements:
+    """Commands of a robot's tendons, and where points of its body were seen.
+
+    Parameters
+    ----------
+    command : {"displacement", "tension"}
+        What is commanded.
+    tendons : tuple of str
+        Tendons that are commanded.
+    commands : ndarray, shape (n, t)
+        Displacements [mm] or tensions [N].
+    markers : tuple of Marker
+        What was seen.
+    points : ndarray, shape (n, m, 3)
+        Where, in the world [mm]; NaN where a point was not seen.
+    blocks : ndarray of str, shape (n,)
+        Label of each row, for validation; empty texts where the table has none.
+    source : str
+        Name of the file.
+    notes : tuple of str
+        What a user should know of the table.
+
+    Raises
+    ------
+    InputError
+        If the arrays do not go together, or nothing was seen.
+    """
+
+    command: Command
+    tendons: tuple[str, ...]
+    commands: Floats
+    markers: tuple[Marker, ...]
+    points: Floats
+    blocks: NDArray[np.str_] = field(default_factory=lambda: np.zeros(0, dtype=np.str_))
+    source: str = ""
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        check_word("command", self.command, get_args(Command))
+        object.__setattr__(self, "markers", check_items("markers", self.markers, Marker))
+        commands = check_array("commands", self.commands)
+        points = np.asarray(self.points, dtype=np.float64)
+        rows, seen = len(commands), len(self.markers)
+        if commands.shape != (rows, len(self.tendons)):
+            raise InputError(
+                f"commands have shape {commands.shape}: they must be ({rows}, {len(self.tendons)}),"
+                " a column for each tendon"
+            )
+        if points.shape != (rows, seen, 3):
+            raise InputError(
+                f"points have shape {points.shape}: they must be ({rows}, {seen}, 3), a place for "
+                "each row and marker"
+            )
+        blocks = self.blocks if len(self.blocks) else np.full(rows, "")
+        if len(blocks) != rows:
+            raise InputError(f"there are {len(blocks)} blocks for {rows} rows: give one for each")
+        if not np.isfinite(points).any():
+            raise InputError("no point was seen: the places are all empty")
+        object.__setattr__(self, "commands", commands)
+        object.__setattr__(self, "points", points)
+        object.__setattr__(self, "blocks", np.asarray(blocks, dtype=np.str_))
+
+    def __len__(self) -> int:
+        return len(self.commands)
+
+    @property
+    def span(self) -> float:
+        """Largest extent of the points along an axis [mm]."""
+        flat = self.points.reshape(-1, 3)
+        return float(np.nanmax(np.nanmax(flat, axis=0) - np.nanmin(flat, axis=0)))
+
+    @property
+    def is_ordered(self) -> bool:
+        """Whether rows that follow each other are alike, as in a recording over time.
+
+        They are if the points of neighbours are half as far apart as those of any two, or less.
+        """
+        flat = np.nan_to_num(self.points.reshape(len(self), -1))
+        if len(flat) < 8:
+            return False
+        other = flat[np.random.default_rng(0).permutation(len(flat))]
+        near = np.median(np.linalg.norm(np.diff(flat, axis=0), axis=1))
+        return bool(near <= 0.5 * np.median(np.linalg.norm(flat - other, axis=1)))
+
+    def select(self, rows: NDArray[np.generic] | Sequence[int]) -> RobotMeasurements:
+        """Return some of the rows, by mask or index."""
+        return dataclasses.replace(
+            self, commands=self.commands[rows], points=self.points[rows], blocks=self.blocks[rows]
+        )
+
+    def order_commands(self, robot: RobotDesign) -> Floats:
+        """Return the commands of all tendons of a robot, shape (n, t).
+
+        A tendon without a column has no tension; among displacements every one must be there.
+
+        Raises
+        ------
+        InputError
+            If the robot has no tendon of a name, or a displacement is not commanded.
+        """
+        lacking = [name for name in robot.tendon_names if name not in self.tendons]
+        if lacking and self.command == "displacement":
+            raise InputError(
+                f"there is no column '{lacking[0]} displacement [mm]': every tendon of robot "
+                f"'{robot.name}' needs one"
+            )
+        columns = dict(zip(self.tendons, self.commands.T, strict=True))
+        _check_known(self.tendons, robot)
+        none = np.zeros(len(self))
+        return np.stack([columns.get(name, none) for name in robot.tendon_names], axis=-1)
+
+
+def _check_known(names: Sequence[str], robot: RobotDesign) -> None:
+    for name in names:
+        if name not in robot.tendon_names:
+            raise InputError(
+                f"there is no tendon '{name}': those of robot '{robot.name}' are "
+                f"{', '.join(robot.tendon_names) or 'none'}"
+            )
+
+
+def read_robot_measurements(
+    table: str | os.PathLike[str] | pandas.DataFrame,
+    *,
+    robot: RobotDesign,
+    markers: Sequence[Marker] = (),
+    columns: Mapping[str, str] | None = None,
+    blocks: str = "",
+) -> RobotMeasurements:
+    """Read what was commanded and seen of a robot from a CSV or Parquet file.
+
+    Commands are columns such as ``T1 displacement [mm]`` or ``T1 tension [N]``, with the name of
+    the tendon; positive displacements are pulled. Points are three columns each, such as
+    ``tip x [mm]`` or ``marker_1_x [mm]``, in the world. The unit is in the title, perhaps with a
+    number, as in ``[0.1 mm]``. A place that is empty or ``nan`` was not seen; a row without a point
+    is left out. Other columns are ignored.
+
+    Parameters
+    ----------
+    table : path-like or DataFrame
+        The table; CSV as in `bozzini.muscle.read_measurements`.
+    robot : RobotDesign
+        The robot, whose tendons and tip are meant.
+    markers : sequence of Marker
+        Where the points seen are on the body. ``tip`` need not be there; points that are not are
+        left out.
+    columns : mapping of str to str, optional
+        Titles to read for titles of the file, such as ``{"tip_x": "tip x [mm]"}``.
+    blocks : str
+        Title of a column with labels of rows that belong together.
+
+    Raises
+    ------
+    FileFormatError
+        If the file is no such table; the message names row and column.
+    UnitError
+        If a column has no unit or a wrong one.
+    InputError
+        If a tendon or a marker is not there.
+    """
+    named = isinstance(table, (str, os.PathLike))
+    path = check_path("table", table) if named else Path("the table")
+    sheet = read_sheet(path) if named else take_frame(table)
+    try:
+        data = _take_sheet(sheet, robot, {item.name: item for item in markers}, columns, blocks)
+    except InputError as error:
+        raise type(error)(f"{path.name}: {error}") from None
+    return dataclasses.replace(data, source=path.name if named else "")
+
+
+def _take_sheet(
+    sheet: Sheet,
+    robot: RobotDesign,
+    known: dict[str, Marker],
+    columns: Mapping[str, str] | None,
+    blocks: str,
+) -> RobotMeasurements:
+    titles = _rename(sheet.titles, columns or {})
+    _check_sheet(sheet, titles)
+    commands, seen = _find_columns(titles, robot, {TIP: Marker(name=TIP)} | known)
+    label = titles.index(blocks) if blocks in titles else -1
+    if blocks and label < 0:
+        raise FileFormatError(f"there is no column '{blocks}' with labels of blocks")
+    command = next(iter(commands))
+    places = [*commands[command].values(), *(place for axes in seen.values() for place in axes)]
+    values = {place: _take_column(sheet, titles, place, KINDS[command]) for place in
+              commands[command].values()}  # fmt: skip
+    for axes in seen.values():
+        values |= {place: _take_column(sheet, titles, place, "length", gaps=True) for place in axes}
+    points = np.stack([np.stack([values[place] for place in axes], axis=-1)
+                       for axes in seen.values()], axis=1)  # fmt: skip
+    points[~np.isfinite(points).all(axis=-1)] = np.nan
+    rows = np.isfinite(points).any(axis=(1, 2))
+    notes = [f"{int((~rows).sum())} row(s) without a point are left out"] if not rows.all() else []
+    ignored = [title for place, title in enumerate(titles) if place not in (*places, label)]
+    notes += [f"ignored columns: {', '.join(ignored)}"] if ignored else []
+    words = [str(row[label]) for row in sheet.rows] if blocks else [""] * len(sheet.rows)
+    if not rows.any():
+        raise InputError("no point was seen: the places are all empty")
+    return RobotMeasurements(
+        command="displacement" if command == "displacement" else "tension",
+        tendons=tuple(commands[command]),
+        commands=np.stack([values[place] for place in commands[command].values()], axis=-1)[rows],
+        markers=tuple(({TIP: Marker(name=TIP)} | known)[name] for name in seen),
+        points=points[rows],
+        blocks=np.asarray(words)[rows],
+        notes=tuple(notes),
+    )
+
+
+def _rename(titles: Sequence[str], columns: Mapping[str, str]) -> list[str]:
+    """Return the titles, other ones in place of some."""
+    stripped = [title.strip() for title in titles]
+    for old in columns:
+        if old not in stripped:
+            raise FileFormatError(f"there is no column '{old}': the table has {_quote(stripped)}")
+    return [columns.get(title, title) for title in stripped]
+
+
+def _quote(titles: Sequence[str]) -> str:
+    return ", ".join(f"'{title}'" for title in titles)
+
+
+def _check_sheet(sheet: Sheet, titles: Sequence[str]) -> None:
+    if not sheet.rows:
+        raise FileFormatError("the table has a header and no rows")
+    for number, row in zip(sheet.numbers, sheet.rows, strict=True):
+        if len(row) != len(titles):
+            raise FileFormatError(
+                f"row {number}: it has {len(row)} cell(s): the header has {len(titles)}"
+            )
+
+
+def _find_columns(
+    titles: Sequence[str], robot: RobotDesign, known: Mapping[str, Marker]
+) -> tuple[dict[str, dict[str, int]], dict[str, list[int]]]:
+    """Return where the commands are, by kind and tendon, and the coordinates of each marker."""
+    commands: dict[str, dict[str, int]] = {}
+    seen: dict[str, dict[str, int]] = {}
+    others: list[str] = []
+    for place, title in enumerate(titles):
+        name = _split_title(title)[0]
+        tendon, _, kind = name.rpartition(" ")
+        axis = _AXIS.fullmatch(name)
+        if kind in KINDS and tendon:
+            _check_known([tendon.strip()], robot)
+            found, key = commands.setdefault(kind, {}), tendon.strip()
+        elif axis and axis[1] in known:
+            found, key = seen.setdefault(axis[1], {}), axis[2]
+        else:
+            others += [axis[1]] if axis else []
+            continue
+        if key in found:
+            raise FileFormatError(f"columns '{titles[found[key]]}' and '{title}' are the same")
+        found[key] = place
+    if not commands:
+        raise FileFormatError(
+            "there is no column with a command, such as 'T1 displacement [mm]' or 'T1 tension "
+            f"[N]': the table has {_quote(titles)}"
+        )
+    if len(commands) > 1:
+        raise FileFormatError("there are columns of displacements and of tensions: give one kind")
+    if not seen:
+        hint = f": say where '{others[0]}' is on the body" if others else ""
+        raise FileFormatError(
+            f"there is no column with a point, such as 'tip x [mm]'{hint}; the table has "
+            f"{_quote(titles)}"
+        )
+    for name in known:
+        lacking = [axis for axis in "xyz" if axis not in seen.get(name, {})]
+        if lacking and (name in seen or name != TIP):
+            raise FileFormatError(f"there is no column '{name} {lacking[0]} [mm]' of '{name}'")
+    return commands, {name: [axes[axis] for axis in "xyz"] for name, axes in seen.items()}
+
+
+def _split_title(title: str) -> tuple[str, str]:
+    """Return name and unit of a title; the unit is empty if there is none."""
+    match = _HEADER.fullmatch(title)
+    return (match[1], match[2] or "") if match else (title.strip(), "")
+
+
+def _take_column(
+    sheet: Sheet, titles: Sequence[str], place: int, kind: str, *, gaps: bool = False
+) -> Floats:
+    """Return the numbers of a column; with `gaps`, NaN where there is none."""
+    title, factor = titles[place], _find_factor(titles[place], kind)
+    cells = [row[place] for row in sheet.rows]
+    commas = sheet.may_have_commas and any(
+        DECIMAL_COMMA.fullmatch(str(cell).strip()) for cell in cells
+    )
+    values = np.full(len(cells), np.nan)
+    for index, (number, cell) in enumerate(zip(sheet.numbers, cells, strict=True)):
+        if not (gaps and str(cell).strip().lower() in MISSING):
+            values[index] = take_number(f"row {number}: ", f"'{title}'", cell, commas=commas)
+    return factor * values
+
+
+def _find_factor(title: str, kind: str) -> float:
+    """Return the value of one unit of a column."""
+    unit = _split_title(title)[1]
+    if not unit:
+        example = EXAMPLES[kind]
+        raise UnitError(f"column '{title}' has no unit: write '{show_cell(title)} [{example}]'")
+    try:
+        return parse_quantity(unit if unit[0].isdigit() else f"1 {unit}", kind)
+    except UnitError as error:
+        raise UnitError(f"column '{title}': {error}") from None

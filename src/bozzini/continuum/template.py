@@ -1,0 +1,72 @@
+"""A robot file to start from: commented, and ready to run."""
+
+from __future__ import annotations
+
+from ..checks import check_integer
+
+HEAD = """\
+# A tendon-driven continuum robot. Units may be left out: mm, N, MPa and rad then; angles beyond
+# a full turn need theirs.
+#   bozzini continuum pose {file} --displacement T1=2mm
+name: robot
+# base_position: [0 mm, 0 mm, 0 mm]     # of the base in the world, whose weight acts along -z
+# base_rotation: [0 deg, 90 deg, 0 deg] # rotation vector
+sections: # from base to tip
+"""
+
+SECTION = """\
+  - length: 60 mm
+    radius: {radius:g} mm # of the body with its discs
+    discs: 10 # evenly spaced, the last at the end
+    bending_stiffness: 200 N mm^2 # EI; or knots, [[0 mm, 200 N mm^2], [60 mm, 100 N mm^2]]
+    # torsional_stiffness: 154 N mm^2 # GJ; EI / 1.3 if left out
+    # wire: {{diameter: 1 mm, modulus: 60 GPa, density: 6450 kg/m^3}} # instead of stiffnesses
+    # curvature: [0 rad/mm, 0 rad/mm, 0 rad/mm] # at rest, about x and y, and twist
+    # line_weight: 0.1 N/m
+    # disc_weight: 1 mN
+    max_bend: 120 deg
+    tendons: # those that end in this section
+"""
+
+TENDON = "      - {{name: {name}, offset: {offset:g} mm, angle: {angle:.10g} deg}}\n"
+
+MORE = """\
+      # A tendon also takes travel: [-8 mm, 8 mm], stiffness: 10 kN (EA), pretension: 1 N (with a
+      # stiffness), tension_limit: 20 N, friction: 0.1, pushes: true (a rod).
+"""
+
+MOST_SECTIONS = 20
+MOST_TENDONS = 12
+
+RADIUS_MM = 6.0
+OFFSET_MM = 4.0
+
+
+def write_template(*, sections: int = 2, tendons: int = 3, file: str = "robot.yaml") -> str:
+    """Return the text of a robot file with comments, which `ContinuumRobot.from_yaml` reads.
+
+    Parameters
+    ----------
+    sections : int
+        Number of sections, in [1, 20].
+    tendons : int
+        Tendons that end in each section, evenly about the backbone, in [1, 12].
+    file : str
+        Name of the file, for the command in its first lines.
+
+    Raises
+    ------
+    InputError
+        If a number is outside its range.
+    """
+    count = check_integer("sections", sections, low=1, high=MOST_SECTIONS)
+    each = check_integer("tendons", tendons, low=1, high=MOST_TENDONS)
+    text = HEAD.format(file=file if file.isprintable() else "ROBOT.yaml")
+    for index in range(count):
+        text += SECTION.format(radius=RADIUS_MM)
+        for k in range(each):
+            # Those of one section stand between those of the one before.
+            angle = 360.0 / each * (k + index / count)
+            text += TENDON.format(name=f"T{index * each + k + 1}", offset=OFFSET_MM, angle=angle)
+        text += MORE if index == 0 else ""
+    return text
