@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 from numpy.typing import ArrayLike, NDArray
-
 from scipy.optimize import minimize
 
 from bozzini.continuum import (

@@ -669,7 +669,9 @@ def minimise(task: Equilibrium, start: State, first: int = 0) -> Solution:
 
 
 def measure_move(task: Equilibrium, turns: Floats, points: Floats) -> float:
-    """Return the largest way of a point to where other turns have it [mm]."""
+    """Return the largest way of a point to where other turns have it [mm]; infinite if far off."""
+    if not np.abs(turns).max() < math.pi:
+        return math.inf
     return float(np.sqrt(np.max(np.sum((task.locate(turns) - points) ** 2, axis=1))))
 
 
