@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from .arc import ArcModel, arc_frames, bend_vectors, displacements_for, jacobian
+from .contact import ContactModel, ContactOptions, ContactShape
 from .coupling import BendSolution, ParallelModel, check_displacements, coupling_matrix
 from .energy import EnergyModel
 from .fit import (
@@ -19,6 +20,7 @@ from .fit import (
 )
 from .friction import FrictionState
 from .history import TendonHistory
+from .insertion import DriveTable, InsertionResult, insert_robot
 from .inverse import (
     ContinuumInverse,
     InverseOptions,
@@ -58,15 +60,20 @@ __all__ = [
     "CONTINUUM_MODELS",
     "ArcModel",
     "BendSolution",
+    "ContactModel",
+    "ContactOptions",
+    "ContactShape",
     "ContinuumInverse",
     "ContinuumModel",
     "ContinuumRobot",
     "ContinuumWorkspace",
     "Dexterity",
     "DexterityMap",
+    "DriveTable",
     "EnergyModel",
     "FrictionState",
     "Helix",
+    "InsertionResult",
     "InverseOptions",
     "LineLoad",
     "LinkageModel",
@@ -90,6 +97,7 @@ __all__ = [
     "check_displacements",
     "coupling_matrix",
     "displacements_for",
+    "insert_robot",
     "jacobian",
     "manipulability",
     "measure_dexterity",

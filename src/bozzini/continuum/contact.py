@@ -7,7 +7,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -40,11 +40,20 @@ TURN_LIMIT = 0.3
 MOST_STEPS = 200
 """Steps of Newton's method for one shape."""
 
-ROUGH_MM, STEP_MM = 0.1, 1e-7
-"""Step at which the multipliers are taken over for the first time, and the last one [mm]."""
+ROUGH_MM, STEP_MM = 0.02, 1e-7
+"""Step below which the multipliers are taken over, and the last one [mm]."""
 
-SOFTEST, SOFTER = 1e-3, 0.03
-"""Least compliance of the multipliers' penalty against the first one, and its factor per update."""
+BALANCED = 1e-8
+"""Moment out of balance at which a shape is one of equilibrium, against the largest."""
+
+UNFELT = 1e-6
+"""Force that counts as none, against the largest."""
+
+WRONG = 1e-6
+"""Moment out of balance at which it is none, against those that act."""
+
+STALE = 4
+"""Steps without progress of the balance after which the rest of it is round-off."""
 
 NEAR_MM = 0.02
 """What gaps and lengths may miss where the penalty is made harder [mm]."""
@@ -68,8 +77,8 @@ class ContactOptions:
 
     Parameters
     ----------
-    wall_stiffness : float
-        Force of the wall per length of the body and depth [N/mm^2 = MPa]; infinite for a rigid one.
+    wall_stiffness : float, optional
+        Force of the wall per length of the body and depth [N/mm^2 = MPa]; rigid unless given.
     friction : float
         Coefficient of Coulomb friction between body and wall.
     slip : float
@@ -89,12 +98,12 @@ class ContactOptions:
         If a value is outside its legal range.
     """
 
-    wall_stiffness: float = quantity(
+    wall_stiffness: float | None = quantity(
         "pressure",
         "Stiffness of the wall per length of the body (default: rigid).",
         low=0.0,
         low_open=True,
-        default=math.inf,
+        default=None,
     )
     friction: float = quantity(
         "dimensionless", "Coefficient of friction on the wall.", low=0.0, high=2.0, default=0.0
@@ -255,15 +264,39 @@ class FreePart:
 
 @dataclass(eq=False)
 class State:
-    """Turns (n, 3) of the segments and multipliers: contacts (w, n) [N], tensions (t,) [N]."""
+    """Turns (n, 3) of the segments and multipliers: contacts (w, n) [N], tensions (t,) [N].
+
+    `expected` (w, n) are the forces that the last step expects here [N].
+    """
 
     turns: Floats
     forces: Floats
     tensions: Floats
+    expected: Floats
 
     def copy(self) -> State:
         """Return a copy."""
-        return State(self.turns.copy(), self.forces.copy(), self.tensions.copy())
+        return dataclasses.replace(self, turns=self.turns.copy())
+
+
+class Stage(NamedTuple):
+    """How hard the penalty is against that of a segment, and where contact begins softly [mm]."""
+
+    softness: float
+    width: float
+
+
+WIDTHS_MM = (0.02, 2e-3, 1e-4, 1e-6, 1e-9)
+"""Distances over which contact begins, stage by stage of the solver [mm]."""
+
+SOFT_SHARE = 0.3
+"""Share of the body's radius by which all loads press it in in the first stage."""
+
+HARDNESS = (0.3, 0.03)
+"""Compliance of the penalty against a segment's in the last two stages."""
+
+WARM = 2
+"""The stage at which a shape begins that follows another one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -284,11 +317,18 @@ class Measure:
     forces: Floats
     tensions: Floats
     missed: float
-    gradient: Floats
-    hessian: Floats
     body_forces: Floats
     normals: Floats
     least_gap: Floats
+    stiff: Floats
+    slopes: Floats
+    gradient: Floats = field(default_factory=lambda: np.empty(0))
+    hessian: Floats = field(default_factory=lambda: np.empty(0))
+
+    def expect(self, way: Floats) -> Floats:
+        """Return the contact forces that are expected where the points have moved by (n, 3)."""
+        change = self.stiff * np.sum(self.slopes * way, axis=-1)
+        return np.maximum(self.forces - change, 1e-3 * self.forces)
 
 
 @dataclass(frozen=True, eq=False)
@@ -313,15 +353,30 @@ class Equilibrium:
         return self.part.robot.base_frame
 
     @cached_property
+    def stages(self) -> tuple[Stage, ...]:
+        """Stages of the solver: the first so soft that all loads press the body in by its radius.
+
+        A penalty that is hard from the start has a narrow valley for its least energy.
+        """
+        part = self.part
+        bend = float((part.stiffness[:, 0] * part.spans).max()) / float(part.spans.sum()) ** 2
+        load = bend + float(np.sqrt(np.sum(part.dead_forces**2, axis=1)).sum())
+        soft = float(part.radii.min()) / load / float(np.median(part.penalty))
+        soft = min(max(SOFT_SHARE * soft, 1.0), 1e3)
+        return tuple(map(Stage, (soft, math.sqrt(soft), 1.0, *HARDNESS), WIDTHS_MM))
+
+    @cached_property
     def wall_compliance(self) -> Floats:
         """Of the wall at the points [mm/N], (n,)."""
+        if self.options.wall_stiffness is None:
+            return np.zeros(len(self.part.shares))
         return np.asarray(1.0 / (self.options.wall_stiffness * self.part.shares))
 
     @cached_property
     def tendon_penalty(self) -> Floats:
         """Compliance by which tendons are first held, (t,) [mm/N]."""
-        guides, count = self.part.packed[3], len(self.limits)
-        reach = np.mean(np.sum(guides[..., :2] ** 2, axis=-1), axis=-1).reshape(count, -1)
+        guides = self.part.packed[3]
+        reach = np.mean(np.sum(guides[..., :2] ** 2, axis=-1), axis=-1)
         give = np.sum(reach / self.part.stiffness[:, 0], axis=-1)
         return np.asarray(0.1 * give + 1e-12)
 
@@ -332,8 +387,9 @@ class Equilibrium:
         fill_frames(self.part.packed, turns, rotations, points)
         return np.asarray(points[1:] @ self.base[:3, :3].T + self.base[:3, 3])
 
-    def measure(self, state: State, softness: float, *, whole: bool = True) -> Measure:
+    def measure(self, state: State, stage: Stage, *, whole: bool = True) -> Measure:
         """Return energy, forces and, if `whole`, derivatives about the multipliers of `state`."""
+        softness, width = stage
         part, turns = self.part, state.turns
         n, count = len(part.spans), len(self.limits)
         bent = turns - part.rest
@@ -344,8 +400,9 @@ class Equilibrium:
         dead = part.dead_forces @ rotation.T
         value -= float(np.sum(dead * (points - self.base[:3, 3])))
         body, blocks = np.zeros((n, 3)), np.zeros((n, 3, 3))
-        forces, normals = np.zeros_like(state.forces), np.zeros((n, 3))
+        forces, normals, turned = np.zeros_like(state.forces), np.zeros((n, 3)), np.zeros((n, 3))
         least, missed = np.full(n, np.inf), 0.0
+        stiff, slopes_at = np.zeros_like(state.forces), np.zeros((*state.forces.shape, 3))
         penalty = softness * part.penalty
         margin = float(part.radii.max())
         for row, boundary in enumerate(self.boundaries):
@@ -355,18 +412,27 @@ class Equilibrium:
             if not len(index):
                 continue
             soft = self.wall_compliance[index] + penalty[index]
-            force = np.maximum((penalty[index] * state.forces[row, index] - gap) / soft, 0.0)
+            wanted = (penalty[index] * state.forces[row, index] - gap) / soft
+            root = np.sqrt(wanted**2 + 4.0 * (width / soft) ** 2)
+            force = np.maximum(0.5 * (wanted + root), 0.0)
+            # The stiffness of the contact about the force that is expected: primal-dual.
+            rest = soft * (force - wanted) / np.maximum(state.expected[row, index], 1e-300)
+            hold = np.where(
+                width > 0.0, 1.0 / (soft + rest), np.where(wanted > 0.0, 1.0, 0.0) / soft
+            )
             forces[row, index] = force
-            value += 0.5 * float(np.sum(soft * force**2))
+            value += float(np.sum(soft * integrate_force(wanted, root, width / soft)))
             moved = np.abs(penalty[index] * (state.forces[row, index] - force))
-            free = (force == 0.0) & (state.forces[row, index] == 0.0)
-            missed = max(missed, float(np.max(np.where(free, 0.0, moved), initial=0.0)))
+            missed = max(missed, float(moved.max()))
             body[index] += force[:, None] * slope
             normals[index] += force[:, None] * slope
-            on = force > 0.0
-            outer = slope[:, :, None] * slope[:, None, :] / soft[:, None, None]
-            blocks[index] += np.where(on[:, None, None], outer, 0.0)
-            blocks[index] -= force[:, None, None] * curve
+            outer = slope[:, :, None] * slope[:, None, :]
+            blocks[index] += hold[:, None, None] * outer
+            stiff[row, index] = hold
+            slopes_at[row, index] = slope
+            likely = state.expected[row, index]
+            blocks[index] -= likely[:, None, None] * curve
+            turned[index] += (likely - force)[:, None] * slope
             np.minimum.at(least, index, gap)
         if self.slip is not None:
             value += self._rub(points, body, blocks)
@@ -383,7 +449,16 @@ class Equilibrium:
         moved = np.abs(held * (state.tensions - tensions))
         missed = max(missed, float(np.max(np.where(fixed, 0.0, moved), initial=0.0)))
         found = Measure(
-            value, points, forces, tensions, missed, np.empty(0), np.empty(0), body, normals, least
+            value=value,
+            points=points,
+            forces=forces,
+            tensions=tensions,
+            missed=missed,
+            body_forces=body,
+            normals=normals,
+            least_gap=least,
+            stiff=stiff,
+            slopes=slopes_at,
         )
         if whole:
             if count:
@@ -393,7 +468,7 @@ class Equilibrium:
             taut = ~fixed & (tensions > self.low)
             rows = slopes.reshape(count, 3 * n)
             held = np.where(taut, 1.0 / soft, 0.0)
-            self._differentiate(found, turns, moments, (full, rows, held), blocks)
+            self._differentiate(found, turns, moments, (full, rows, held), (blocks, turned))
         return found
 
     def _rub(self, points: Floats, body: Floats, blocks: Floats) -> float:
@@ -420,19 +495,23 @@ class Equilibrium:
         turns: Floats,
         moments: Floats,
         tendons: tuple[Floats, Floats, Floats],
-        blocks: Floats,
+        bodies: tuple[Floats, Floats],
     ) -> None:
-        """Fill gradient and Hessian by the turns."""
+        """Fill gradient and Hessian by the turns.
+
+        The Hessian is that of the Lagrangian with the forces that are expected.
+        """
         part = self.part
+        blocks, more = bodies
         n = len(part.spans)
         rotation = self.base[:3, :3]
         gradient, hessian = np.empty((n, 3)), np.empty((3 * n, 3 * n))
-        loads = (
-            part.dead_forces + found.body_forces @ rotation,
-            np.zeros((n, 3)),
-            np.zeros(n, dtype=np.bool_),
-        )
-        measure_loads(part.packed, turns, part.spots, loads, gradient, hessian)
+        forces = part.dead_forces + found.body_forces @ rotation
+        none, fixed = np.zeros((n, 3)), np.zeros(n, dtype=np.bool_)
+        measure_loads(part.packed, turns, part.spots, (forces, none, fixed), gradient, hessian)
+        if more.any():
+            likely = (forces + more @ rotation, none, fixed)
+            measure_loads(part.packed, turns, part.spots, likely, np.empty((n, 3)), hessian)
         # The diagonal: elastic, and the tendons'.
         full, rows, held = tendons
         index = np.arange(n)
@@ -454,6 +533,13 @@ class Equilibrium:
             size = 3 * len(near)
             hessian += moves.reshape(size, -1).T @ (local @ moves).reshape(size, -1)
         found.gradient, found.hessian = gradient, hessian
+
+
+def integrate_force(wanted: Floats, root: Floats, half: Floats) -> Floats:
+    """Return the integral of ``(z + sqrt(z^2 + 4 v^2)) / 2`` over ``z``."""
+    return np.asarray(
+        0.25 * (wanted**2 + wanted * root) + half**2 * np.arcsinh(wanted / (2.0 * half))
+    )
 
 
 @dataclass(eq=False)
@@ -507,16 +593,18 @@ def measure_stability(lower: Floats, stiffness: Floats) -> float:
     return value
 
 
-def minimise(task: Equilibrium, start: State) -> Solution:
+def minimise(task: Equilibrium, start: State, first: int = 0) -> Solution:
     """Return the stable equilibrium that is reached from a state, by Newton's method."""
     state = start.copy()
     stiffness = task.part.stiffness.ravel()
-    softness, rough = 1.0, ROUGH_MM
-    found = task.measure(state, softness)
+    stages = task.stages
+    index, last = first, len(stages) - 1
+    found = task.measure(state, stages[index])
     solution = Solution(state, found)
-    longest = float(task.part.radii.min())
+    longest, stale = float(task.part.radii.min()), 0
     for step in range(1, MOST_STEPS + 1):
         solution.steps = step
+        stage = stages[index]
         lower, shift = factor(found.hessian, stiffness)
         move = -solve(lower, found.gradient).reshape(-1, 3)
         moved = measure_move(task, state.turns + move, found.points)
@@ -530,28 +618,28 @@ def minimise(task: Equilibrium, start: State) -> Solution:
         share = min(1.0, TURN_LIMIT / max(float(np.abs(move).max()), 1e-300))
         share = min(share, longest / max(moved, 1e-300))
         # Below round-off of the energy only the gradient is of use.
-        blind = shift == 0 and -slope < 1e-13 * (abs(found.value) + 1e-9)
+        blind = shift == 0 and -slope < 1e-10 * (abs(found.value) + 1e-9)
         while True:
-            tried = State(state.turns + share * move, state.forces, state.tensions)
-            after = task.measure(tried, softness, whole=False)
+            tried = dataclasses.replace(state, turns=state.turns + share * move)
+            after = task.measure(tried, stage, whole=False)
             if blind or after.value <= found.value + 1e-4 * share * slope or share < 1e-9:
                 break
             share *= 0.5
-        state = tried
-        if share == 1.0 and shift == 0 and moved < rough:
-            state = State(state.turns, after.forces, after.tensions)
-            if moved < STEP_MM and after.missed < task.options.tolerance and softness <= SOFTEST:
-                found = task.measure(state, softness)
-                break
+        state = dataclasses.replace(tried, expected=found.expect(after.points - found.points))
+        if share == 1.0 and shift == 0 and moved < ROUGH_MM:
+            state = dataclasses.replace(state, forces=after.forces, tensions=after.tensions)
             if after.missed < NEAR_MM:
-                softness = max(SOFTER * softness, SOFTEST)
-                rough = max(SOFTER * rough, STEP_MM)
-        found = task.measure(state, softness)
+                index = min(index + 1, last)
+        found = task.measure(state, stages[index])
+        before, solution.imbalance = solution.imbalance, measure_imbalance(task, state, found)
+        stale = 0 if solution.imbalance < 0.5 * before else stale + 1
+        settled = solution.imbalance < BALANCED or stale >= STALE
+        missed = max(found.missed, after.missed)
+        if moved < STEP_MM and index == last and settled and missed < task.options.tolerance:
+            break
     solution.state, solution.found = state, found
     lower, shift = factor(found.hessian, stiffness)
     solution.stability = measure_stability(lower, stiffness) if shift == 0 else -SHIFTS[shift - 1]
-    scale = max(float(np.abs(task.part.stiffness * state.turns).max()), 1e-6 * stiffness.max())
-    solution.imbalance = float(np.abs(found.gradient).max()) / scale
     return solution
 
 
@@ -569,17 +657,27 @@ def find_fall(found: Measure, stiffness: Floats) -> Floats:
     return np.asarray((-way if way @ found.gradient > 0.0 else way).reshape(-1, 3))
 
 
-def settle(task: Equilibrium, start: State, before: Floats | None) -> Solution:
+def measure_imbalance(task: Equilibrium, state: State, found: Measure) -> float:
+    """Return the moment by which a segment is out of balance, against those that act."""
+    stiffness, start = task.part.stiffness, task.base[:3, 3]
+    forces = np.concatenate([found.body_forces, task.part.dead_forces])
+    arms = np.concatenate([found.points, found.points]) - start
+    acting = float(np.sum(np.linalg.norm(forces, axis=1) * np.linalg.norm(arms, axis=1)))
+    largest = max(float(np.abs(stiffness * state.turns).max()), acting)
+    return float(np.abs(found.gradient).max()) / max(largest, 1e-6 * float(stiffness.max()))
+
+
+def settle(task: Equilibrium, start: State, before: Floats | None, first: int) -> Solution:
     """Return the equilibrium from a state, after the normal forces of friction have settled."""
     if task.options.friction == 0.0 or before is None:
-        return minimise(task, start)
-    solution = minimise(task, start)
+        return minimise(task, start, first)
+    solution = minimise(task, start, first)
     steps = solution.steps
     for round_ in range(FRICTION_ROUNDS):
         normals = solution.found.normals
         size = np.sqrt(np.sum(normals**2, axis=1))
         slip = Slip(before, normals / np.maximum(size, 1e-300)[:, None], size)
-        solution = minimise(dataclasses.replace(task, slip=slip), solution.state)
+        solution = minimise(dataclasses.replace(task, slip=slip), solution.state, WARM)
         steps += solution.steps
         solution.steps, solution.rounds = steps, round_ + 1
         change = np.abs(np.sqrt(np.sum(solution.found.normals**2, axis=1)) - size)
@@ -905,12 +1003,13 @@ class ContactModel:
         )
         before = None
         if initial is None:
-            start = State(part.rest.copy(), np.zeros((len(self.walls), n)), np.zeros(count))
+            none = np.zeros((len(self.walls), n))
+            start = State(part.rest, none, np.zeros(count), none)
         else:
             start = carry_state(initial, part)
             before = place_before(initial, part)
         start.tensions = np.where(np.isnan(commands), tensions, start.tensions)
-        solution = settle(task, start, before)
+        solution = settle(task, start, before, WARM if initial is not None else 0)
         return self._describe(task, solution, commands)
 
     def _describe(self, task: Equilibrium, solution: Solution, commands: Floats) -> ContactShape:
@@ -928,8 +1027,9 @@ class ContactModel:
         points[k:], tangents[k:] = found.points, rotations[1:, :, 2] @ base[:3, :3].T
         forces, normal = np.zeros((len(places), 3)), np.zeros(len(places))
         gaps = np.full(len(places), np.inf)
-        forces[k:] = found.body_forces
         normal[k:] = np.sqrt(np.sum(found.normals**2, axis=1))
+        normal[normal < UNFELT * normal.max()] = 0.0
+        forces[k:] = np.where(normal[k:, None] > 0.0, found.body_forces, 0.0)
         gaps[k:] = found.least_gap
         dead = part.dead_forces @ base[:3, :3].T
         arms = found.points - base[:3, 3]
@@ -954,8 +1054,8 @@ class ContactModel:
             normal_forces=normal,
             forces=forces,
             loads=dead.sum(axis=0),
-            base_force=-(dead + found.body_forces).sum(axis=0),
-            base_moment=-np.cross(arms, dead + found.body_forces).sum(axis=0),
+            base_force=-(dead + forces[k:]).sum(axis=0),
+            base_moment=-np.cross(arms, dead + forces[k:]).sum(axis=0),
             push_force=measure_push(task, solution),
             energy=0.5 * float(np.sum(part.stiffness * bent**2)),
             stability=solution.stability,
@@ -997,6 +1097,8 @@ def judge(task: Equilibrium, solution: Solution) -> tuple[bool, str]:
         )
     if solution.rounds > FRICTION_ROUNDS:
         return False, f"the forces of friction do not settle in {FRICTION_ROUNDS} rounds"
+    if solution.imbalance > WRONG:
+        return False, f"a segment is out of balance by a share of {solution.imbalance:.2g}"
     if solution.stability <= 0.0:
         return False, "unstable: the shape that was found buckles"
     return True, ""
@@ -1042,7 +1144,7 @@ def carry_state(initial: ContactShape, part: FreePart) -> State:
     ends, before = part.arc_length[1:] - part.cut, old.arc_length[1:] - old.cut
     density = state.forces / old.shares
     forces = np.stack([np.interp(ends, before, row) for row in density]) * part.shares
-    return State(turns * part.spans[:, None] + part.rest, forces, state.tensions.copy())
+    return State(turns * part.spans[:, None] + part.rest, forces, state.tensions, forces)
 
 
 def place_before(initial: ContactShape, part: FreePart) -> Floats:

@@ -161,7 +161,8 @@ class Tracer:
         forward = np.zeros(point.tangent.size)
         forward[-1] = np.sign(end - start)
         point = self._orient(point, forward)
-        points, limits = [point], []
+        points = [point]
+        limits: list[int] = []
         step, low, high = 0.25 * LARGEST_STEP, min(start, end), max(start, end)
         while len(points) < most:
             new = self._step(point, step)

@@ -254,7 +254,8 @@ class Coupling:
         bends = np.zeros((len(rows), len(self.robot.sections), 2))
         misfit, filled = np.zeros(rows.shape), np.array(rows)
         slack, converged = np.zeros(rows.shape, dtype=bool), np.zeros(len(rows), dtype=bool)
-        residual, reasons = np.zeros(len(rows)), {}
+        residual = np.zeros(len(rows))
+        reasons: dict[tuple[int, ...], str] = {}
         for pattern in np.unique(loose, axis=0):
             own = np.flatnonzero((loose == pattern).all(axis=1))
             held = np.flatnonzero(~pattern)

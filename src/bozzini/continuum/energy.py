@@ -455,7 +455,7 @@ class EnergyModel(ContinuumModel):
         stability = found.stability
         for index in np.flatnonzero((found.codes == CONVERGED) & (stability < 0.0)):
             command = self._command(followed[index], held[index], self.robot.pretensions)
-            stability[index] = self._measure_stability(found, index, command)
+            stability[index] = self._measure_stability(found, int(index), command)
             if stability[index] < -ZERO_MODE:
                 found.codes[index] = UNSTABLE
         converged = found.codes == CONVERGED

@@ -420,8 +420,8 @@ class _Insertion:
         if len(turned) and folded.max() > STALLED_RADII * radius:
             first = int(turned[0])
             return (
-                f"the body loops: at {shape.arc_length[inside][first]:.4g} mm of its length it runs "
-                f"back along the path, {places[first]:.4g} mm from the entry"
+                f"the body loops: at {shape.arc_length[inside][first]:.4g} mm of its length it "
+                f"runs back along the path, {places[first]:.4g} mm from the entry"
             )
         base = np.array([item.inserted for item in self.shapes])
         span = STALLED_RADII * radius + 2.0 * self.step

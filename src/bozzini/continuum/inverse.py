@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import functools
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, TypedDict, Unpack
 
 import numpy as np
@@ -130,7 +130,8 @@ class ContinuumInverse(Result):
     robot : RobotDesign
         The robot.
     bends : (m, 2) ndarray
-        ``(theta cos(phi), theta sin(phi))`` of each section [rad], inside all limits.
+        ``(theta cos(phi), theta sin(phi))`` of each section [rad], inside all limits; m is 0 of
+        a model whose sections do not bend in arcs.
     displacements : (t,) ndarray
         Displacements of the tendons for them [mm].
     tip_frame : (4, 4) ndarray
@@ -152,6 +153,8 @@ class ContinuumInverse(Result):
         Limits of sections and tendons that the bends lie at, a sentence each.
     reason : str
         Why the target is not met, and by how much; empty where `converged`.
+    found : Shape, optional
+        The shape by another model than arcs.
     """
 
     rows_have_verdict = True
@@ -168,6 +171,12 @@ class ContinuumInverse(Result):
     angle: float
     at_limits: tuple[str, ...]
     reason: str
+    found: Shape | None = field(default=None, repr=False)
+
+    @property
+    def tensions(self) -> Floats:
+        """Tensions of the tendons [N], shape (t,); (0,) by arcs."""
+        return np.empty(0) if self.found is None else self.found.tensions
 
     @property
     def tip(self) -> Floats:
@@ -189,6 +198,8 @@ class ContinuumInverse(Result):
     def to_dict(self) -> Json:
         """Return the result as plain values, units in the names."""
         moved = zip(self.robot.tendon_names, self.displacements, strict=True)
+        pulled = zip(self.robot.tendon_names, self.tensions, strict=False)
+        own = {} if self.found is None else {"model": self.found.model, "tensions_N": dict(pulled)}
         plain = to_plain(
             {
                 "converged": self.converged,
@@ -204,15 +215,19 @@ class ContinuumInverse(Result):
                 "sections": describe_bends(self.robot, self.bends),
                 "displacements_mm": dict(moved),
             }
+            | own
         )
         return dict(plain)
 
     def list_columns(self) -> Json:
-        """Return the columns of `to_frame`: the displacement of each tendon."""
-        return {"tendon": self.robot.tendon_names, "displacement_mm": self.displacements}
+        """Return the columns of `to_frame`: the displacement of each tendon, and its tension."""
+        columns = {"tendon": self.robot.tendon_names, "displacement_mm": self.displacements}
+        return columns | ({} if self.found is None else {"tension_N": self.tensions})
 
     def shape(self) -> Shape:
-        """Return the shape of arcs at these displacements."""
+        """Return the shape: that of arcs at these displacements unless by another model."""
+        if self.found is not None:
+            return self.found
         return ArcModel(self.robot, between=3).shape(self.displacements)
 
     def plot(self, ax: Axes | None = None) -> Axes:
@@ -376,6 +391,36 @@ class Search:
         return words
 
 
+def check_tip_target(target: ArrayLike, direction: ArrayLike | None) -> tuple[Floats, Floats]:
+    """Return the place (3,) of a target, and the tangent that it asks for, (0 or 1, 3).
+
+    Raises
+    ------
+    InputError
+        If an input has another shape.
+    """
+    place = check_values("target", target, (3,), unit="mm")
+    if direction is None:
+        return place, np.empty((0, 3))
+    way = check_directions("direction", direction)
+    if way.shape != (3,):
+        raise InputError(f"direction has shape {way.shape}: it must be (3,)")
+    return place, way[None]
+
+
+def check_pose_target(target: ArrayLike) -> tuple[Floats, Floats]:
+    """Return the place (3,) of a frame (4, 4), and its tangent, x and y, (3, 3).
+
+    Raises
+    ------
+    InputError
+        If it has another shape, or is no frame.
+    """
+    frame = check_values("target", target, (4, 4))
+    check_frame("target", frame)
+    return frame[:3, 3], np.ascontiguousarray(frame[:3, :3].T[[2, 0, 1]])
+
+
 def solve_tip(
     robot: RobotDesign,
     target: ArrayLike,
@@ -403,14 +448,7 @@ def solve_tip(
     GeometryError
         If the robot's tendons are not parallel, or its limits leave no shape at all.
     """
-    place = check_values("target", target, (3,), unit="mm")
-    axes = np.empty((0, 3))
-    if direction is not None:
-        way = check_directions("direction", direction)
-        if way.shape != (3,):
-            raise InputError(f"direction has shape {way.shape}: it must be (3,)")
-        axes = way[None]
-    return Search.of_tip(robot, place, axes).run(options, starts=16)
+    return Search.of_tip(robot, *check_tip_target(target, direction)).run(options, starts=16)
 
 
 def solve_pose(
@@ -438,10 +476,7 @@ def solve_pose(
     GeometryError
         If the robot's tendons are not parallel, or its limits leave no shape at all.
     """
-    frame = check_values("target", target, (4, 4))
-    check_frame("target", frame)
-    axes = np.ascontiguousarray(frame[:3, :3].T[[2, 0, 1]])
-    return Search.of_tip(robot, frame[:3, 3], axes).run(options, starts=32)
+    return Search.of_tip(robot, *check_pose_target(target)).run(options, starts=32)
 
 
 def solve_curve(

@@ -13,10 +13,19 @@ from numpy.typing import ArrayLike
 
 from ..checks import check_array, take_named
 from ..errors import InputError
-from .arc import jacobian
+from .arc import ArcModel, jacobian
 from .checks import Floats
 from .coupling import find_crooked
-from .inverse import ContinuumInverse, InverseOptions, solve_curve, solve_pose, solve_tip
+from .elastic_inverse import solve_elastic
+from .inverse import (
+    ContinuumInverse,
+    InverseOptions,
+    check_pose_target,
+    check_tip_target,
+    solve_curve,
+    solve_pose,
+    solve_tip,
+)
 from .model import ContinuumModel, list_features
 from .models import CONTINUUM_MODELS
 from .robot import RobotDesign
@@ -112,9 +121,10 @@ class ContinuumRobot(RobotDesign):
         tip: ArrayLike,
         *,
         direction: ArrayLike | None = None,
+        model: str | ContinuumModel = "arc",
         **options: Unpack[InverseOptions],
     ) -> ContinuumInverse:
-        """Return the bends and displacements that bring the tip to a target.
+        """Return what brings the tip to a target: bends and displacements, or tensions.
 
         Parameters
         ----------
@@ -123,8 +133,13 @@ class ContinuumRobot(RobotDesign):
             backbone, the tip among them, shape (k, 3) [mm].
         direction : array_like, shape (3,), optional
             Where the tip's tangent shall point; with a place only.
+        model : str or ContinuumModel
+            ``"arc"`` for parallel tendons; ``"energy"``, ``"rod"`` or such a model of this robot,
+            with its loads, for any. Of tensions that meet the target those are taken whose
+            squares have the least sum, and the displacements are those of the shape under them.
         **options
-            See `InverseOptions`.
+            See `InverseOptions`. With tensions `initial` is tensions (t,) [N], there is no
+            `smallest_bends`, and the defaults are 8 starts, 1e-4 mm and 1e-5 rad.
 
         Raises
         ------
@@ -134,6 +149,11 @@ class ContinuumRobot(RobotDesign):
             If the tendons are not parallel, or the limits leave no shape at all.
         """
         shape = check_array("target", tip).shape
+        if model != "arc" and not isinstance(model, ArcModel):
+            chosen = self.model(model) if isinstance(model, str) else model
+            pose = shape == (4, 4) and direction is None
+            goal = check_pose_target(tip) if pose else check_tip_target(tip, direction)
+            return solve_elastic(chosen, *goal, dict(options))
         if shape == (3,):
             return solve_tip(self, tip, direction=direction, **options)
         if shape != (4, 4) and (len(shape) != 2 or shape[1] != 3):

@@ -111,8 +111,9 @@ def judge_repeats(
 ) -> list[str]:
     """Return a warning if a fit misses the data by more than the data miss each other.
 
-    There is one, too, if the data have no more states than the fit has parameters. The F-test of lack of fit at 0.1 %: it needs rows that repeat a state. With errors (n,) of the
-    rows it is that of residuals over errors.
+    There is one, too, if the data have no more states than the fit has parameters. The F-test of
+    lack of fit at 0.1 %: it needs rows that repeat a state. With errors (n,) of the rows it is that
+    of residuals over errors.
     """
     from scipy.stats import f as fisher
 

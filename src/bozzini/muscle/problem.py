@@ -363,6 +363,7 @@ def _take_pair(
 _STEEPEST = 1e9  # of a derivative, so that its square is finite
 _LEAST_STIFFNESS_N_PER_MM = 1e-12  # keeps a quotient finite where a model has no stiffness [N/mm]
 _STEP = 1e-4  # of a difference, in scales: small against curvature, large against round-off
+_SLOPE_STEP = 1e-6  # of a difference by the contraction, of the muscle's length
 _INPUT_STEP = 1e-5  # of a difference by a measured column, of its largest value
 
 
@@ -505,8 +506,24 @@ class Problem:
     ) -> tuple[Floats, NDArray[np.bool_], Floats | None]:
         """Return model less measurement, which rows have an answer, and their effective errors.
 
-        The errors are None where none are known.
+        The errors are None where none are known. The last answer is kept: a search asks for the
+        misfit and the derivatives at one point.
         """
+        key = tuple(values.items())
+        if key not in self._last:
+            self._last.clear()
+            self._last[key] = self._compare(values)
+        return self._last[key]
+
+    @cached_property
+    def _last(self) -> dict[object, tuple[Floats, NDArray[np.bool_], Floats | None]]:
+        """The last answer of `compare`, by its values."""
+        return {}
+
+    def _compare(
+        self, values: Mapping[str, float]
+    ) -> tuple[Floats, NDArray[np.bool_], Floats | None]:
+        """Return what `compare` does, computed anew."""
         task = self.task
         miss, held = np.zeros(len(task.data)), np.zeros(len(task.data), dtype=np.bool_)
         errors = task.response_errors
@@ -768,8 +785,9 @@ def differentiate(
 
     Of the contraction by the theorem of implicit functions, dx/dp = (dF/dp) / stiffness: the one is
     a difference of the force, which has a closed form in `EnergyMuscle`, the other the model's own.
-    Of other responses, for a model without force, or where a difference leaves its domain, they are
-    differences of the response.
+    So is the force of a mounted muscle ``F = f(x - offset + compliance F)``, by differences of
+    ``f``. Of other responses, for a model without force, or where a difference leaves its domain,
+    they are differences of the response.
     """
     pairs = []
     for (name, value), (low, high), scale in zip(values.items(), bounds, scales, strict=True):
@@ -780,6 +798,9 @@ def differentiate(
             return _differentiate_implicitly(build, values, pairs, data, predicted)
         except (BozziniError, ZeroDivisionError, FloatingPointError):
             pass
+    model = build(values)
+    if response == "force" and isinstance(model, MountedMuscle):
+        return _differentiate_mounted(build, values, pairs, data, predicted, model)
     return _differentiate_directly(build, values, pairs, data, predicted, response)
 
 
@@ -798,6 +819,61 @@ def _differentiate_implicitly(
         columns.append((more - less) / (high - low))
     with np.errstate(divide="raise", invalid="raise", over="raise"):
         table: NDArray[np.float64] = np.stack(columns, axis=-1) / stiffness[:, None]
+    return table
+
+
+def _differentiate_mounted(
+    build: Callable[[Mapping[str, float]], MuscleModel],
+    values: Mapping[str, float],
+    pairs: Sequence[tuple[str, float, float]],
+    data: _Columns,
+    predicted: NDArray[np.float64],
+    mounted: MountedMuscle,
+) -> NDArray[np.float64]:
+    """Return ``dF/dp = (df/dp) / (1 + compliance stiffness)``, at the slack force that of its own.
+
+    ``f`` is that of the muscle at ``x - offset + compliance F``, with F held.
+    """
+    floor = mounted.ends.slack_force
+    taut = np.ones(len(predicted), np.bool_) if floor is None else predicted > floor
+    branch = None if data.branch is None else data.branch[taut]
+    pressure, force = data.pressure[taut], predicted[taut]
+
+    def pull(at: MuscleModel, away: float = 0.0) -> Answers:
+        at = at if isinstance(at, MountedMuscle) else MountedMuscle(at)
+        own = data.contraction[taut] + away - at.ends.offset + at.ends.compliance * force
+        return at.model.try_force(pressure, own, direction=branch)
+
+    def differ(one: Answers, other: Answers, steps: tuple[float, float]) -> Floats:
+        ends = [
+            (np.where(held, f, force), np.where(held, step, 0.0))
+            for (f, held), step in zip((one, other), steps, strict=True)
+        ]
+        (f, a), (g, b) = ends
+        with np.errstate(all="ignore"):
+            return np.where(b > a, (g - f) / (b - a), 0.0)
+
+    step = _SLOPE_STEP * mounted.muscle.length
+    slope = differ(pull(mounted, -step), pull(mounted, step), (-step, step))
+    table = np.zeros((len(predicted), len(pairs)))
+    for column, (name, low, high) in enumerate(pairs):
+        if name == "offset":
+            change = -slope
+        elif name == "compliance":
+            change = slope * force
+        elif name == "slack_force":
+            table[~taut, column] = 1.0
+            continue
+        else:
+            trials = []
+            for x in (low, high):
+                try:
+                    trials.append(pull(build({**values, name: x})))  # type: ignore[arg-type]
+                except BozziniError:  # such a value is not legal
+                    trials.append((force, np.zeros(len(force), np.bool_)))
+            change = differ(*trials, (low - values[name], high - values[name]))
+        with np.errstate(all="ignore"):
+            table[taut, column] = change / (1.0 - mounted.ends.compliance * slope)
     return table
 
 

@@ -162,7 +162,7 @@ def run_limits(
         duct, ends = find_line(source, options, progress)
         line, findings = ends.line, (*source.findings, *ends.findings)
     else:
-        duct, line = _prepare_duct(source, options, progress)
+        duct, line = prepare_duct(source, options, progress)
         if options.reverse:
             line = line.reverse()
         findings = (*explain_fit(fit, duct), *list_branches(line))
@@ -209,7 +209,7 @@ def explain_fit(fit: str, duct: Duct) -> tuple[Finding, ...]:
     return (Finding("fitted", "warning", message),)
 
 
-def _prepare_duct(duct: Duct, options: PathOptions, progress: Progress) -> tuple[Duct, Centreline]:
+def prepare_duct(duct: Duct, options: PathOptions, progress: Progress) -> tuple[Duct, Centreline]:
     """Return a duct with its wall moved, and its centreline."""
     if options.via:
         raise InputError("via has no effect on shapes: leave it out")

@@ -36,6 +36,12 @@ LEAST_DECREASE = 1e-4
 FIRST_SHIFT = 1e-2
 """First shift of a Hessian that is not positive, against the straight rod's."""
 
+SADDLE_TOLERANCE = 1e-13
+"""Turn at which a point counts as a saddle, where the Hessian is not positive [rad]."""
+
+SETTLED = 1e-13
+"""Error of a tendon's length, against the longest, below which no further step is taken."""
+
 MOST_HALVINGS = 25
 """Halvings of a step in the line search."""
 
@@ -173,7 +179,9 @@ def solve_equilibrium(rod, limits, tolerance, most_steps, turns, tensions, state
             scale[3 * j + i] = 1.0 / math.sqrt(grid[1][j, i])
     value = measure_equilibrium(rod, limits, turns, tensions, state)
     lengths, trial, slopes, _, _, gradient, _ = state
-    shift, last, error = 0.0, math.inf, 0.0
+    shift, last, error, missed, longest = 0.0, math.inf, 0.0, math.inf, 0.0
+    for m in range(k):
+        longest = max(longest, limits[m])
     for count in range(most_steps):
         shift = _find_step(rod, state, scale, conservative, matrix, factor, step, shift)
         if shift < 0.0:
@@ -187,15 +195,17 @@ def solve_equilibrium(rod, limits, tolerance, most_steps, turns, tensions, state
                 residual += g * g
                 square += (step[3 * j + i] * scale[3 * j + i]) ** 2
             largest = max(largest, math.sqrt(square))
-        error = 0.0
+        missed, error = error if count > 0 else math.inf, 0.0
         for m in range(k):
             if held[m]:
                 gap = lengths[m] - limits[m] - compliances[m] * trial[m]
                 if one_sided[m] and trial[m] == 0.0:
                     gap = max(gap, 0.0)
                 error = max(error, abs(gap))
-        quiet = largest <= STEP_TOLERANCE or (largest <= ROUGH and largest > 0.5 * last)
-        if quiet and error <= tolerance:
+        quiet = largest <= (STEP_TOLERANCE if shift == 0.0 else SADDLE_TOLERANCE)
+        quiet = quiet or (shift == 0.0 and largest <= ROUGH and largest > 0.5 * last)
+        settled = error <= SETTLED * longest or error > 0.5 * missed
+        if quiet and settled and error <= tolerance:
             tensions[:] = trial
             return CONVERGED, count, error, shift
         last = largest
@@ -243,11 +253,15 @@ def solve_equilibrium(rod, limits, tolerance, most_steps, turns, tensions, state
         value = found
         if share == 1.0 and shift == 0.0:
             # The tensions that Newton's method on the conditions themselves would take.
+            moved = False
             for m in range(k):
                 if proximities[m] > 0.0:
-                    tensions[m] = kept[m] + active[m]
+                    fresh = kept[m] + active[m]
                     if one_sided[m]:
-                        tensions[m] = max(tensions[m], 0.0)
-            value = measure_equilibrium(rod, limits, turns, tensions, state)
+                        fresh = max(fresh, 0.0)
+                    moved = moved or fresh != tensions[m]
+                    tensions[m] = fresh
+            if moved:
+                value = measure_equilibrium(rod, limits, turns, tensions, state)
     tensions[:] = trial
     return NOT_CONVERGED, most_steps, error, shift

@@ -1,0 +1,304 @@
+"""``bozzini continuum contact`` and ``insert``: an elastic robot against walls, and pushed in."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from ..continuum.contact import ContactOptions
+from ..errors import InputError
+from ..study.options import PathOptions, ReadOptions
+from ._tract_options import read_with_options, report_findings, tract_options
+from .common import (
+    EXIT_NEGATIVE,
+    PICTURES,
+    Answer,
+    QuantityType,
+    VectorType,
+    answer_options,
+    format_csv,
+    format_rows,
+    option,
+    options_of,
+    parse_pairs,
+    run_exit,
+)
+
+if TYPE_CHECKING:
+    from ..continuum import ContactModel, ContactShape, ContinuumRobot, InsertionResult
+    from ..duct import Centreline, Duct
+
+SHOWN_CONTACTS = 12
+"""Contacts that are listed for people, the strongest first."""
+
+contact_options = options_of(ContactOptions, "contact")
+path_options = options_of(PathOptions, "options")
+
+
+def read_shapes(source: Path) -> Duct:
+    """Return the shapes in a file."""
+    from ..duct.shape_files import load_shapes_file
+
+    return load_shapes_file(source).shapes
+
+
+def read_lumen(
+    source: Path, reading: ReadOptions, options: PathOptions, answer: Answer, *, line: bool
+) -> tuple[Duct, Centreline | None]:
+    """Return the lumen in a file of shapes or a tract, and its centreline if it is asked for."""
+    from ..duct.field import build_field
+    from ..duct.shape_files import SUFFIXES
+    from ..study.shapes import find_line
+    from ..study.traverse import prepare_duct
+
+    if source.suffix.lower() in SUFFIXES:
+        duct = read_shapes(source)
+        if not line:
+            return duct.inflate(options.inflate) if options.inflate else duct, None
+        with answer.show_progress() as progress:
+            duct, found = prepare_duct(duct, options, progress)
+        return duct, found.reverse() if options.reverse else found
+    tract = read_with_options(source, reading, answer)
+    with answer.show_progress() as progress:
+        if not line:
+            field = build_field(
+                tract, voxel=options.voxel, inflate=options.inflate, progress=progress
+            )
+            return field, None
+        field, ends = find_line(tract, options, progress)
+    report_findings(ends.findings)
+    return field, ends.line
+
+
+def _read_robot(path: Path) -> ContinuumRobot:
+    from ..continuum import ContinuumRobot
+
+    return ContinuumRobot.from_yaml(path)
+
+
+def _list_contacts(shape: ContactShape) -> str:
+    import numpy as np
+
+    order = np.argsort(-shape.normal_forces)[:SHOWN_CONTACTS]
+    order = np.sort(order[shape.normal_forces[order] > 0.0])
+    if not len(order):
+        return "it touches no wall"
+    rows = [
+        [
+            f"{shape.arc_length[k]:.2f}",
+            ", ".join(f"{value:z.2f}" for value in shape.points[k]),
+            f"{shape.normal_forces[k]:.4g}",
+        ]
+        for k in order
+    ]
+    return format_rows(["at [mm]", "place [mm]", "force [N]"], rows)
+
+
+def _describe_shape(shape: ContactShape) -> str:
+    tip = ", ".join(f"{value:z.3f}" for value in shape.tip)
+    force = ", ".join(f"{value:z.4g}" for value in shape.resultant)
+    tensions = [
+        f"{name} {value:.4g} N"
+        for name, value in zip(shape.robot.tendon_names, shape.tensions, strict=True)
+        if value
+    ]
+    lines = [
+        f"tip at {tip} mm; the walls push with {force} N in all",
+        _list_contacts(shape),
+        f"stability {shape.stability:.3g} (1 as at rest, 0 where it buckles)",
+    ]
+    return "\n".join([*lines, *(["tendons: " + ", ".join(tensions)] if tensions else [])])
+
+
+@click.command("contact")
+@click.argument("robot_file", metavar="ROBOT.yaml", type=click.Path(path_type=Path))
+@click.argument("source", metavar="[INPUT]", required=False, type=click.Path(path_type=Path))
+@click.option(
+    "--obstacle",
+    "obstacles",
+    multiple=True,
+    type=click.Path(path_type=Path),
+    metavar="SHAPES",
+    help="A file of shapes (.json, .yaml) that the robot is outside of; may be repeated.",
+)
+@click.option(
+    "--displacement",
+    metavar="NAME=LENGTH,...",
+    help="How far tendons are pulled, such as T1=2mm; those left out follow without tension.",
+)
+@click.option(
+    "--tension",
+    metavar="NAME=FORCE,...",
+    help="Instead, their tensions, such as T1=2N; 0 for those left out.",
+)
+@click.option(
+    "--tip-force",
+    type=VectorType("force"),
+    metavar="X,Y,Z",
+    help="Force on the tip, in the world's axes.",
+)
+@option("--inserted LENGTH", "Length beyond an introducer at the base (default: all).", "length")
+@tract_options
+@path_options
+@contact_options
+@answer_options(".csv", *PICTURES, help="A picture, or the forces as a table (.csv).")
+def contact_command(
+    robot_file: Path,
+    source: Path | None,
+    obstacles: tuple[Path, ...],
+    displacement: str | None,
+    tension: str | None,
+    tip_force: tuple[float, float, float] | None,
+    inserted: float | None,
+    reading: ReadOptions,
+    options: PathOptions,
+    contact: ContactOptions,
+    answer: Answer,
+) -> None:
+    """Find the shape of a robot that touches walls, and the forces between them.
+
+    INPUT is a label volume or a surface, as for bozzini plan, or a file of shapes (.json, .yaml):
+    the lumen that the robot is in. The robot's base stands where its file states. Exit code 0:
+    there is a shape in stable equilibrium; 1: there is none, and why; 2: bad input.
+    """
+    from ..continuum import ContactModel, PointLoad
+
+    if displacement is not None and tension is not None:
+        raise InputError("contact takes --displacement or --tension: give one of them")
+    if source is None and not obstacles:
+        raise InputError("contact needs a wall: give INPUT, or --obstacle")
+    robot = _read_robot(robot_file)
+    commands: dict[str, Any] = {}
+    for flag, text, kind in (
+        ("--displacement", displacement, "length"),
+        ("--tension", tension, "force"),
+    ):
+        if text is not None:
+            names, owner = robot.tendon_names, f"the tendons of robot '{robot.name}'"
+            example = "T1=2mm,T2=-1mm" if kind == "length" else "T1=2N,T2=0.5N"
+            commands |= parse_pairs(flag, text, kind, example=example, names=names, owner=owner)
+    duct = None
+    if source is not None:
+        duct, _ = read_lumen(source, reading, options, answer, line=False)
+    model = ContactModel(
+        robot,
+        duct,
+        obstacles=tuple(map(read_shapes, obstacles)),
+        loads=() if tip_force is None else (PointLoad(force=tip_force, frame="world"),),
+        options=contact,
+    )
+    with answer.show_progress() as progress:
+        progress("contact", 0.0)
+        solve = model.shape if tension is None else model.shape_under_tensions
+        shape = solve(commands, inserted=inserted)
+    result = {"input": source, "file": None} | shape.to_dict()
+    if not shape.converged:
+        answer.give(result, f"no stable shape: {shape.reason}")
+        run_exit(EXIT_NEGATIVE)
+    answer.write(shape.list_columns(), shape.plot)
+    answer.give(result | {"file": answer.out}, _describe_shape(shape))
+
+
+@click.command("insert")
+@click.argument("robot_file", metavar="ROBOT.yaml", type=click.Path(path_type=Path))
+@click.argument("source", metavar="INPUT", type=click.Path(path_type=Path))
+@click.option(
+    "--drives",
+    type=click.Path(path_type=Path),
+    metavar="TENDONS.csv",
+    help="The time table of the drives that bozzini plan --robot writes (default: passive).",
+)
+@option("--to LENGTH", "Insert as much of the robot (default: all that the lumen holds).", "length")
+@click.option("--step", type=QuantityType("length"), help="Largest step (default: two segments).")
+@click.option(
+    "--contacts",
+    "forces",
+    type=click.Path(path_type=Path),
+    metavar="FILE.csv",
+    help="Also write the contact forces of all steps as a table.",
+)
+@tract_options
+@path_options
+@contact_options
+@answer_options(
+    ".csv", *PICTURES, help="A picture, or the force on the base over the insertion (.csv)."
+)
+def insert_command(
+    robot_file: Path,
+    source: Path,
+    drives: Path | None,
+    to: float | None,
+    step: float | None,
+    forces: Path | None,
+    reading: ReadOptions,
+    options: PathOptions,
+    contact: ContactOptions,
+    answer: Answer,
+) -> None:
+    """Push a robot into the lumen in INPUT along its centreline, in equilibrium at each step.
+
+    What is not inserted is straight in an introducer at the entry. INPUT is a label volume or a
+    surface, as for bozzini plan, or a file of shapes (.json, .yaml). Exit code 0: it goes in; 1: it
+    finds no equilibrium, loops or meets itself, and where; 2: bad input.
+    """
+    from ..continuum import ContactModel, DriveTable, insert_robot
+    from ..io.files import check_new_file, write_text
+
+    if drives is not None and to is not None:
+        raise InputError("insert takes --drives or --to: give one of them")
+    if forces is not None:
+        check_new_file(forces, (".csv",), force=answer.force)
+    robot = _read_robot(robot_file)
+    table = None if drives is None else DriveTable.from_csv(drives, robot)
+    if to is not None:
+        table = DriveTable.passive(robot, to)
+    duct, line = read_lumen(source, reading, options, answer, line=True)
+    model = ContactModel(robot, duct, options=contact)
+    points = _start_inside(model, line)
+    with answer.show_progress() as progress:
+        found = insert_robot(model, points, drives=table, step=step, progress=progress)
+    result = {"input": source, "file": None, "contacts": None} | found.to_dict()
+    answer.write(found.list_columns(), found.plot)
+    if forces is not None:
+        write_text(forces, format_csv(found.list_contacts()))
+    answer.give(result | {"file": answer.out, "contacts": forces}, _describe_insertion(found))
+    if not found.converged:
+        run_exit(EXIT_NEGATIVE)
+
+
+def _start_inside(model: ContactModel, line: Centreline | None) -> Any:
+    """Return the centreline from the first place on that has room for the body."""
+    import numpy as np
+
+    if line is None:
+        raise InputError("there is no centreline")
+    radius = model.robot.sections[-1].radius
+    gaps = np.min([wall.measure(line.points, np.array([radius])) for wall in model.walls], axis=0)
+    room = np.flatnonzero(gaps > 0.0)
+    if len(room) == 0 or room[0] >= len(line.points) - 1:
+        raise InputError(
+            f"the centreline has at most {radius + gaps.max():.3g} mm to the wall: the body, of "
+            f"radius {radius:g} mm, needs as much"
+        )
+    return line.points[room[0] :]
+
+
+def _describe_insertion(found: InsertionResult) -> str:
+    import math
+
+    last = found.inserted[-1]
+    worst = int(abs(found.push_force).argmax())
+    lines = [
+        f"inserted {last:.1f} mm, the tip {found.tip_progress[-1]:.1f} mm from the entry",
+        f"force on the base up to {found.push_force[worst]:.4g} N, at {found.inserted[worst]:.1f} "
+        f"mm; of the walls up to {found.largest_force.max():.4g} N at one station",
+        _list_contacts(found.last),
+    ]
+    if math.isfinite(found.buckled_at):
+        place = ", ".join(f"{value:z.1f}" for value in found.buckled_place)
+        lines.append(f"it buckles at {found.buckled_at:.1f} mm, most at {place} mm")
+    if not found.converged:
+        lines.insert(0, f"it does not go in: {found.reason}")
+    return "\n".join(lines)
