@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -28,6 +28,7 @@ from .common import (
 
 if TYPE_CHECKING:
     from ..continuum import ContactModel, ContactShape, ContinuumRobot, InsertionResult
+    from ..continuum.checks import Floats
     from ..duct import Centreline, Duct
 
 SHOWN_CONTACTS = 12
@@ -170,7 +171,7 @@ def contact_command(
     if source is None and not obstacles:
         raise InputError("contact needs a wall: give INPUT, or --obstacle")
     robot = _read_robot(robot_file)
-    commands: dict[str, Any] = {}
+    commands: dict[str, float] = {}
     for flag, text, kind in (
         ("--displacement", displacement, "length"),
         ("--tension", tension, "force"),
@@ -268,7 +269,7 @@ def insert_command(
         run_exit(EXIT_NEGATIVE)
 
 
-def _start_inside(model: ContactModel, line: Centreline | None) -> Any:
+def _start_inside(model: ContactModel, line: Centreline | None) -> Floats:
     """Return the centreline from the first place on that has room for the body."""
     import numpy as np
 
