@@ -242,7 +242,7 @@ def insert_command(
 
     What is not inserted is straight in an introducer at the entry. INPUT is a label volume or a
     surface, as for bozzini plan, or a file of shapes (.json, .yaml). Exit code 0: it goes in; 1: it
-    finds no equilibrium, loops or meets itself, and where; 2: bad input.
+    finds no equilibrium, buckles, loops or meets itself, and where; 2: bad input.
     """
     from ..continuum import ContactModel, DriveTable, insert_robot
     from ..io.files import check_new_file, write_text
@@ -287,8 +287,6 @@ def _start_inside(model: ContactModel, line: Centreline | None) -> Floats:
 
 
 def _describe_insertion(found: InsertionResult) -> str:
-    import math
-
     last = found.inserted[-1]
     worst = int(abs(found.push_force).argmax())
     lines = [
@@ -297,9 +295,6 @@ def _describe_insertion(found: InsertionResult) -> str:
         f"mm; of the walls up to {found.largest_force.max():.4g} N at one station",
         _list_contacts(found.last),
     ]
-    if math.isfinite(found.buckled_at):
-        place = ", ".join(f"{value:z.1f}" for value in found.buckled_place)
-        lines.append(f"it buckles at {found.buckled_at:.1f} mm, most at {place} mm")
     if not found.converged:
         lines.insert(0, f"it does not go in: {found.reason}")
     return "\n".join(lines)
