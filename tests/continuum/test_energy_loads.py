@@ -54,6 +54,19 @@ def test_converges_to_the_loaded_rod_with_second_order(name, segment) -> None:
     assert find_orders(errors) == pytest.approx([2.0, 2.0], abs=0.15)
 
 
+def test_stability_is_that_of_the_rod() -> None:
+    tendons, tensions = ROUTINGS["full-turn pair"]
+    options = {"tip_force": (0.02, 0.01, -0.3)}
+    rod = RodModel(make_robot(tendons), **options).shape_under_tensions(tensions)
+    found = []
+    for discs in (10, 20, 40):
+        model = load(make_robot(tendons, discs=discs), **options)
+        found.append(float(model.shape_under_tensions(tensions).stability))
+    assert found[-1] == pytest.approx(float(rod.stability), abs=1e-3)
+    first, second = np.diff(found)
+    assert math.log2(first / second) == pytest.approx(2.0, abs=0.3)
+
+
 def test_euler_load_converges_with_second_order() -> None:
     errors = []
     for discs in (5, 10, 20):

@@ -27,7 +27,7 @@ from .energy import (
 )
 from .loads import measure_loads
 
-PROXIMITY = 0.1
+PROXIMITY = 1e-5
 """Flexibility of the augmented Lagrangian, against the backbone's as a tendon has it."""
 
 LEAST_DECREASE = 1e-4
