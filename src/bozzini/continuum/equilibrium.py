@@ -334,14 +334,16 @@ class LoadedRod:
             matrix += fixed.T @ (inner @ fixed - across) - (matrix @ fixed.T) @ fixed
         return np.asarray(matrix)
 
-    def settle(self, command: Command, found: Equilibrium) -> tuple[Equilibrium, float]:
+    def settle(
+        self, command: Command, found: Equilibrium, factors: Factors = WHOLE
+    ) -> tuple[Equilibrium, float]:
         """Return the equilibrium and its stability; kicked where tendons without tension may hold.
 
         A tendon of the commanded length without tension holds what would lengthen it: then the
         shape comes back from a kick.
         """
         least = self.measure_stability(command, found)
-        limits = command.free_lengths
+        limits = command.limits(factors)
         idle = command.held & ~self.pushes & (found.tensions == 0.0)
         idle &= found.lengths > limits - 2.0 * self.tolerance
         if least > -ZERO_MODE or not idle.any() or not self.spots.have_potential:
@@ -349,7 +351,7 @@ class LoadedRod:
         mode = self._find_softest(command, found)
         kick = KICK * mode / np.linalg.norm(mode)
         for sign in (1.0, -1.0):
-            other = self.solve(command, WHOLE, (found.turns + sign * kick, found.tensions))
+            other = self.solve(command, factors, (found.turns + sign * kick, found.tensions))
             if not other.found or np.abs(other.turns - found.turns).max() > KICK:
                 return found, least
             known = self.measure_stability(command, other)
@@ -368,16 +370,17 @@ class LoadedRod:
         low, high = 0.0, 1.0
         state = self.rest, np.where(command.held, 0.0, command.pulls)
         for found in path:
-            if self.measure_stability(command, found) < 0.0:
+            if self.settle(command, found, Factors(found.share, found.share))[1] < 0.0:
                 high = found.share
                 break
             low, state = found.share, (found.turns, found.tensions)
         while high - low > BUCKLING_SHARE * high:
             middle = 0.5 * (low + high)
-            found = self.solve(command, Factors(middle, middle), state)
+            part = Factors(middle, middle)
+            found = self.solve(command, part, state)
             if not found.found:
                 break
-            if self.measure_stability(command, found) < 0.0:
+            if self.settle(command, found, part)[1] < 0.0:
                 high = middle
             else:
                 low, state = middle, (found.turns, found.tensions)
