@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_array, check_number, check_path, check_points
+from ..checks import check_array, check_number, check_path, check_points, check_range
 from ..errors import FileFormatError, InputError
 from ..numeric.polylines import carry_frames, interpolate_polyline, measure_arc_length
 from ..progress import Progress, no_progress
@@ -79,14 +79,14 @@ class DriveTable:
                 f"inserted has shape {inserted.shape} and displacements "
                 f"{displacements.shape}: they must be (rows,) and (rows, tendons), rows from 1"
             )
-        if not np.isfinite(inserted).all():
-            raise InputError("inserted has values that are not finite (NaN or infinite)")
+        check_range("inserted", inserted, 0.0, np.finfo(np.float64).max, "mm")
         object.__setattr__(self, "inserted", inserted)
         object.__setattr__(self, "displacements", displacements)
 
     @classmethod
     def passive(cls, robot: RobotDesign, to: float) -> DriveTable:
         """Return an insertion to a length [mm] whose tendons follow without tension."""
+        check_number("inserted", to, low=0.0, low_open=True, unit="mm")
         return cls(inserted=np.array([to]), displacements=np.full((1, len(robot.tendons)), np.nan))
 
     @classmethod
