@@ -87,7 +87,7 @@ def validate(folder: Path, images: Path) -> Section:
     board = Checkerboard(columns=9, rows=6, square=5.5)
     names, views = detect_views(folder / "stereo", board)
     found = calibrate_cameras(views, board, names, options=CalibrationOptions(resamples=0))
-    cameras = found.cameras.cameras
+    cameras, baseline = found.cameras.cameras, found.cameras.baseline
     steps = read_points(folder / "steps_tendon_1.csv", cameras)
     loop = read_points(folder / "loop_tendon_1.csv", cameras)
     apart = np.linalg.norm(loop[:, 0] - loop[:, 1], axis=-1)
@@ -116,8 +116,8 @@ def validate(folder: Path, images: Path) -> Section:
         licence="Apache-2.0.",
         text=(
             f"{len(views)} pairs of pictures of a checkerboard calibrate two cameras: "
-            f"{found.cameras.rms:.2f} px, {found.cameras.baseline:.2f} mm apart (the source has {BASELINE_MM} mm, "
-            f"{100.0 * (found.cameras.baseline / BASELINE_MM - 1.0):.1f} % more). Two markers of the tip "
+            f"{found.cameras.rms:.2f} px, {baseline:.2f} mm apart (the source has {BASELINE_MM} "
+            f"mm, {100.0 * (baseline / BASELINE_MM - 1.0):+.1f} %). Two markers of the tip "
             f"disc are triangulated at {len(steps)} steps of one tendon; they are 21.7 to 22.2 mm "
             f"apart in all of them. Of {len(loop)} rows of the loop {swapped} have markers that "
             "are elsewhere, most of them with places exchanged in one picture: they are left out "
