@@ -65,6 +65,7 @@ def check_balance(shape: ContactShape) -> None:
     assert shape.residual < 1e-6
 
 
+@pytest.mark.slow
 def test_a_heavy_beam_lies_down_as_the_linear_beam_does() -> None:
     # Clamped at height h over a floor: lifted over a = (72 EI h / w)^(1/4), with w a / 3 at the
     # place of touch-down (EI y'''' = -w, and y = y' = y'' = 0 there).
@@ -202,6 +203,7 @@ def solve_chain(
     return place(found.x)
 
 
+@pytest.mark.slow
 def test_around_a_circle_it_is_the_chain_of_the_thesis() -> None:
     length, offset, pull, radius = 100.0, 4.0, 4.0, 1.0
     circle = (55.0, 22.0, 12.0)

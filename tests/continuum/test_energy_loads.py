@@ -46,7 +46,7 @@ def test_converges_to_the_loaded_rod_with_second_order(name, segment) -> None:
     options = {"tip_force": (0.05, 0.02, -0.05), "distributed_force": (0.0, -5e-4, 0.0)}
     rod = RodModel(make_robot(tendons), **options).shape_under_tensions(tensions)
     errors = []
-    for discs in (10, 20, 40):
+    for discs in (8, 16, 32):
         model = load(make_robot(tendons, discs=discs), segment=segment, **options)
         shape = model.shape_under_tensions(tensions)
         assert shape.converged and shape.stable
@@ -315,7 +315,7 @@ def test_path_turns_where_the_elastica_does() -> None:
     ).fun
     tendons = [Tendon(name="a", offset=4.0, pushes=True)]
     errors = []
-    for discs in (6, 12):
+    for discs in (4, 8):
         model = EnergyModel(
             make_robot(tendons, discs=discs), segment="channel", tip_force=(0.0, 0.0, -force)
         )
@@ -327,7 +327,7 @@ def test_path_turns_where_the_elastica_does() -> None:
         down, up = 4.0 * path.factors[list(path.limit_points)]
         assert down == pytest.approx(-up, rel=1e-6)
         errors.append(abs(abs(down) - limit))
-        assert errors[-1] < 0.1 * limit
+        assert errors[-1] < 0.2 * limit
     assert find_orders(errors) == pytest.approx([2.0], abs=0.3)
     # What the backbone holds is what force and tendon have done.
     shapes = path.shapes

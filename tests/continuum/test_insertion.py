@@ -58,6 +58,7 @@ def test_the_push_is_how_the_energy_changes_with_the_length() -> None:
     assert np.isnan(found.buckled_at) and np.isnan(found.looped_at)
 
 
+@pytest.mark.slow
 def test_friction_holds_back_either_way() -> None:
     free = ContactModel(make_robot(), TUBE, options=OPTIONS)
     rough = ContactModel(
@@ -72,6 +73,7 @@ def test_friction_holds_back_either_way() -> None:
     assert found.push_force[outward] < 0.95 * smooth.push_force[outward]
 
 
+@pytest.mark.slow
 def test_a_sampled_lumen_agrees_with_its_shapes() -> None:
     robot = make_robot(stiffness=300.0)
     table = DriveTable.passive(robot, 60.0)
@@ -86,6 +88,7 @@ def test_a_sampled_lumen_agrees_with_its_shapes() -> None:
     assert sampled.last.energy == pytest.approx(exact.last.energy, rel=0.15)
 
 
+@pytest.mark.slow
 def test_a_lumen_narrower_than_the_body_stops_it_with_the_place() -> None:
     line = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 40.0], [0.0, 0.0, 60.0], [0.0, 0.0, 100.0]])
     narrow = RoundCones(line, np.array([8.0, 8.0, 2.0, 2.0]))
@@ -140,3 +143,8 @@ def test_wrong_input_is_refused_in_one_line() -> None:
         insert_robot(model, PATH + np.array([7.0, 0.0, 0.0]))
     with pytest.raises(InputError, match=r"inserted is 100 mm: it must lie in \(0, 70\] mm"):
         model.shape(inserted=100.0)
+
+
+def test_the_same_insertion_in_a_simulator_of_rigid_bodies() -> None:
+    pytest.importorskip("bozzini.physics", reason="there is no simulator of the scene yet")
+    pytest.fail("compare the push force of a simulated insertion with insert_robot's, within 10 %")

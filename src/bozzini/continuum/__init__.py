@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from .arc import ArcModel, arc_frames, bend_vectors, displacements_for, jacobian
 from .contact import ContactModel, ContactOptions, ContactShape
-from .coupling import BendSolution, ParallelModel, check_displacements, coupling_matrix
 from .continuation import EquilibriumPath
+from .coupling import BendSolution, ParallelModel, check_displacements, coupling_matrix
 from .energy import EnergyModel
 from .fit import (
     Estimate,

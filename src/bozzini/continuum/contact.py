@@ -19,8 +19,8 @@ from .checks import Floats
 from .kernels.energy import CHANNEL, POINTS, WEIGHTS, fill_frames, measure_lengths
 from .kernels.loads import measure_loads, place_spots
 from .loads import BODY, Load, PackedLoads, pack_loads
+from .profile import ROUND_OFF_MM
 from .robot import RobotDesign
-from .section import ROUND_OFF_MM
 from .walls import Boundary, Wall, take_boundaries
 
 if TYPE_CHECKING:
@@ -345,7 +345,7 @@ class Measure:
     def expect(self, way: Floats) -> Floats:
         """Return the contact forces that are expected where the points have moved by (n, 3)."""
         change = self.stiff * np.sum(self.slopes * way, axis=-1)
-        return np.maximum(self.forces - change, 1e-3 * self.forces)
+        return np.asarray(np.maximum(self.forces - change, 1e-3 * self.forces))
 
 
 @dataclass(frozen=True, eq=False)
@@ -811,12 +811,12 @@ class ContactShape(Result):
     @property
     def tip(self) -> Floats:
         """Where the robot ends, (3,) [mm]."""
-        return self.points[-1]
+        return np.asarray(self.points[-1])
 
     @property
     def resultant(self) -> Floats:
         """Sum of the walls' forces on the body, (3,) [N]."""
-        return self.forces.sum(axis=0)
+        return np.asarray(self.forces.sum(axis=0))
 
     def to_dict(self) -> Json:
         """Return the shape as plain values; units are in the names."""

@@ -169,7 +169,8 @@ class InsertionResult(Result):
     shapes : tuple of ContactShape
         All steps.
     converged : bool
-        Whether every step has an equilibrium and the body neither loops nor meets itself.
+        Whether every step has an equilibrium, and the body neither buckles, loops nor meets
+        itself.
     reason : str
     residual : float
         Largest of the shapes [mm].
@@ -281,7 +282,8 @@ def insert_robot(
     Returns
     -------
     InsertionResult
-        It ends at the first step without an equilibrium, or where the body loops.
+        It ends at the first step without an equilibrium, or where the body loops; where it buckles
+        it goes on from the shape that it jumps to.
 
     Raises
     ------
@@ -453,6 +455,12 @@ class _Insertion:
 
     def _finish(self) -> InsertionResult:
         shapes = self.shapes
+        if not self.reason and math.isfinite(self.buckled[0]):
+            place = ", ".join(f"{value:.4g}" for value in self.buckled[1])
+            self.reason = (
+                f"at {self.buckled[0]:.4g} mm: the body buckles, it jumps to another shape, most at "
+                f"({place}) mm"
+            )
         return InsertionResult(
             robot=self.model.robot,
             inserted=np.array([shape.inserted for shape in shapes]),

@@ -25,6 +25,9 @@ WIDEST = 6.0
 WIDEST_LENGTH = 1.0
 """Largest logarithm of the factor of a length."""
 
+WIDEST_ZERO_MM = 20.0
+"""Largest change of a tendon's zero [mm]."""
+
 
 @dataclass(frozen=True)
 class Known:
@@ -60,7 +63,7 @@ FIELDS: dict[Group, dict[str, Known]] = {
         "stiffness": _factor("N", 2.0 * WIDEST),
         "pretension": Known("shift", "N", begin=0.1),
         "friction": Known("shift", "", begin=0.05),
-        "zero": Known("shift", "mm"),
+        "zero": Known("shift", "mm", -WIDEST_ZERO_MM, WIDEST_ZERO_MM),
     },
     "markers": {
         "arc_length": Known("shift", "mm"),

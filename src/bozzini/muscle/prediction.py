@@ -28,6 +28,7 @@ from .design import Muscle
 from .files import FitSummary, MuscleFile
 from .model import MuscleModel
 from .problem import (
+    DIFFERENCE_STEP,
     END_FIELDS,
     Task,
     change_model,
@@ -200,12 +201,15 @@ def predict(
         predicted[part.rows], held[part.rows] = found, good
         if fit.names and good.any():
             at = _read_values(model, fit.names)
-            scales = np.array([choose_scale(n, x, own=True) for n, x in at.items()])
+            steps = [
+                DIFFERENCE_STEP * max(choose_scale(n, x, own=True), abs(x)) for n, x in at.items()
+            ]
             slopes = differentiate(
                 build,
                 at,
-                bounds=np.tile([-np.inf, np.inf], (len(at), 1)),
-                scales=scales,
+                pairs=[
+                    (n, x - step, x + step) for (n, x), step in zip(at.items(), steps, strict=True)
+                ],
                 data=rows.select(good),
                 predicted=found[good],
                 response=fit.response,

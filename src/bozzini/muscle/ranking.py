@@ -1095,7 +1095,7 @@ def _validate(
     def fit(rows: Task) -> tuple[Callable[[Part], MuscleModel], bool]:
         if clock.is_over:
             raise OutOfTimeError(f"stopped: the time of {clock.limit:g} s is used up")
-        problem = _make_problem(unknowns, rows, estimates, clock)
+        problem = replace(_make_problem(unknowns, rows, estimates, clock), rough=True)
         again = find_minimum(problem, problem.choose_start(), limit=_EVALUATIONS)
         values = problem.name_values(again.x)
         if problem.unknowns == whole.unknowns:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from abc import abstractmethod
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import ClassVar
 
 import numpy as np
@@ -169,7 +169,7 @@ class WalledModel(CatalogueModel):
     keeps_thickness: ClassVar[bool] = False
     """Whether the wall is as thick as at rest at every length, instead of keeping its volume."""
 
-    @property
+    @cached_property
     def wall(self) -> Wall:
         """The wall at rest."""
         return Wall.of(self.muscle, self.braid)
