@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 
 import numpy as np
 import pytest
@@ -46,12 +47,25 @@ def test_converges_to_the_loaded_rod_with_second_order(name, segment) -> None:
     options = {"tip_force": (0.05, 0.02, -0.05), "distributed_force": (0.0, -5e-4, 0.0)}
     rod = RodModel(make_robot(tendons), **options).shape_under_tensions(tensions)
     errors = []
-    for discs in (10, 20, 40):
+    for discs in (8, 16, 32):
         model = load(make_robot(tendons, discs=discs), segment=segment, **options)
         shape = model.shape_under_tensions(tensions)
         assert shape.converged and shape.stable
         errors.append(np.linalg.norm(shape.tip - rod.tip))
     assert find_orders(errors) == pytest.approx([2.0, 2.0], abs=0.15)
+
+
+def test_stability_is_that_of_the_rod() -> None:
+    tendons, tensions = ROUTINGS["full-turn pair"]
+    options = {"tip_force": (0.02, 0.01, -0.3)}
+    rod = RodModel(make_robot(tendons), **options).shape_under_tensions(tensions)
+    found = []
+    for discs in (10, 20, 40):
+        model = load(make_robot(tendons, discs=discs), **options)
+        found.append(float(model.shape_under_tensions(tensions).stability))
+    assert found[-1] == pytest.approx(float(rod.stability), abs=1e-3)
+    first, second = np.diff(found)
+    assert math.log2(first / second) == pytest.approx(2.0, abs=0.3)
 
 
 def test_euler_load_converges_with_second_order() -> None:
@@ -100,9 +114,20 @@ def test_beyond_the_buckling_load_it_is_stable_or_refused(segment) -> None:
     refused = straight.shape_under_tensions(NO_PULL)
     assert not refused.converged and not refused.stable
     assert "buckles at 0.25" in str(refused.reason)
-    # Without tension a cable of the commanded length lets the rod bend no further than its slack.
-    held = straight.shape(NO_PULL)
-    assert held.stable == held.converged
+
+
+@pytest.mark.parametrize("stiffness", [1e4, math.inf])
+def test_cables_without_tension_hold_the_turn_of_the_tip(stiffness) -> None:
+    # All bends but those between two parallel ends would stretch one: four times Euler's load.
+    for share in (0.5, 0.9):
+        model = load(tip_force=(0.0, 0.0, -4.0 * share * EULER), tendon_stiffness=stiffness)
+        shape = model.shape(NO_PULL)
+        assert shape.converged, shape.reason
+        assert float(shape.stability) == pytest.approx(1.0 - share, abs=0.02)
+        assert shape.tip == pytest.approx([0.0, 0.0, LENGTH], abs=1e-3)
+    model = load(tip_force=(0.0, 0.0, -5.0 * EULER), tendon_stiffness=stiffness)
+    named = re.search(r"buckles at ([\d.]+) of the load", str(model.shape(NO_PULL).reason))
+    assert named and float(named[1]) == pytest.approx(0.8, abs=0.01)
 
 
 def test_loaded_tendons_find_the_equilibrium_that_is_there() -> None:
@@ -302,7 +327,7 @@ def test_path_turns_where_the_elastica_does() -> None:
     ).fun
     tendons = [Tendon(name="a", offset=4.0, pushes=True)]
     errors = []
-    for discs in (6, 12):
+    for discs in (4, 8):
         model = EnergyModel(
             make_robot(tendons, discs=discs), segment="channel", tip_force=(0.0, 0.0, -force)
         )
@@ -314,7 +339,7 @@ def test_path_turns_where_the_elastica_does() -> None:
         down, up = 4.0 * path.factors[list(path.limit_points)]
         assert down == pytest.approx(-up, rel=1e-6)
         errors.append(abs(abs(down) - limit))
-        assert errors[-1] < 0.1 * limit
+        assert errors[-1] < 0.2 * limit
     assert find_orders(errors) == pytest.approx([2.0], abs=0.3)
     # What the backbone holds is what force and tendon have done.
     shapes = path.shapes

@@ -68,8 +68,9 @@ def test_curvature_is_a_minimum_of_the_potential(seed, strength, push) -> None:
 
 
 def test_lengths_and_flexibility_are_derivatives_of_the_dual() -> None:
-    grid = RodGrid(draw_robot(np.random.default_rng(4), 0.3), between=0, steps=40).packed
-    count = grid[2].shape[2]
+    robot = draw_robot(np.random.default_rng(4), 0.3)
+    grid = RodGrid.cut(robot, RodModel(robot).arc_length, 40).packed
+    count = len(robot.tendons)
     tensions = np.random.default_rng(5).uniform(0.1, 2.0, count)
 
     def measure(tensions):
@@ -116,8 +117,9 @@ def test_its_curvatures_are_stable_under_its_tensions() -> None:
         shape = model.shape(draw_command(rng, robot))
         if not shape.converged:
             continue
-        grid = RodGrid(robot, model.between, model.steps)
-        _, stiffness, guides, present = grid.packed
+        grid = RodGrid.cut(robot, model.arc_length, model.steps)
+        _, stiffness, _, guides, present = grid.packed
+        stiffness = stiffness[:, 1, 3:]
         u, work = np.zeros(3), np.empty((11, 3))
         for n in range(len(stiffness)):
             args = (stiffness[n], guides[n, 1], present[n], shape.tensions, np.zeros(3))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from .arc import ArcModel, arc_frames, bend_vectors, displacements_for, jacobian
 from .contact import ContactModel, ContactOptions, ContactShape
+from .continuation import EquilibriumPath
 from .coupling import BendSolution, ParallelModel, check_displacements, coupling_matrix
 from .energy import EnergyModel
 from .fit import (
@@ -19,6 +20,7 @@ from .fit import (
     write_calibration,
 )
 from .friction import FrictionState
+from .gradients import ShapeJacobian
 from .history import TendonHistory
 from .insertion import DriveTable, InsertionResult, insert_robot
 from .inverse import (
@@ -71,6 +73,7 @@ __all__ = [
     "DexterityMap",
     "DriveTable",
     "EnergyModel",
+    "EquilibriumPath",
     "FrictionState",
     "Helix",
     "InsertionResult",
@@ -86,6 +89,7 @@ __all__ = [
     "Section",
     "SectionResult",
     "Shape",
+    "ShapeJacobian",
     "TendonHistory",
     "Tendon",
     "TendonTravel",

@@ -41,8 +41,10 @@ POOR_SHARE = 0.05
 """A fit is poor if it misses by more than this share of the span of the points."""
 AT_BOUND = 1e-6
 """Distance from a bound that counts as none."""
-LEAST_SCALE_MM = 1e-6
-"""Least misfit at which a robust loss begins to count less [mm]."""
+FLAT = 1e-3
+"""Gradient of half the sum of squares that counts as none [mm^2]."""
+LEAST_SCATTER_MM = 1e-4
+"""Scatter below which all misfits count alike [mm]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -555,7 +557,7 @@ class _Search:
             f_scale=self.scale,
             xtol=1e-6,
             ftol=1e-6,
-            gtol=1e-12,
+            gtol=FLAT,
             max_nfev=limit,
         )
         found = observe(end.x)
@@ -584,10 +586,10 @@ def _search_all(search: _Search, options: RobotFitOptions) -> tuple[_Found, floa
     """Return the best fit to all rows, and from which misfit on a robust loss counts less."""
     start = search.limits[2]
     first = search.run(start, loss="linear")
-    if options.loss == "linear" or not search.unknowns:
-        return first, 1.0
     scatter = 1.4826 * float(np.median(np.abs(search.miss(first.observed))))
-    scale = max(1.5 * scatter, LEAST_SCALE_MM)
+    if options.loss == "linear" or not search.unknowns or scatter < LEAST_SCATTER_MM:
+        return first, max(scatter, 1.0)
+    scale = 1.5 * scatter
     found = dataclasses.replace(search, scale=scale).run(first.changes, loss=options.loss)
     return dataclasses.replace(found, evaluations=found.evaluations + first.evaluations), scale
 

@@ -95,14 +95,15 @@ class Channels:
     Parameters
     ----------
     grid : tuple of ndarray
-        Steps' ends, stiffness, places of tendons, and where they run, see `integrate_rod`.
+        Steps' ends, stiffness, curvature, places of tendons, and where they run, see
+        `integrate_rod`.
     friction : (t,) ndarray
         Coefficients of friction.
     flexibility : (t,) ndarray
         1/EA of the tendons [1/N].
     """
 
-    grid: tuple[Floats, Floats, Floats, NDArray[np.bool_]]
+    grid: tuple[Floats, Floats, Floats, Floats, NDArray[np.bool_]]
     friction: Floats
     flexibility: Floats
 
@@ -114,7 +115,7 @@ class Channels:
     @cached_property
     def rest_rates(self) -> Floats:
         """Length of tendons per length of the straight robot, shape (n, 3, t)."""
-        _, _, guides, present = self.grid
+        _, _, _, guides, present = self.grid
         rates = np.sqrt(1.0 + np.sum(guides[..., 2:] ** 2, axis=-1))
         return np.asarray(rates * present[:, None])
 

@@ -1,11 +1,13 @@
-"""The reference: a Kirchhoff rod with tendons, a boundary-value problem."""
+"""The reference: a Cosserat rod with tendons, a boundary-value problem."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,13 +15,16 @@ from numpy.typing import ArrayLike, NDArray
 from ..checks import check_points, quantity
 from ..errors import InputError
 from ..numeric.kernels.linear_algebra import solve_bounded
-from ..numeric.kernels.rotations import find_turn, turn_quaternion
 from .checks import Floats
 from .coupling import check_displacements
 from .energy import place_stations
 from .friction import Bending, Channels, Drive, FrictionState, Sliding
 from .history import TendonHistory
-from .kernels.rod import differentiate_piece, integrate_rod, measure_unloaded
+from .kernels import shooting
+from .kernels.rod import BEND, LENGTHS, MOMENT, TURN, integrate_rod, measure_unloaded
+from .kernels.shooting import BUCKLING, FOUND, HELD, SMALL_JUMP, UNSTABLE
+from .kernels.stability import measure_stability
+from .loads import BODY, Load, PackedLoads, check_loads, pack_loads
 from .model import (
     BendMeasure,
     ContinuumModel,
@@ -31,27 +36,50 @@ from .model import (
 )
 from .profile import ROUND_OFF_MM
 from .robot import RobotDesign
-from .section import LEAST_LEVER
+from .section import LEAST_LEVER, Section
 from .shape import Shape
 
 # A robot cut into steps, as the rod's kernels take it.
 
-NUDGE = 1e-9
-"""How far inside a smooth piece its ends are evaluated, against its length."""
+NUDGE_MM = 10.0 * ROUND_OFF_MM
+"""How far inside a step its ends are evaluated [mm]."""
+
+RIGID = 1e10
+"""Stiffness that stands for an infinite one, against bending stiffness by the length's square."""
+
+Packed = tuple[Floats, Floats, Floats, Floats, NDArray[np.bool_]]
 
 
 @dataclass(frozen=True)
 class RodGrid:
-    """Steps of a robot, at least `steps` of them, and how its tendons pass them."""
+    """Steps of a robot, and how its tendons pass them.
+
+    `places` (n + 1,) are the steps' ends [mm]; wherever something jumps is one of them.
+    """
 
     robot: RobotDesign
-    between: int
-    steps: int
+    places: Floats
 
-    @cached_property
-    def arc_length(self) -> Floats:
-        """Stations: base, discs, tendon ends and points between [mm], shape (k,)."""
-        return place_stations(self.robot, self.between)
+    @classmethod
+    def cut(cls, robot: RobotDesign, stations: Floats, steps: int) -> RodGrid:
+        """Return at least so many steps, with stations and corners of tendons among their ends."""
+        corners = [place for tendon in robot.tendons for place in tendon.corners()]
+        breaks = _unique(np.concatenate([stations, corners]))
+        widest = robot.length / steps
+        pieces = [
+            np.linspace(start, end, math.ceil((end - start) / widest - 1e-9) + 1)[1:]
+            for start, end in zip(breaks[:-1], breaks[1:], strict=True)
+        ]
+        return cls(robot, np.concatenate([[0.0], *pieces]))
+
+    def thin(self, breaks: Floats, steps: int) -> RodGrid:
+        """Return about so many of these steps, joined between breaks."""
+        kept, widest = [0], self.robot.length / steps * (1.0 + 1e-9)
+        fixed = np.isin(np.arange(len(self.places)), np.searchsorted(self.places, breaks - EDGE))
+        for index in range(1, len(self.places) - 1):
+            if fixed[index] or self.places[index + 1] - self.places[kept[-1]] > widest:
+                kept.append(index)
+        return RodGrid(self.robot, self.places[[*kept, -1]])
 
     @cached_property
     def natural_lengths(self) -> Floats:
@@ -61,50 +89,44 @@ class RodGrid:
         return np.asarray(np.sum(means * np.diff(self.places)[:, None], axis=0))
 
     @property
-    def packed(self) -> tuple[Floats, Floats, Floats, NDArray[np.bool_]]:
+    def packed(self) -> Packed:
         """What the kernels take, see `integrate_rod`."""
-        return self.places, self.stiffness, self.guides, self.present
+        return self.places, self.stiffness, self.rest, self.guides, self.present
 
     @cached_property
-    def places(self) -> Floats:
-        """Ends of the steps [mm], shape (n + 1,): stations and corners of tendons among them."""
-        corners = [place for tendon in self.robot.tendons for place in tendon.corners()]
-        breaks = np.unique(np.concatenate([self.arc_length, corners]))
-        breaks = breaks[np.concatenate([[True], np.diff(breaks) > ROUND_OFF_MM])]
-        widest = self.robot.length / self.steps
-        pieces = [
-            np.linspace(start, end, math.ceil((end - start) / widest - 1e-9) + 1)[1:]
-            for start, end in zip(breaks[:-1], breaks[1:], strict=True)
-        ]
-        return np.concatenate([[0.0], *pieces])
-
-    @cached_property
-    def middles(self) -> Floats:
-        """Middles of the steps [mm], shape (n,)."""
-        return np.asarray(0.5 * (self.places[1:] + self.places[:-1]))
+    def inner_places(self) -> Floats:
+        """Start, middle and end of the steps [mm], inside of them, shape (n, 3)."""
+        middles = 0.5 * (self.places[1:] + self.places[:-1])
+        width = np.diff(self.places)
+        edge = np.maximum(0.5 * width - NUDGE_MM, 0.25 * width)
+        return np.stack([middles - edge, middles, middles + edge], axis=1)
 
     @cached_property
     def present(self) -> NDArray[np.bool_]:
         """Whether each tendon runs in each step, shape (n, t)."""
-        return np.asarray(self.middles[:, None] < self.robot.tendon_ends)
+        return np.asarray(self.inner_places[:, 1, None] < self.robot.tendon_ends)
 
     @cached_property
     def guides(self) -> Floats:
         """Places and slopes of tendons at start, middle and end of steps, shape (n, 3, t, 4)."""
-        guides = np.zeros((len(self.middles), 3, len(self.robot.tendons), 4))
-        # Inside the step, where corners do not matter.
-        edge = (0.5 - NUDGE) * np.diff(self.places)
-        places = np.stack([self.middles - edge, self.middles, self.middles + edge], axis=1)
+        guides = np.zeros((len(self.places) - 1, 3, len(self.robot.tendons), 4))
         for row, tendon in enumerate(self.robot.tendons):
             here = self.present[:, row]
-            guides[here, :, row, :2] = tendon.place_at(places[here])
-            guides[here, :, row, 2:] = tendon.slope_at(places[here])
+            guides[here, :, row, :2] = tendon.place_at(self.inner_places[here])
+            guides[here, :, row, 2:] = tendon.slope_at(self.inner_places[here])
         return guides
 
     @cached_property
     def stiffness(self) -> Floats:
-        """EI, EI and GJ of the backbone in each step [N mm^2], shape (n, 3)."""
-        return self.robot.stiffness_at(self.middles)[:, 3:]
+        """Stiffnesses of the backbone as of `RobotDesign.stiffness_at`, shape (n, 3, 6)."""
+        found = self.robot.stiffness_at(self.inner_places)
+        rigid = RIGID * found[..., 3:].max() / self.robot.length**2
+        return np.ascontiguousarray(np.where(np.isfinite(found), found, rigid))
+
+    @cached_property
+    def rest(self) -> Floats:
+        """Curvatures and twist at rest [1/mm], shape (n, 3, 3)."""
+        return np.ascontiguousarray(self.robot.curvature_at(self.inner_places))
 
     @cached_property
     def reaches(self) -> Floats:
@@ -118,97 +140,51 @@ class RodGrid:
         return np.asarray(np.maximum(offsets.min(axis=(0, 1)), LEAST_LEVER * most))
 
 
-# A rod to shoot, what is asked of it, and a state of it.
+def _unique(places: Floats) -> Floats:
+    """Return sorted places, those that differ by round-off once."""
+    ordered = np.unique(places)
+    return ordered[np.concatenate([[True], np.diff(ordered) > ROUND_OFF_MM])]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Rod:
-    """A rod cut into steps, as the kernels take it, and how many pieces to shoot.
-
-    Attributes
-    ----------
-    grid : tuple of ndarray
-        Steps' ends, stiffness, places of tendons, and where they run, see `integrate_rod`.
-    tip_force, tip_moment, line_force : (3,) ndarray
-        Loads [N], [N mm], [N/mm].
-    pieces : int
-        Pieces of the shooting.
-    moment_scale, load : float
-        Moment that bends the robot by about 1 rad [N mm], and the loads against it.
-    unit_tension, strongest : float
-        Tension that bends it by about 1 rad, and the one at which a command is impossible [N].
-    changes : (n, 3, t) or (0, 3, 0) ndarray
-        By how much friction makes tensions differ from those at the base [N].
-    """
-
-    grid: tuple[Floats, Floats, Floats, NDArray[np.bool_]]
-    tip_force: Floats
-    tip_moment: Floats
-    line_force: Floats
-    pieces: int
-    moment_scale: float
-    load: float
-    unit_tension: float
-    strongest: float
-    changes: Floats = field(default_factory=lambda: np.zeros((0, 3, 0)))
-
-    def load_with(self, share: float) -> tuple[Floats, Floats, Floats]:
-        """Return a share of the loads and changes of tensions, as the kernels take them."""
-        return share * self.tip_force, share * self.line_force, share * self.changes
-
-    @property
-    def cuts(self) -> NDArray[np.int64]:
-        """First step of every piece, and the last one's end, shape (pieces + 1,)."""
-        cuts = np.linspace(0.0, len(self.grid[0]) - 1.0, self.pieces + 1)
-        return np.round(cuts).astype(np.int64)
-
-    def rest(self, tendons: int, reason: str = "") -> Shot:
-        """Return the straight rod under none of its command."""
-        turns = np.zeros((self.pieces, 4))
-        turns[:, 0] = 1.0
-        return Shot(
-            tensions=np.zeros(tendons),
-            turns=turns,
-            moments=np.zeros((self.pieces, 3)),
-            share=0.0,
-            reason=reason,
+def list_breaks(robot: RobotDesign, loads: PackedLoads) -> Floats:
+    """Return the arc lengths inside a robot where its sections, tendons or loads change [mm]."""
+    corners = [place for tendon in robot.tendons for place in tendon.corners()]
+    knots = [
+        start + knot
+        for start, section in zip(robot.section_starts, robot.sections, strict=True)
+        for knot in list_knots(section)
+    ]
+    found = _unique(
+        np.concatenate(
+            [
+                robot.section_ends,
+                robot.tendon_ends,
+                corners,
+                knots,
+                loads.points,
+                loads.line_spans.ravel(),
+            ]
         )
+    )
+    return found[(found > ROUND_OFF_MM) & (found < robot.length - ROUND_OFF_MM)]
 
-    def trace(self, shot: Shot) -> tuple[Floats, Floats, bool]:
-        """Return the states and bends at all places, and whether it got through."""
-        states, bends, _, good = self._pass(shot)
-        return states, bends, good
 
-    def trace_jumps(self, shot: Shot) -> tuple[Floats, Floats, bool]:
-        """Return the states, the jumps between pieces (pieces, 6), and whether it got through.
+def list_knots(section: Section) -> list[float]:
+    """Return the places of all knots of a section's profiles, from its start [mm]."""
+    profiles: list[object] = [
+        section.bending_stiffness,
+        section.torsional_stiffness,
+        section.stretch_stiffness,
+        section.shear_stiffness,
+        section.line_weight,
+        section.curvature,
+        section.wire.diameter if section.wire else None,
+    ]
+    rows = [row for profile in profiles if isinstance(profile, tuple) for row in profile]
+    return [float(row[0]) for row in rows if isinstance(row, tuple)]
 
-        The last row is the end against the load on it, without a turn.
-        """
-        states, _, jumps, good = self._pass(shot)
-        return states, jumps, good
 
-    def _pass(self, shot: Shot) -> tuple[Floats, Floats, Floats, bool]:
-        states = np.zeros((len(self.grid[0]), 10 + len(shot.tensions)))
-        bends = np.zeros((len(self.grid[0]), 3))
-        jumps = np.zeros((self.pieces, 6))
-        good = True
-        cuts = self.cuts
-        for index, (first, last) in enumerate(zip(cuts[:-1], cuts[1:], strict=True)):
-            if index > 0:
-                find_turn(shot.turns[index], states[first, 3:7], jumps[index - 1, :3])
-                jumps[index - 1, 3:] = states[first, 7:10] - shot.moments[index]
-            states[first, 3:7], states[first, 7:10] = shot.turns[index], shot.moments[index]
-            good = good and integrate_rod(
-                first,
-                last,
-                self.grid,
-                shot.tensions,
-                self.load_with(shot.share),
-                states,
-                bends,
-            )
-        jumps[-1, 3:] = states[-1, 7:10] - shot.share * self.tip_moment
-        return states, bends, jumps, bool(good)
+# A rod to shoot, what is asked of it, and a state of it.
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -225,36 +201,50 @@ class Target:
         How much they stretch by their tension [mm/N].
     tolerance : float
         Error of their lengths that is let through [mm].
-    natural, command : (t,) ndarray
-        Their lengths in the straight robot, and the displacements asked for [mm].
     reaches : (t,) ndarray
         Their least distances from the backbone [mm].
-    tensions : (t,) ndarray
-        Tensions [N], in place of displacements.
+    holds : (t,) ndarray of bool
+        Of which of them the length is given, of the others the tension.
+    rest, change : (t,) ndarray
+        Lengths [mm] or tensions [N] without a command, and how it changes them.
+    strongest : float
+        Tension at which a command is impossible [N].
     """
 
     names: tuple[str, ...]
     pushes: NDArray[np.bool_]
     compliances: Floats
     tolerance: float
-    natural: Floats
     reaches: Floats
-    command: Floats | None = None
-    tensions: Floats | None = None
+    holds: NDArray[np.bool_]
+    rest: Floats
+    change: Floats
+    strongest: float
 
-    def limit(self, share: float, loose: float) -> Floats:
-        """Return the lengths of the cables for a share of the command [mm]; inf if not asked."""
-        if self.command is None:
-            return np.full(len(self.names), math.inf)
-        return np.asarray(self.natural - share * self.command + loose * ~self.pushes)
+    @cached_property
+    def bounds(self) -> tuple[Floats, Floats, Floats]:
+        """Compliances, lowest and highest tensions, as the kernels take them."""
+        high = np.full(len(self.names), self.strongest)
+        return self.compliances, np.where(self.pushes, -high, 0.0), high
+
+    @property
+    def is_rigid(self) -> bool:
+        """Whether lengths are given of tendons, and none stretches."""
+        return bool(self.holds.any()) and not self.compliances.any()
+
+    def goals(self, share: float, loose: float) -> Floats:
+        """Return what is asked for a share of the command; cables may be longer by `loose`."""
+        return np.asarray(self.rest + share * self.change + loose * (self.holds & ~self.pushes))
+
+    def aim(self, share: float, loose: float) -> tuple[Any, ...]:
+        """Return what the kernels take for a share of the command, see `miss_lengths`."""
+        return self.goals(share, loose), self.holds, *self.bounds
 
     def gaps(self, lengths: Floats, tensions: Floats, share: float, loose: float) -> Floats:
         """Return how far lengths are from what is asked [mm]; 0 for slack cables."""
-        if self.command is None:
-            return np.zeros(len(self.names))
-        gaps = lengths - self.compliances * tensions - self.limit(share, loose)
-        free = ~self.pushes & (tensions == 0.0)
-        return np.asarray(np.where(free, np.maximum(gaps, 0.0), gaps))
+        gaps = np.zeros(len(self.names))
+        shooting.miss_lengths(self.aim(share, loose), lengths, tensions, gaps)
+        return gaps
 
     def share(self, give: Floats, tensions: Floats, ridge: float) -> Floats:
         """Return the least tensions that do the same, where redundant tendons leave them open.
@@ -264,9 +254,9 @@ class Target:
         """
         if not give.size or self.compliances.any():
             return tensions
-        taut, shared = tensions != 0.0, tensions.copy()
-        high = float(np.abs(tensions).max(initial=0.0)) * taut
-        low = np.where(self.pushes, -high, 0.0)
+        taut, shared = (tensions != 0.0) & self.holds, tensions.copy()
+        high = np.where(taut, float(np.abs(tensions).max(initial=0.0)), tensions)
+        low = np.where(taut, np.where(self.pushes, -high, 0.0), tensions)
         added = ridge * float(np.abs(np.diag(give)).max(initial=0.0))
         matrix, vector = give + added * np.eye(len(taut)), -give @ tensions
         right = vector
@@ -277,284 +267,274 @@ class Target:
             right = vector - added * shared
         return shared
 
-    def explain_held(self, held: NDArray[np.int64]) -> str:
-        """Return the reason why tendons that are as tight as can be stop the command."""
-        names = ", ".join(f"'{self.names[k]}'" for k in held)
-        return (
-            f"{names} would have to stretch beyond it; let out tendons on the other side; "
-            f"{advise_contradiction(self.tolerance)}"
+    def explain(self, code: int, tensions: Floats, gaps: Floats, *, loaded: bool) -> str:
+        """Return the reason why there is no equilibrium beyond where the rod is."""
+        if code == HELD:
+            held = np.flatnonzero(self.holds & (np.abs(tensions) >= self.strongest))
+            names = ", ".join(f"'{self.names[k]}'" for k in held)
+            return (
+                f"{names} would have to stretch beyond it; let out tendons on the other side; "
+                f"{advise_contradiction(self.tolerance)}"
+            )
+        if code == BUCKLING:
+            return "the rod is about to buckle beyond it"
+        worst = int(np.argmax(np.abs(gaps))) if self.holds.any() else -1
+        where = (
+            f", tendon '{self.names[worst]}' misses by {abs(gaps[worst]):.3g} mm"
+            if worst >= 0 and gaps[worst] != 0.0
+            else ""
         )
+        advice = "; give a tendon_stiffness" if loaded and self.is_rigid else ""
+        return f"no equilibrium was found beyond it{where}{advice}"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Shot:
-    """A state of the rod: tensions, and quaternion and moment at the start of every piece.
+    """A state of the rod: tensions, and quaternion, moment and force at the start of every piece.
 
     `share` is the part of command and loads that it holds for; `reason` states why it is not all.
-    `state` is that of tendons with friction, `inverse` that of derivatives of the jumps nearby.
+    `states` are those at all places, `friction` that of tendons with friction, `known` the factors
+    of its derivatives, and `stability` as of `Shape`.
     """
 
     tensions: Floats
     turns: Floats
     moments: Floats
-    share: float = 1.0
+    forces: Floats
+    states: Floats
+    share: float = 0.0
     iterations: int = 0
     reason: str = ""
-    state: FrictionState | None = None
-    inverse: Floats = field(default_factory=lambda: np.zeros((0, 0)))
+    friction: FrictionState | None = None
+    known: tuple[NDArray[Any], ...] = ()
+    stability: float = 1.0
+
+    @property
+    def unknowns(self) -> tuple[Floats, Floats, Floats, Floats]:
+        """What Newton's method improves, in place."""
+        return self.tensions, self.turns, self.moments, self.forces
+
+    def copy(self) -> Shot:
+        """Return another one to be improved."""
+        names = ("tensions", "turns", "moments", "forces", "states")
+        return dataclasses.replace(self, **{name: getattr(self, name).copy() for name in names})
 
 
-# Multiple shooting: moments, turns and tensions for which a rod and its tendons are as asked.
-
-MOST_STEPS = 25
-"""Newton steps for one part of a command."""
-
-SMALL_JUMP, ROUGH_JUMP = 1e-10, 1e-5
-"""Jumps between pieces that are none, in the end and on the way there [rad], or of moments."""
-
-MOST_CORRECTIONS = 20
-"""Steps with derivatives from nearby."""
-
-TURN_LIMIT = 0.5
-"""Largest turn between two pieces in one step [rad]."""
-
-RIDGE = 1e-8
-"""Added to the tendons' own flexibility, so that redundant tendons have one answer."""
-
-SHARING = 1e-5
-"""The same where the tensions are shared out: above what differences leave of such directions."""
-
-DIFFERENCE = 1e-4
-"""Step of the differences, against the size of what is changed."""
+Form = tuple[Floats, Floats, Floats, Floats]
 
 
-@dataclass
-class Shooting:
-    """Newton's method for one share of command and loads.
+@dataclass(frozen=True, kw_only=True)
+class Rod:
+    """A rod cut into many steps, and into few to look for its state with.
 
-    ``loose`` is by how much cables may be longer than asked [mm]; `give` is how lengths give way to
-    tension where it was last.
+    Attributes
+    ----------
+    many, few : RodGrid
+        The steps.
+    loads : PackedLoads
+        Loads and weights.
+    shears : bool
+        Whether it shears and stretches.
+    changes : (n, 3, t) or (0, 3, 0) ndarray
+        By how much friction makes tensions differ from those at the base [N].
     """
 
-    rod: Rod
-    target: Target
-    share: float
-    loose: float
-    give: Floats = field(default_factory=lambda: np.zeros((0, 0)))
+    many: RodGrid
+    few: RodGrid
+    loads: PackedLoads
+    shears: bool
+    changes: Floats = field(default_factory=lambda: np.zeros((0, 3, 0)))
 
-    def correct(self, start: Shot, tolerance: float) -> tuple[Shot, Floats] | None:
-        """Return the state under given tensions by derivatives from nearby; None if they fail.
+    @cached_property
+    def load(self) -> float:
+        """The loads, by their moments about the base, against what bends the robot by 1 rad."""
+        places, grid = self.few.places, self.few
+        dead, body = self.loads.line_forces_at(grid.robot, grid.inner_places[:, 1])
+        lines = np.diff(places) * (np.linalg.norm(dead, axis=1) + np.linalg.norm(body, axis=1))
+        total = float(grid.inner_places[:, 1] @ lines)
+        total += float(self.loads.points @ np.linalg.norm(self.loads.forces, axis=1))
+        total += float(np.linalg.norm(self.loads.moments, axis=1).sum())
+        return total * grid.robot.length / float(grid.stiffness[..., 3:].min())
 
-        Beside it are the states at all places. `tolerance` is against the moments.
-        """
-        turns, moments, before = start.turns.copy(), start.moments.copy(), math.inf
-        for _ in range(MOST_CORRECTIONS):
-            shot = dataclasses.replace(start, turns=turns, moments=moments)
-            states, jumps, good = self.rod.trace_jumps(shot)
-            off = np.concatenate([jumps[:-1].ravel(), jumps[-1, 3:]])
-            size = float(np.abs(off).max()) / (self.rod.moment_scale + float(np.abs(moments).max()))
-            if not good or size > 0.9 * before:
-                return None
-            if size <= tolerance:
-                return shot, states
-            before = size
-            self._move(turns, moments, -start.inverse @ off)
-        return None
+    @cached_property
+    def unit(self) -> float:
+        """Moment that bends the robot by about 1 rad [N mm]."""
+        return float(self.many.stiffness[..., 3:].max() / self.many.robot.length)
 
-    def improve(self, start: Shot) -> Shot:
-        """Return the state from `start` on, or where it stopped and why."""
-        rod, target = self.rod, self.target
-        tensions, turns, moments = start.tensions.copy(), start.turns.copy(), start.moments.copy()
-        solves, known = target.command is not None, start.inverse
-        if target.tensions is not None:
-            tensions = self.share * target.tensions
+    @cached_property
+    def unit_tension(self) -> float:
+        """Tension that bends it by about 1 rad [N]."""
+        return self.unit / float(self.many.reaches.min(initial=self.many.robot.radius))
 
-        def stop(count: int, reason: str) -> Shot:
-            return Shot(
-                tensions=tensions,
-                turns=turns,
-                moments=moments,
-                share=self.share,
-                iterations=count,
-                reason=reason,
-                inverse=known,
-            )
+    @cached_property
+    def follows(self) -> bool:
+        """Whether there are loads that turn with the body."""
+        return bool((self.loads.frames == BODY).any() or (self.loads.line_frames == BODY).any())
 
-        gaps = np.zeros(0)
-        for count in range(MOST_STEPS + 1):
-            system = self._linearise(tensions, turns, moments)
-            if system is None:
-                return stop(count, "Newton's method fails beyond it")
-            off, matrix, by_tension, lengths, length_slope = system
-            gaps = target.gaps(lengths, tensions, self.share, self.loose)
-            scale = rod.moment_scale + float(np.abs(moments).max())
-            size = float(np.abs(off).max()) / scale
-            if size <= SMALL_JUMP and np.abs(gaps).max(initial=0.0) <= self.loose:
-                if solves and len(tensions):
-                    tensions = self._share_tensions(tensions, turns, moments, scale)
-                return stop(count, "")
-            if count == MOST_STEPS:
-                break
-            inverse = self._invert(matrix, scale)
-            if inverse is None:
-                return stop(count, "the rod is about to buckle beyond it")
-            known = inverse
-            wanted = tensions
-            if solves and len(tensions):
-                wanted, why = self._pull(
-                    lengths, tensions, off, inverse @ by_tension, inverse @ off, length_slope
-                )
-                if why:
-                    return stop(count, why)
-            move = -inverse @ (off + by_tension @ (wanted - tensions))
-            part = self._move(turns, moments, move)
-            tensions = tensions + part * (wanted - tensions)
-        worst = int(np.argmax(np.abs(gaps))) if solves and len(gaps) else -1
-        where = (
-            f", tendon '{target.names[worst]}' misses by {abs(gaps[worst]):.3g} mm"
-            if worst >= 0 and gaps[worst] != 0.0
-            else ""
+    @cached_property
+    def pieces(self) -> int:
+        """Pieces of the shooting: without loads no moment goes over from one to the next."""
+        count = 1 + math.ceil(PIECES * math.sqrt(self.load))
+        return min(count, len(self.few.places) - 1)
+
+    @cached_property
+    def few_cuts(self) -> NDArray[np.int64]:
+        """First of the few steps of every piece, and the last one's end, shape (pieces + 1,)."""
+        cuts = np.linspace(0.0, len(self.few.places) - 1.0, self.pieces + 1)
+        return np.round(cuts).astype(np.int64)
+
+    @cached_property
+    def many_cuts(self) -> NDArray[np.int64]:
+        """The same among the many steps."""
+        return np.searchsorted(self.many.places, self.few.places[self.few_cuts] - EDGE)
+
+    @cached_property
+    def packed_few(self) -> tuple[Any, ...]:
+        """What the kernels take of the few steps, see `integrate_rod`."""
+        return self.few.packed, (*self._place_loads(self.few), np.zeros((0, 3, 0))), self.shears
+
+    @cached_property
+    def packed_many(self) -> tuple[Any, ...]:
+        """What the kernels take of the many steps."""
+        return self.many.packed, (*self._place_loads(self.many), self.changes), self.shears
+
+    def with_changes(self, changes: Floats) -> Rod:
+        """Return the rod with changes of tensions, and many steps alone."""
+        made = dataclasses.replace(self, few=self.many, changes=changes)
+        grid, (lines, points, _), shears = self.packed_many
+        packed = grid, (lines, points, changes), shears
+        known = {name: getattr(self, name) for name in ("load", "unit", "follows", "pieces")}
+        made.__dict__.update(known, packed_few=packed, packed_many=packed)
+        made.__dict__.update(few_cuts=self.many_cuts, many_cuts=self.many_cuts)
+        return made
+
+    def rest(self, tendons: int) -> Shot:
+        """Return the rod under none of its command."""
+        states = np.zeros((len(self.many.places), LENGTHS + tendons))
+        states[:, TURN] = 1.0
+        none = np.zeros((0, 0))
+        integrate_rod(
+            0,
+            len(states) - 1,
+            self.packed_many,
+            0.0,
+            np.zeros(tendons),
+            states,
+            none,
+            shooting.NO_SECTIONS,
+            EMPTY,
         )
-        stiff = solves and rod.load > 0.0 and not target.compliances.any()
-        advice = "; give a tendon_stiffness" if stiff else ""
-        return stop(MOST_STEPS, f"no equilibrium was found beyond it{where}{advice}")
+        return Shot(
+            tensions=np.zeros(tendons),
+            turns=states[self.many_cuts[:-1], TURN : TURN + 4].copy(),
+            moments=np.zeros((self.pieces, 3)),
+            forces=np.zeros((self.pieces, 3)),
+            states=states,
+        )
 
-    def _invert(self, matrix: Floats, scale: float) -> Floats | None:
-        # Turns in radians, moments in their own unit: one size for all.
-        units = np.ones(6 * self.rod.pieces - 3)
-        units[:3] = scale
-        for index in range(1, self.rod.pieces):
-            units[6 * index : 6 * index + 3] = scale
-        try:
-            return np.asarray(np.linalg.inv(matrix / units) / units[:, None])
-        except np.linalg.LinAlgError:
-            return None
-
-    def _linearise(
-        self, tensions: Floats, turns: Floats, moments: Floats
-    ) -> tuple[Floats, Floats, Floats, Floats, Floats] | None:
-        """Jumps between pieces, and lengths, with derivatives by unknowns and by tensions.
-
-        Unknowns are the first piece's moment, then turn and moment of every other one's start.
-        """
-        rod, tendons, pieces = self.rod, len(tensions), self.rod.pieces
-        cuts = rod.cuts
-        size = 6 * pieces - 3
-        off, matrix = np.zeros(size), np.zeros((size, size))
-        by_tension = np.zeros((size, tendons))
-        lengths, slope = np.zeros(tendons), np.zeros((tendons, size + tendons))
-        states = np.zeros((len(rod.grid[0]), 10 + tendons))
-        bends = np.zeros((len(rod.grid[0]), 3))
-        values, local = np.zeros(6 + tendons), np.zeros((6 + tendons, 6 + tendons))
-        end_moment = self.share * rod.tip_moment
-        for index in range(pieces):
-            final = index == pieces - 1
-            states[cuts[index]] = 0.0
-            states[cuts[index], 3:7], states[cuts[index], 7:10] = turns[index], moments[index]
-            good = differentiate_piece(
-                cuts[index],
-                cuts[index + 1],
-                rod.grid,
-                tensions,
-                rod.load_with(self.share),
-                states,
-                bends,
-                turns[index] if final else turns[index + 1],
-                DIFFERENCE * rod.moment_scale,
-                DIFFERENCE * max(rod.unit_tension, float(np.abs(tensions).max(initial=0.0))),
-                values,
-                local,
+    def follow(self, target: Target, start: Shot, *, first: float, passes: bool = False) -> Shot:
+        """Return the rod's state as command and loads are raised from that of `start`."""
+        shot = start.copy()
+        few_states = shot.states
+        if self.few is not self.many:
+            few_states = np.zeros((len(self.few.places), shot.states.shape[1]))
+        rods = (
+            (self.packed_few, self.few_cuts, few_states),
+            (self.packed_many, self.many_cuts, shot.states),
+        )
+        known, form = self.make_known(len(shot.tensions)), make_form(self.few, len(shot.tensions))
+        code, steps, reached, failed, loose = shooting.follow(
+            rods,
+            self.unit,
+            (target.rest, target.change, target.holds),
+            target.bounds,
+            shot.unknowns,
+            known,
+            (form, EMPTY),
+            (first, target.tolerance, passes),
+        )
+        if code != FOUND and reached == 1.0:
+            # Derivatives on few steps do not do: where they are almost singular.
+            form = make_form(self.many, len(shot.tensions))
+            code, count = shooting.improve(
+                self.packed_many,
+                self.many_cuts,
+                self.unit,
+                1.0,
+                target.aim(1.0, loose),
+                (*shot.unknowns, shot.states),
+                known,
+                form,
+                (SMALL_JUMP, loose, shooting.MOST_STEPS),
             )
-            if not good:
-                return None
-            # Rows of this piece's end, columns of its start: the base does not turn.
-            rows = np.arange(3, 6) if final else np.arange(6)
-            first = slice(6 * index, 6 * index + len(rows))
-            inputs = np.arange(3, 6) if index == 0 else np.arange(6)
-            begin = 0 if index == 0 else 6 * index - 3
-            columns = slice(begin, begin + len(inputs))
-            matrix[first, columns] = local[np.ix_(rows, inputs)]
-            by_tension[first] = local[rows, 6:]
-            slope[:, columns] += local[6:][:, inputs]
-            slope[:, size:] += local[6:, 6:]
-            lengths += values[6:]
-            off[first] = values[rows]
-            if final:
-                off[first] -= end_moment
-            else:
-                off[6 * index + 3 : 6 * index + 6] -= moments[index + 1]
-                following = slice(begin + len(inputs), begin + len(inputs) + 6)
-                matrix[first, following] = -np.eye(6)
-        return off, matrix, by_tension, lengths, slope
+            steps += count
+        reason, stability = "", 1.0
+        if code == FOUND or code == UNSTABLE:
+            taut = target.holds & (shot.tensions != 0.0)
+            stability = measure_stability(form, target.compliances, taut)
+        what = "command and loads" if self.load > 0.0 else "the command"
+        if code == UNSTABLE:
+            reason = f"unstable: the robot buckles at {100.0 * reached:.3g} % of {what}"
+            force = float(np.linalg.norm(self.loads.forces.sum(axis=0)))
+            if force > 0.0 and len(self.loads.points):
+                reason += f", {reached * force:.4g} N"
+        elif code != FOUND:
+            gaps = target.gaps(few_states[-1, LENGTHS:], shot.tensions, failed, loose)
+            why = target.explain(code, shot.tensions, gaps, loaded=self.load > 0.0)
+            percent = math.floor(100.0 * reached)
+            reason = f"{what} can be followed to {percent} % only: {why}"
+        return dataclasses.replace(
+            shot, share=reached, iterations=steps, reason=reason, known=known, stability=stability
+        )
 
-    def _pull(
-        self,
-        lengths: Floats,
-        tensions: Floats,
-        off: Floats,
-        carried: Floats,
-        straightened: Floats,
-        length_slope: Floats,
-    ) -> tuple[Floats, str]:
-        """Tensions of the linear problem, or why there are none."""
-        target = self.target
-        size = len(off)
-        exact = np.diag(target.compliances) - length_slope[:, size:]
-        exact += length_slope[:, :size] @ carried
-        give = 0.5 * (exact + exact.T)
-        self.give = give
-        largest = float(np.abs(np.diag(give)).max())
-        strongest = self.rod.strongest
-        centred = lengths - target.compliances * tensions - length_slope[:, :size] @ straightened
-        free_length = target.limit(self.share, self.loose) - centred
-        vector = free_length - give @ tensions
-        low, high = np.where(target.pushes, -strongest, 0.0), np.full(len(give), strongest)
-        wanted, right = np.zeros(len(give)), vector
-        for _ in range(2):
-            # The second pass takes out what the ridge did to the first.
-            if not solve_bounded(
-                give + RIDGE * largest * np.eye(len(give)), right, low, high, wanted
-            ):
-                return tensions, "no equilibrium was found beyond it"
-            right = vector - RIDGE * largest * wanted
-        held = np.flatnonzero(np.abs(wanted) >= strongest)
-        if held.size:
-            return tensions, target.explain_held(held)
-        free = (wanted > low) & (wanted < high)
-        if np.abs(exact - give).max() > 1e-6 * largest and free.any():
-            # A moment of fixed direction has no potential: the problem is not symmetric.
-            block = exact[np.ix_(free, free)] + RIDGE * largest * np.eye(int(free.sum()))
-            moved = wanted[~free] - tensions[~free]
-            change = np.linalg.solve(block, -free_length[free] - exact[np.ix_(free, ~free)] @ moved)
-            trial = tensions[free] + change
-            if np.all((trial > low[free]) & (trial < high[free])):
-                wanted[free] = trial
-        return wanted, ""
+    def trace(self, shot: Shot, form: Form) -> bool:
+        """Fill a shot's states at all places; and `form`, of the many steps, if not empty."""
+        tendons = len(shot.tensions)
+        matrix, _, carried, by_unknown, give = self.make_known(tendons)
+        jumps = np.empty(len(matrix))
+        state = *shot.unknowns, shot.states
+        system = matrix, carried, by_unknown, give
+        packed = self.packed_many
+        return bool(
+            shooting.shoot(
+                packed, self.many_cuts, self.unit, shot.share, state, jumps, system, form
+            )
+        )
 
-    def _move(self, turns: Floats, moments: Floats, move: Floats) -> float:
-        """Take a step, cut short where it turns too far; returns the part that was taken."""
-        inner = np.concatenate([np.zeros(3), move]).reshape(-1, 6)
-        widest = float(np.linalg.norm(inner[:, :3], axis=1).max())
-        part = min(1.0, TURN_LIMIT / widest) if widest > 0.0 else 1.0
-        moments += part * inner[:, 3:]
-        out = np.empty(4)
-        for index in range(1, len(turns)):
-            turn_quaternion(turns[index], part * inner[index, :3], out)
-            turns[index] = out / np.linalg.norm(out)
-        return part
+    def make_known(self, tendons: int) -> tuple[NDArray[Any], ...]:
+        """Return arrays for `improve`: factors of derivatives."""
+        size = (9 if self.follows else 6) * self.pieces - 3
+        return (
+            np.zeros((size, size)),
+            np.zeros(size, dtype=np.int64),
+            np.zeros((size, tendons)),
+            np.zeros((tendons, size)),
+            np.zeros((tendons, tendons)),
+        )
 
-    def _share_tensions(
-        self, tensions: Floats, turns: Floats, moments: Floats, scale: float
-    ) -> Floats:
-        """Take the least tensions that do the same, where redundant ones differ."""
-        shared = self.target.share(self.give, tensions, SHARING)
-        # The same to first order only: it must hold of the lengths and joints themselves.
-        shot = Shot(tensions=shared, turns=turns, moments=moments, share=self.share)
-        states, jumps, good = self.rod.trace_jumps(shot)
-        off, lengths = float(np.abs(jumps).max()), states[-1, 10:]
-        gaps = self.target.gaps(lengths, shared, self.share, self.loose)
-        fits = good and off <= 1e-9 * scale and np.abs(gaps).max(initial=0.0) <= self.loose
-        return shared if fits else tensions
+    def _place_loads(self, grid: RodGrid) -> tuple[Floats, Floats]:
+        """Forces per length in the steps, and loads at their ends, as the kernels take them."""
+        lines = np.stack(self.loads.line_forces_at(grid.robot, grid.inner_places), axis=2)
+        points = np.zeros((len(grid.places), 4, 3))
+        for place, force, moment, code in zip(
+            self.loads.points, self.loads.forces, self.loads.moments, self.loads.frames, strict=True
+        ):
+            index = int(np.argmin(np.abs(grid.places - place)))
+            own = 2 if code == BODY else 0
+            points[index, own] += force
+            points[index, own + 1] += moment
+        return np.ascontiguousarray(lines), points
+
+
+def make_form(grid: RodGrid, tendons: int) -> Form:
+    """Return arrays for the second variation of the energy, see `fill_form`."""
+    steps = len(grid.places) - 1
+    return (
+        np.zeros((steps, 6, 6)),
+        np.zeros((steps, 3, 3)),
+        np.zeros((steps, tendons, 6)),
+        np.zeros((steps, tendons, tendons)),
+    )
 
 
 # The rod without loads: tensions for which its tendons are as long as asked.
@@ -572,76 +552,105 @@ SMALLEST_CUT = 1e-4
 RIDGE_UNLOADED = 1e-11
 """Added to the tendons' own flexibility, so that redundant tendons have one answer."""
 
-SHARING_UNLOADED = 1e-8
+SHARING = 1e-8
 """The same where the tensions are shared out."""
 
 
-def improve_unloaded(rod: Rod, target: Target, share: float, loose: float, start: Shot) -> Shot:
-    """Return the state for a `share` of the command, from `start` on, or why there is none."""
-    found = dataclasses.replace(start, share=share, iterations=0, reason="")
-    if target.tensions is not None:
-        return dataclasses.replace(found, tensions=share * target.tensions)
-    tensions = start.tensions.copy()
-    limit = target.limit(share, loose)
-    value, lengths, give = _measure(rod, target, tensions, limit)
-    reason = "no equilibrium was found beyond it"
+def improve_unloaded(
+    grid: Packed, target: Target, share: float, loose: float, tensions: Floats
+) -> tuple[Floats, int, str]:
+    """Return tensions for a `share` of the command, from others on, steps, and why there are none."""
+    low, high = target.bounds[1:]
+    limit = target.goals(share, loose)
+    if not target.holds.any():
+        return limit, 0, ""
+    low, high = (np.where(target.holds, bound, limit) for bound in (low, high))
+    tensions = np.where(target.holds, tensions, limit)
+    limit = np.where(target.holds, limit, 0.0)
+    value, lengths, give = _measure(grid, target, tensions, limit)
+    reason = ""
     for count in range(MOST_STEPS_UNLOADED + 1):
         gaps = target.gaps(lengths, tensions, share, loose)
         if np.abs(gaps).max(initial=0.0) <= loose:
-            shared = target.share(give, tensions, SHARING_UNLOADED)
-            _, shorter, _ = _measure(rod, target, shared, limit)
+            shared = target.share(give, tensions, SHARING)
+            _, shorter, _ = _measure(grid, target, shared, limit)
             left = target.gaps(shorter, shared, share, loose)
-            if np.abs(left).max(initial=0.0) <= loose:
-                tensions = shared
-            return dataclasses.replace(found, tensions=tensions, iterations=count)
+            kept = np.abs(left).max(initial=0.0) <= loose
+            return shared if kept else tensions, count, ""
         if count == MOST_STEPS_UNLOADED:
             break
         slope = lengths - target.compliances * tensions - limit
-        high = np.full(len(tensions), rod.strongest)
-        low = np.where(target.pushes, -high, 0.0)
         ridge = RIDGE_UNLOADED * float(np.diag(give).max())
         matrix = give + np.diag(target.compliances + ridge)
         wanted = tensions.copy()
         if not solve_bounded(matrix, -slope - matrix @ tensions, low, high, wanted):
             break
-        held = np.flatnonzero(np.abs(wanted) >= rod.strongest)
-        if held.size and count > 0:
-            reason = target.explain_held(held)
+        if np.any(target.holds & (np.abs(wanted) >= target.strongest)) and count > 0:
+            reason = target.explain(HELD, wanted, gaps, loaded=False)
             break
         change, part = wanted - tensions, 1.0
         rise = float(slope @ change)
         round_off = 1e-13 * float(np.abs(tensions) @ lengths + np.abs(wanted) @ lengths)
         while part >= SMALLEST_CUT:
             trial = tensions + part * change
-            after, longer, soft = _measure(rod, target, trial, limit)
+            after, longer, soft = _measure(grid, target, trial, limit)
             if after >= value + 1e-4 * part * rise - round_off:
                 break
             part *= 0.5
         else:
             break
         tensions, value, lengths, give = trial, after, longer, soft
-    if reason.startswith("no"):
-        worst = int(np.argmax(np.abs(gaps)))
-        reason += f", tendon '{target.names[worst]}' misses by {abs(gaps[worst]):.3g} mm"
-    return dataclasses.replace(found, iterations=count, reason=reason)
+    return tensions, count, reason or target.explain(FOUND, tensions, gaps, loaded=False)
 
 
 def _measure(
-    rod: Rod, target: Target, tensions: Floats, limit: Floats
+    grid: Packed, target: Target, tensions: Floats, limit: Floats
 ) -> tuple[float, Floats, Floats]:
     """The dual's value, lengths (t,), and how they give way to tension (t, t)."""
     lengths, give = np.empty(len(tensions)), np.empty((len(tensions), len(tensions)))
-    value = measure_unloaded(rod.grid, tensions, lengths, give)
+    value = measure_unloaded(grid, tensions, lengths, give)
     if math.isnan(value):
         return -math.inf, lengths, give
     value -= float(tensions @ (limit + 0.5 * target.compliances * tensions))
     return value, lengths, give
 
 
-# A rod brought to a command and its loads, at once or else in parts.
+def follow_unloaded(rod: Rod, target: Target, first: float) -> Shot:
+    """Return the state of a rod without loads as the command is raised."""
+    shot = rod.rest(len(target.names))
+    kept, reached, part, steps, reason = shot.tensions, 0.0, first, 0, ""
+    # As commanded to round-off; with the tolerance, and in parts, only where that cannot be.
+    loose = 1e-3 * target.tolerance
+    while reached < 1.0:
+        share = min(1.0, reached + part)
+        share = 1.0 if share > 1.0 - 1e-9 else share
+        found, count, reason = improve_unloaded(rod.many.packed, target, share, loose, kept)
+        steps += count
+        if not reason:
+            kept, reached = found, share
+        elif loose < target.tolerance:
+            loose = target.tolerance
+        else:
+            part *= 0.5
+            if part < first / 16.0:
+                percent = math.floor(100.0 * reached)
+                reason = f"the command can be followed to {percent} % only: {reason}"
+                break
+    shot = dataclasses.replace(shot, tensions=kept, share=reached, iterations=steps, reason=reason)
+    return settle(rod, target, shot)
 
-SMALLEST_PART = 1.0 / 16.0
-"""Smallest part, of the first one, by which it is raised where more of it fails."""
+
+def settle(rod: Rod, target: Target, shot: Shot) -> Shot:
+    """Return a state of the rod with its places and its stability."""
+    form = make_form(rod.many, len(shot.tensions))
+    if not rod.trace(shot, form):
+        rest = rod.rest(len(shot.tensions))
+        return dataclasses.replace(rest, reason="no curvature was found")
+    taut = target.holds & (shot.tensions != 0.0)
+    return dataclasses.replace(shot, stability=measure_stability(form, target.compliances, taut))
+
+
+# A rod brought to a command and its loads, at once or else in parts.
 
 LOAD_STEP = 2.0
 """Largest part of the loads that is put on at once, against those that bend it by 1 rad."""
@@ -659,70 +668,101 @@ PUSH_STEP = 0.5
 """Largest turn that tendons ask for at once, where there may be several equilibria [rad]."""
 
 
-def follow(rod: Rod, target: Target, *, convex: bool) -> Shot:
+def follow(rod: Rod, target: Target, *, convex: bool, start: Shot | None = None) -> Shot:
     """Find the rod's state from the straight one on, as far as it can be followed.
 
-    `convex` is whether there is only one without loads, whatever the way to it.
+    `convex` is whether there is only one without loads, whatever the way to it. `start` is a state
+    near to the whole command.
     """
-    kept = rod.rest(len(target.names))
-    # Little by little, where at once it may end on another branch.
-    part, steps, reason = min(1.0, LOAD_STEP / max(rod.load, 1e-9)), 0, ""
-    if target.command is not None and not convex:
-        turn = float((np.abs(target.command) / target.reaches).max(initial=0.0))
-        part = min(part, PUSH_STEP / max(turn, PUSH_STEP))
-    smallest = SMALLEST_PART * part
-    # As commanded to round-off; with the tolerance, and in parts, only where that cannot be.
-    loose = 1e-3 * target.tolerance
-    while kept.share < 1.0:
-        share = min(1.0, kept.share + part)
-        if share > 1.0 - 1e-9:
-            share = 1.0
-        if rod.load == 0.0:
-            found = improve_unloaded(rod, target, share, loose, kept)
-        else:
-            found = Shooting(rod, target, share, loose).improve(kept)
-        steps += found.iterations
+    if start is not None and (rod.load > 0.0 or rod.shears):
+        found = rod.follow(target, start, first=1.0)
         if not found.reason:
-            kept = found
-            continue
-        reason = found.reason
-        if loose < target.tolerance:
-            loose = target.tolerance
-        else:
-            part *= 0.5
-        if part < smallest:
-            percent = math.floor(100.0 * kept.share)
-            what = "command and loads" if rod.load > 0.0 else "the command"
-            reason = f"{what} can be followed to {percent} % only: {reason}"
-            break
-    else:
-        reason = find_play(rod, target, loose, kept)
-    return dataclasses.replace(kept, iterations=steps, reason=reason)
+            return found
+    # Little by little, where at once it may end on another branch.
+    first = min(1.0, LOAD_STEP / max(rod.load, 1e-9))
+    if target.holds.any() and not convex:
+        turn = float((np.abs(target.change) * target.holds / target.reaches).max(initial=0.0))
+        first = min(first, PUSH_STEP / max(turn, PUSH_STEP))
+    if rod.load == 0.0 and not rod.shears:
+        return follow_unloaded(rod, target, first)
+    found = rod.follow(target, rod.rest(len(target.names)), first=first)
+    if found.reason:
+        if not rod.trace(found, EMPTY):
+            found = dataclasses.replace(rod.rest(len(target.names)), reason=found.reason)
+        return found
+    if target.is_rigid:
+        found = share_tensions(rod, target, found)
+        found = dataclasses.replace(found, reason=find_play(rod, target, found))
+    return found
 
 
-def find_play(rod: Rod, target: Target, loose: float, found: Shot) -> str:
+EMPTY: Form = (
+    np.zeros((0, 6, 6)),
+    np.zeros((0, 3, 3)),
+    np.zeros((0, 0, 6)),
+    np.zeros((0, 0, 0)),
+)
+
+
+def share_tensions(rod: Rod, target: Target, found: Shot) -> Shot:
+    """Return the state with the least tensions that do the same, where redundant ones differ."""
+    shared = found.copy()
+    shared.tensions[:] = target.share(found.known[-1], found.tensions, SHARING)
+    # The same to first order only: it must hold of the lengths and joints themselves.
+    loose = 1e-3 * target.tolerance
+    gaps = target.gaps(found.states[-1, LENGTHS:], found.tensions, 1.0, loose)
+    most = max(loose, float(np.abs(gaps).max(initial=0.0)))
+    aim = shared.tensions.copy(), np.zeros(len(gaps), dtype=np.bool_), *target.bounds
+    code, _ = shooting.improve(
+        rod.packed_many,
+        rod.many_cuts,
+        rod.unit,
+        1.0,
+        aim,
+        (*shared.unknowns, shared.states),
+        found.known,
+        EMPTY,
+        (SMALL_JUMP, math.inf, 6),
+    )
+    gaps = target.gaps(shared.states[-1, LENGTHS:], shared.tensions, 1.0, loose)
+    return shared if code == FOUND and np.abs(gaps).max(initial=0.0) <= most else found
+
+
+def find_play(rod: Rod, target: Target, found: Shot) -> str:
     """Return why the tip is undetermined within the tolerance of the displacements; else nothing.
 
     Parallel tendons that do not stretch hold the twist so that it grows with the root of what
     they have too much: then the tolerance decides where the tip is, not the loads.
     """
-    if rod.load == 0.0 or target.command is None or target.compliances.any():
-        return ""
-    if not target.command.size:
-        return ""
-    if loose == target.tolerance:  # it was needed: without most of it
-        other = Shooting(rod, target, 1.0, TIGHT * loose).improve(found)
-    else:
-        looser = dataclasses.replace(target, command=target.command - target.tolerance)
-        other = Shooting(rod, looser, 1.0, loose).improve(found)
+    loose = 1e-3 * target.tolerance
+    gaps = target.gaps(found.states[-1, LENGTHS:], found.tensions, 1.0, loose)
+    needed = float(np.abs(gaps).max(initial=0.0)) > 2.0 * loose
+    # Where most of the tolerance was needed, without it.
+    change = 0.0 if needed else target.tolerance
+    other_loose = TIGHT * target.tolerance if needed else loose
+    rest = target.rest + change * target.holds
+    looser = dataclasses.replace(target, rest=rest)
+    known, form = rod.make_known(len(gaps)), make_form(rod.many, len(gaps))
+    other = found.copy()
+    code, _ = shooting.improve(
+        rod.packed_many,
+        rod.many_cuts,
+        rod.unit,
+        1.0,
+        looser.aim(1.0, other_loose),
+        (*other.unknowns, other.states),
+        known,
+        form,
+        (SMALL_JUMP, other_loose, shooting.MOST_STEPS),
+    )
     what = (
         "tendons that do not stretch leave the shape open under these loads: for displacements "
         f"that differ by the tolerance of {target.tolerance:g} mm"
     )
-    if other.reason:
+    if code != FOUND:
         return f"{what} no equilibrium was found; give a tendon_stiffness"
-    tips = [rod.trace(shot)[0][-1, :3] for shot in (found, other)]
-    play, length = float(np.linalg.norm(tips[1] - tips[0])), float(rod.grid[0][-1])
+    play = float(np.linalg.norm(other.states[-1, :3] - found.states[-1, :3]))
+    length = float(rod.many.places[-1])
     lever = length / float(target.reaches.min())
     if play <= max(PLAY * length, LEVERS * lever * target.tolerance):
         return ""
@@ -731,69 +771,85 @@ def find_play(rod: Rod, target: Target, loose: float, found: Shot) -> str:
 
 # The rod whose tendons have friction: from the state before to the next one.
 
+ROUGH_JUMP = 1e-5
+"""Jumps between pieces that are none on the way to a state with friction."""
+
 
 def follow_sliding(
     rod: Rod, target: Target, channels: Channels, before: FrictionState, start: Shot | None
 ) -> Shot:
     """Find the rod's state after another one; `start` is a rod near to it."""
     found = rod.rest(len(target.names)) if start is None else start
+    alone = rod.with_changes(np.zeros((0, 3, 0)))
 
     def bend(profile: Floats, rough: bool) -> Bending:
         nonlocal found, start
+        first = profile[0, 0].copy()
+        given = dataclasses.replace(
+            target, holds=np.zeros(len(first), dtype=np.bool_), rest=0.0 * first, change=first
+        )
         if rod.load == 0.0:
             return Bending(moments=np.zeros((*profile.shape[:2], 3)))
-        first = profile[0, 0].copy()
-        pulled = dataclasses.replace(rod, changes=profile - first)
-        given = dataclasses.replace(target, command=None, tensions=first)
-        shooting = Shooting(pulled, given, 1.0, 0.0)
-        if start is not None and start.inverse.size:
-            moved = dataclasses.replace(start, tensions=first)
-            near = shooting.correct(moved, ROUGH_JUMP if rough else SMALL_JUMP)
-            if near is not None:
-                found, states = near
-                start = found
-                return Bending(moments=_list_moments(states), lengths=states[-1, 10:])
-        trial = None if start is None else shooting.improve(start)
+        pulled = alone.with_changes(profile - first)
+        if start is not None and start.known:
+            near = dataclasses.replace(start.copy(), share=1.0)
+            code, _ = shooting.improve(
+                pulled.packed_many,
+                pulled.many_cuts,
+                pulled.unit,
+                1.0,
+                given.aim(1.0, 0.0),
+                (*near.unknowns, near.states),
+                near.known,
+                EMPTY,
+                (ROUGH_JUMP if rough else SMALL_JUMP, 0.0, 20),
+            )
+            if code == FOUND:
+                found = start = near
+                return Bending(
+                    moments=_list_moments(near.states), lengths=near.states[-1, LENGTHS:]
+                )
+        trial = None if start is None else pulled.follow(given, start, first=1.0, passes=True)
         if trial is None or trial.reason:
-            trial = follow(pulled, given, convex=True)
+            step = min(1.0, LOAD_STEP / max(rod.load, 1e-9))
+            trial = pulled.follow(given, rod.rest(len(first)), first=step, passes=True)
         if trial.reason:
             return Bending(reason=trial.reason)
+        pulled.trace(trial, EMPTY)
         found = start = trial
-        states, _, good = pulled.trace(found)
-        if not good:
-            return Bending(reason="no curvature was found")
-        return Bending(moments=_list_moments(states), lengths=states[-1, 10:])
+        return Bending(moments=_list_moments(trial.states), lengths=trial.states[-1, LENGTHS:])
 
-    high = np.full(len(target.names), rod.strongest)
+    high = target.bounds[2]
     drive = Drive(
-        tensions=target.tensions,
-        limits=target.limit(1.0, 0.0),
-        low=np.where(target.pushes, -high, 0.0),
+        tensions=None if target.holds.any() else target.change,
+        limits=target.goals(1.0, 0.0),
+        low=target.bounds[1],
         high=high,
         tolerance=0.1 * target.tolerance,
     )
     sliding = Sliding(channels=channels, before=before, bend=bend)
     state, reason = sliding.follow(drive)
-    held = np.flatnonzero(np.abs(sliding.pulled) >= rod.strongest)
-    if reason and held.size and target.command is not None:
-        reason = target.explain_held(held)
+    if reason and np.any(target.holds & (np.abs(sliding.pulled) >= high)):
+        reason = target.explain(HELD, sliding.pulled, 0.0 * high, loaded=False)
     if reason:
         reason = f"the command can be followed in part only: {reason}"
-    return dataclasses.replace(
-        found,
-        tensions=state.tensions[0, 0],
+    along = state.tensions
+    shot = dataclasses.replace(
+        found.copy(),
+        tensions=along[0, 0].copy(),
         share=1.0,
         iterations=sliding.iterations,
         reason=reason,
-        state=state,
+        friction=state,
     )
+    return settle(alone.with_changes(along - along[0, 0]), target, shot)
 
 
 def _list_moments(states: Floats) -> Floats:
     """Moments over the cross-sections at start, middle and end of steps, in their frames."""
     from scipy.spatial.transform import Rotation
 
-    turns, moments = states[:, 3:7], states[:, 7:10]
+    turns, moments = states[:, TURN : TURN + 4], states[:, MOMENT : MOMENT + 3]
     near = np.sign(np.sum(turns[1:] * turns[:-1], axis=1))[:, None]
     frames = [turns[:-1], turns[:-1] + near * turns[1:], turns[1:]]
     over = [moments[:-1], 0.5 * (moments[:-1] + moments[1:]), moments[1:]]
@@ -810,8 +866,11 @@ Vector = tuple[float, float, float]
 
 ZERO: Vector = (0.0, 0.0, 0.0)
 
-PIECES = 4
-"""Least number of pieces of the shooting where there are loads."""
+PIECES = 0.5
+"""Pieces of the shooting by the root of the loads, beside the first."""
+
+FEW_STEPS = 40
+"""Steps on which a state is looked for."""
 
 STRONGEST = 1e4
 """Tension at which a command counts as impossible, against one that bends the robot by 1 rad."""
@@ -825,26 +884,32 @@ ROUND_OFF = 1e-6
 
 @dataclass(frozen=True)
 class RodModel(ContinuumModel):
-    """Kirchhoff rod with tendons in smooth channels, with friction or without, under loads.
+    """Cosserat rod with tendons in smooth channels, with friction or without, under loads.
 
-    After Rucker and Webster (2011), for a rod that neither shears nor stretches and is straight at
-    rest. It is there to check the energy model, and for loads: cables hold tension or are slack.
+    After Rucker and Webster (2011). It is there to check the energy model, and for loads: cables
+    hold tension or are slack. Shear and stretch are left out unless `stretches`. Sections may be
+    curved at rest and change along their length; weights of backbone and discs act along -z of the
+    world.
 
     Without loads every cross-section takes the curvature of least energy under the tensions, and
     those follow from a concave problem, by Newton's method with a line search. With cables only,
     or parallel tendons, there is one answer. Rods that push on other routings may have several
-    equilibria: the command is raised in steps from the straight rod, and curvatures are minima,
+    equilibria: the command is raised in steps from the rod at rest, and curvatures are minima,
     so that the rod is stable by itself; where that way ends, the reason states how far it went.
 
     With loads the rod is integrated from the base, and the base's moment and the tensions are
-    found by multiple shooting. There may be several equilibria: this finds the one that is reached
-    from the straight rod as loads and displacements are raised together, and does not check whether
-    it is stable. Loads keep their direction as the robot bends. A moment of fixed direction has no
-    potential.
+    found by multiple shooting with exact derivatives. There may be several equilibria: this finds
+    the one that is reached from the rod at rest as loads and displacements are raised together, or
+    the one next to `initial`.
+
+    Every equilibrium has the sign of its second variation, with lengths or tensions held as they
+    are commanded (`Shape.stability`); where the way to a command ends in an unstable one, the
+    shape has not converged and the reason states where it buckles. Loads that turn with the body
+    have no potential: they are taken to keep their direction in this.
 
     Where tendons have a coefficient of friction, tensions fall along them by the capstan law in the
     direction in which they slide, and a shape depends on those before it: `initial` is where they
-    come from, the straight robot without tensions unless given. `bozzini.continuum.friction` has
+    come from, the rod at rest without tensions unless given. `bozzini.continuum.friction` has
     the equations. Displacements that leave tensions open, as those of more tendons than the robot
     has freedoms do, take the least tensions at the base.
 
@@ -861,7 +926,11 @@ class RodModel(ContinuumModel):
     tip_moment : (3,) array_like
         Moment on the robot's end, in the base frame [N mm].
     distributed_force : (3,) array_like
-        Force per length of backbone, in the base frame, weight for example [N/mm].
+        Force per length of backbone, in the base frame [N/mm].
+    loads : sequence of PointLoad or LineLoad
+        Further loads.
+    stretches : bool
+        Whether the backbone shears and stretches, by EA and GA of the sections.
     tendon_stiffness : float
         EA of the tendons that have none of their own [N]; infinite unless given. Parallel
         tendons that do not stretch leave a backbone that does not stretch no twist: a load that
@@ -889,12 +958,13 @@ class RodModel(ContinuumModel):
     tip_moment: Vector = field(default=ZERO, kw_only=True)
     distributed_force: Vector = quantity(
         "line force",
-        "Force per length in the base's frame, weight for example, such as 0,-0.001N/mm,0; "
-        "needs --tendon-stiffness.",
+        "Force per length in the base's frame, such as 0,-0.001N/mm,0; needs --tendon-stiffness.",
         default=ZERO,
         kw_only=True,
         option="line_force",
     )
+    loads: Sequence[Load] = field(default=(), kw_only=True)
+    stretches: bool = field(default=False, kw_only=True)
     tendon_stiffness: float = quantity(
         "force",
         "EA of tendons without one of their own (default: they do not stretch).",
@@ -921,27 +991,37 @@ class RodModel(ContinuumModel):
     )
 
     name = "rod"
-    heeds = frozenset({"stiffness of tendons", "tension limits"})
+    heeds = frozenset(
+        {"weight", "curvature at rest", "stiffness of tendons", "pretension", "tension limits"}
+    )
+    lets_follow = True
     takes_friction = True
-    checked_by_class = ("tip_force", "tip_moment", "distributed_force")
+    checked_by_class = ("tip_force", "tip_moment", "distributed_force", "loads", "stretches")
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name in self.checked_by_class:
+        for name in self.checked_by_class[:3]:
             vector = check_points(name, getattr(self, name))
             if vector.shape != (3,):
                 raise InputError(f"{name} has shape {vector.shape}: it must be (3,)")
             object.__setattr__(self, name, tuple(vector.tolist()))
+        object.__setattr__(self, "loads", check_loads(self.robot, self.loads))
+        if not isinstance(self.stretches, bool):
+            raise InputError(f"stretches is {self.stretches!r}: it must be true or false")
+        if self.stretches and self.robot.tendon_friction.any():
+            raise InputError(
+                "stretches is true, and tendons have friction: it must be false for such a robot"
+            )
 
     @property
     def arc_length(self) -> Floats:
         """Stations: base, discs, tendon ends and points between [mm], shape (k,)."""
-        return self._grid.arc_length
+        return place_stations(self.robot, self.between)
 
     @property
     def natural_lengths(self) -> Floats:
         """Length of each tendon in the straight robot [mm], shape (t,)."""
-        return self._grid.natural_lengths
+        return self._rod.many.natural_lengths
 
     def shape(self, displacements: ArrayLike, *, initial: Shape | None = None) -> Shape:
         """Return the shapes under displacements and the loads; see `ContinuumModel.shape`.
@@ -949,18 +1029,15 @@ class RodModel(ContinuumModel):
         Parameters
         ----------
         displacements : array_like, shape (..., t)
-            How far each tendon is pulled [mm].
+            How far each tendon is pulled [mm]; one that is NaN follows the robot under its
+            pretension, a cable without one is slack.
         initial : Shape, optional
-            Where tendons with friction come from: one shape of this model, or one for each command;
-            the straight robot without tensions unless given.
+            Where the robot comes from: one shape of this model, or one for each command; the robot
+            at rest without tensions unless given. Tendons with friction depend on it, and where
+            there are several equilibria the one next to it is taken.
         """
-        commands = check_displacements(self.robot, displacements)
-        states = self._take_states(initial, commands.shape[:-1])
-        shots = [
-            self._shoot(state, command=command)
-            for state, command in zip(states, _rows(commands), strict=True)
-        ]
-        return self._answer(commands, shots)
+        commands = self._check_commands(displacements)
+        return self._solve(commands, self._drive(_rows(commands)), initial)
 
     def shape_under_tensions(self, tensions: ArrayLike, *, initial: Shape | None = None) -> Shape:
         """Return the shapes under tensions of the tendons at the base, and the loads.
@@ -970,8 +1047,9 @@ class RodModel(ContinuumModel):
         tensions : array_like, shape (..., t)
             Tension of each tendon [N]; 0 or more unless it is a rod that pushes.
         initial : Shape, optional
-            Where tendons with friction come from: one shape of this model, or one for each command;
-            the straight robot without tensions unless given.
+            Where the robot comes from: one shape of this model, or one for each command; the robot
+            at rest without tensions unless given. Tendons with friction depend on it, and where
+            there are several equilibria the one next to it is taken.
 
         Returns
         -------
@@ -984,12 +1062,7 @@ class RodModel(ContinuumModel):
             If the tensions are not finite numbers of that shape, or a cable's is negative.
         """
         pulls = self._check_tensions(tensions)
-        states = self._take_states(initial, pulls.shape[:-1])
-        shots = [
-            self._shoot(state, tensions=row)
-            for state, row in zip(states, _rows(pulls), strict=True)
-        ]
-        return self._answer(pulls, shots, given=True)
+        return self._solve(pulls, self._pull(_rows(pulls)), initial, given=True)
 
     def trace_tensions(self, history: ArrayLike, *, initial: Shape | None = None) -> TendonHistory:
         """Return the shapes on the way through tensions of the tendons, each from the one before.
@@ -1007,16 +1080,18 @@ class RodModel(ContinuumModel):
             As `shape_under_tensions`, or if the history has another shape.
         """
         pulls = _check_history(self._check_tensions(history))
-        shots = self._trace(initial, [{"tensions": row} for row in pulls])
-        return TendonHistory(shapes=self._answer(pulls, shots, given=True), given="tensions")
+        shots = self._trace(initial, self._pull(pulls))
+        shapes = self._answer(pulls, self._pull(pulls), shots, given=True)
+        return TendonHistory(shapes=shapes, given="tensions")
 
     def trace_displacements(
         self, history: ArrayLike, *, initial: Shape | None = None
     ) -> TendonHistory:
         """Return the shapes on the way through displacements [mm]; see `trace_tensions`."""
-        commands = _check_history(check_displacements(self.robot, history))
-        shots = self._trace(initial, [{"command": row} for row in commands])
-        return TendonHistory(shapes=self._answer(commands, shots), given="displacements")
+        commands = _check_history(self._check_commands(history))
+        shots = self._trace(initial, self._drive(commands))
+        shapes = self._answer(commands, self._drive(commands), shots)
+        return TendonHistory(shapes=shapes, given="displacements")
 
     def _check_tensions(self, tensions: ArrayLike) -> Floats:
         count = len(self.robot.tendons)
@@ -1030,41 +1105,36 @@ class RodModel(ContinuumModel):
             )
         return pulls
 
+    def _check_commands(self, displacements: ArrayLike) -> Floats:
+        """Check displacements, of which those that are NaN follow."""
+        commands = check_displacements(self.robot, displacements, may_follow=True)
+        tense = (self.robot.pretensions > 0.0) & (self._compliances == 0.0)
+        held = np.isfinite(_rows(commands)).any(axis=0)
+        for index in np.flatnonzero(tense & held):
+            raise InputError(
+                f"tendon '{self.robot.tendon_names[index]}' has a pretension, and does not stretch:"
+                " give it a stiffness, or command tensions"
+            )
+        return commands
+
     @cached_property
-    def _grid(self) -> RodGrid:
-        return RodGrid(self.robot, self.between, self.steps)
+    def _rod(self) -> Rod:
+        loads = pack_loads(
+            self.robot,
+            self.loads,
+            tip_force=self.tip_force,
+            tip_moment=self.tip_moment,
+            distributed_force=self.distributed_force,
+        )
+        breaks = list_breaks(self.robot, loads)
+        many = RodGrid.cut(self.robot, np.concatenate([self.arc_length, breaks]), self.steps)
+        few = many.thin(breaks, FEW_STEPS)
+        few = many if len(few.places) == len(many.places) else few
+        return Rod(many=many, few=few, loads=loads, shears=self.stretches)
 
     @cached_property
     def _compliances(self) -> Floats:
         return self.natural_lengths / choose_stiffness(self.robot, self.tendon_stiffness)
-
-    @cached_property
-    def _load(self) -> float:
-        """The loads, by the moment about the base, against what bends the robot by 1 rad."""
-        length = self.robot.length
-        force = np.linalg.norm(self.tip_force) + 0.5 * length * np.linalg.norm(
-            self.distributed_force
-        )
-        moment = length * force + np.linalg.norm(self.tip_moment)
-        return float(moment * length / self._grid.stiffness.min())
-
-    @cached_property
-    def _rod(self) -> Rod:
-        # Without loads no moment goes over from piece to piece: one is enough.
-        pieces = 1 if self._load == 0.0 else PIECES + math.ceil(math.sqrt(self._load))
-        scale = float(self._grid.stiffness.max() / self.robot.length)
-        unit = scale / float(self._grid.reaches.min(initial=self.robot.radius))
-        return Rod(
-            grid=self._grid.packed,
-            tip_force=np.asarray(self.tip_force),
-            tip_moment=np.asarray(self.tip_moment),
-            line_force=np.asarray(self.distributed_force),
-            pieces=min(pieces, len(self._grid.places) - 1),
-            moment_scale=scale,
-            load=self._load,
-            unit_tension=unit,
-            strongest=STRONGEST * unit,
-        )
 
     @cached_property
     def _channels(self) -> Channels | None:
@@ -1073,9 +1143,33 @@ class RodModel(ContinuumModel):
         if not friction.any():
             return None
         return Channels(
-            grid=self._grid.packed,
+            grid=self._rod.many.packed,
             friction=friction,
             flexibility=1.0 / choose_stiffness(self.robot, self.tendon_stiffness),
+        )
+
+    def _drive(self, commands: Floats) -> list[Target]:
+        """What displacements (b, t) ask of the tendons."""
+        tensions = np.broadcast_to(self.robot.pretensions, commands.shape)
+        return [self._aim(*rows) for rows in zip(commands, tensions, strict=True)]
+
+    def _pull(self, tensions: Floats) -> list[Target]:
+        """What tensions (b, t) ask of the tendons."""
+        return [self._aim(np.full(row.shape, math.nan), row) for row in tensions]
+
+    def _aim(self, command: Floats, tensions: Floats) -> Target:
+        holds = np.isfinite(command)
+        lengths = -command - self._compliances * self.robot.pretensions
+        return Target(
+            names=self.robot.tendon_names,
+            pushes=self.robot.pushes,
+            compliances=self._compliances,
+            tolerance=self.tolerance,
+            reaches=self._rod.many.reaches,
+            holds=holds,
+            rest=np.where(holds, self.natural_lengths, 0.0),
+            change=np.where(holds, lengths, tensions),
+            strongest=STRONGEST * self._rod.unit_tension,
         )
 
     def _take_states(
@@ -1105,88 +1199,95 @@ class RodModel(ContinuumModel):
             )
         return [state.pick(index if own else ()) for index in np.ndindex(batch)]
 
-    def _trace(self, initial: Shape | None, commands: list[dict[str, Floats]]) -> list[Shot]:
+    def _solve(
+        self, commands: Floats, targets: list[Target], initial: Shape | None, *, given: bool = False
+    ) -> Shape:
+        batch = commands.shape[:-1]
+        states = self._take_states(initial, batch)
+        starts: list[Shot | None] = [None] * len(targets)
+        if initial is not None and self._channels is None:
+            own = initial.displacements.shape[:-1]
+            starts = [self._start_at(initial, index if own else ()) for index in np.ndindex(batch)]
+        shots = [
+            self._shoot(target, state, start)
+            for target, state, start in zip(targets, states, starts, strict=True)
+        ]
+        return self._answer(commands, targets, shots, given=given)
+
+    def _trace(self, initial: Shape | None, targets: list[Target]) -> list[Shot]:
         """Shoot one command after the other, each from the one before."""
         (state,) = self._take_states(initial, ())
+        start = None
+        if initial is not None and self._channels is None:
+            start = self._start_at(initial, ())
         shots: list[Shot] = []
-        start: Shot | None = None
-        for command in commands:
-            shot = self._shoot(state, start=start, **command)
+        for target in targets:
+            shot = self._shoot(target, state, start)
             shots.append(shot)
-            if not shot.reason and shot.state is not None:
-                start, state = shot, shot.state
+            if not shot.reason:
+                start, state = shot, shot.friction
         return shots
 
-    def _shoot(
-        self,
-        state: FrictionState | None,
-        *,
-        command: Floats | None = None,
-        tensions: Floats | None = None,
-        start: Shot | None = None,
-    ) -> Shot:
-        target = Target(
-            names=self.robot.tendon_names,
-            pushes=self.robot.pushes,
-            compliances=self._compliances,
-            tolerance=self.tolerance,
-            natural=self.natural_lengths,
-            reaches=self._grid.reaches,
-            command=command,
-            tensions=tensions,
-        )
+    def _shoot(self, target: Target, state: FrictionState | None, start: Shot | None) -> Shot:
         if self._channels is not None and state is not None:
             return follow_sliding(self._rod, target, self._channels, state, start)
         convex = not self.robot.pushes.any() or self.robot.is_parallel
-        return follow(self._rod, target, convex=convex)
+        return follow(self._rod, target, convex=convex, start=start)
 
-    def _answer(self, commands: Floats, shots: list[Shot], *, given: bool = False) -> Shape:
+    def _answer(
+        self, commands: Floats, targets: list[Target], shots: list[Shot], *, given: bool = False
+    ) -> Shape:
         """Shapes of shots; `commands` are displacements, or tensions if `given`."""
         from scipy.spatial.transform import Rotation
 
-        tendons = len(self.robot.tendons)
-        places, ends = self._grid.places, self.robot.section_ends
-        index = np.searchsorted(places, self.arc_length - EDGE)
+        count, rod = len(self.robot.tendons), self._rod
+        places, stations = rod.many.places, self.arc_length
+        index = np.searchsorted(places, stations - EDGE)
+        ends = self.robot.section_ends
+        edges = np.searchsorted(places, np.concatenate([[0.0], ends]) - EDGE)
+        states = (
+            np.stack([shot.states for shot in shots])
+            if shots
+            else np.zeros((0, len(places), LENGTHS + count))
+        )
         frames = np.zeros((len(shots), len(index), 4, 4))
         frames[..., 3, 3] = 1.0
-        lengths = np.zeros((len(shots), tendons))
-        stretched = np.zeros((len(shots), tendons))
-        sums = np.zeros((len(shots), len(ends), 2))
-        bends, curvatures = np.zeros((2, len(shots), len(ends)))
-        edges = np.searchsorted(places, np.concatenate([[0.0], ends]) - EDGE)
-        for row, shot in enumerate(shots):
-            rod = self._rod
-            if shot.state is not None and self._channels is not None:
-                along = shot.state.tensions
-                rod = dataclasses.replace(rod, changes=along - along[0, 0])
-                stretched[row] = self._channels.stretch(along)
-            else:
-                stretched[row] = self._compliances * shot.tensions
-            states, turned, good = rod.trace(shot)
-            if not good:
-                shots[row] = shot = self._rod.rest(tendons, "no curvature was found")
-                states, turned, _ = self._rod.trace(shot)
-            turned_by = Rotation.from_quat(np.roll(states[index, 3:7], -1, axis=1))
-            frames[row, :, :3, :3] = turned_by.as_matrix()
-            frames[row, :, :3, 3] = states[index, :3]
-            lengths[row] = states[-1, 10:]
-            parts = np.diff(turned[edges], axis=0)
-            sums[row] = np.stack([parts[:, 1], -parts[:, 0]], axis=-1)
-            turns = np.hypot(*np.diff(turned[:, :2], axis=0).T)
-            bends[row] = np.add.reduceat(turns, edges[:-1])
-            curvatures[row] = np.maximum.reduceat(turns / np.diff(places), edges[:-1])
-        tensions = np.asarray([s.tensions for s in shots], dtype=np.float64)
-        tensions = tensions.reshape(len(shots), tendons)
+        if shots:
+            turns = np.roll(states[:, index, TURN : TURN + 4], -1, axis=-1).reshape(-1, 4)
+            frames[..., :3, :3] = (
+                Rotation.from_quat(turns).as_matrix().reshape(*frames.shape[:2], 3, 3)
+            )
+        frames[..., :3, 3] = states[:, index, :3]
+        lengths = states[:, -1, LENGTHS:]
+        turned = states[:, :, BEND : BEND + 3]
+        parts = np.diff(turned[:, edges], axis=1)
+        sums = np.stack([parts[..., 1], -parts[..., 0]], axis=-1)
+        steps = np.hypot(*np.moveaxis(np.diff(turned[..., :2], axis=1), -1, 0))
+        bends = np.add.reduceat(steps, edges[:-1], axis=1)
+        curvatures = np.maximum.reduceat(steps / np.diff(places), edges[:-1], axis=1)
+        tensions = np.array([shot.tensions for shot in shots]).reshape(len(shots), count)
+        if self._channels is None:
+            stretched = self._compliances * tensions
+        else:
+            stretched = np.array(
+                [
+                    self._channels.stretch(shot.friction.tensions)
+                    for shot in shots
+                    if shot.friction is not None
+                ]
+            ).reshape(tensions.shape)
+        slack_at_rest = self._compliances * self.robot.pretensions
         if given:
             displacements = self.natural_lengths - lengths
             slack = ~self.robot.pushes & (_rows(commands) == 0.0)
             asked = lengths
         else:
-            displacements = _rows(commands)
-            shares = np.asarray([s.share for s in shots]).reshape(-1, 1)
-            followed = self.natural_lengths - shares * displacements
-            slack = ~self.robot.pushes & (lengths < followed - self.tolerance)
-            asked = self.natural_lengths - displacements + stretched
+            followed = self.natural_lengths - lengths + stretched - slack_at_rest
+            displacements = np.where(np.isnan(_rows(commands)), followed, _rows(commands))
+            shares = np.array([shot.share for shot in shots]).reshape(-1, 1)
+            limits = self.natural_lengths - shares * (displacements + slack_at_rest)
+            slack = ~self.robot.pushes & (lengths < limits - self.tolerance) & (tensions == 0.0)
+            asked = self.natural_lengths - displacements - slack_at_rest + stretched
         residual = np.abs(np.where(slack, 0.0, lengths - asked)).max(axis=1, initial=0.0)
         words = [f"{s.reason}{explain_contrast(self.robot)}" if s.reason else "" for s in shots]
         verdict = (
@@ -1197,7 +1298,7 @@ class RodModel(ContinuumModel):
         measure = BendMeasure(bends=bends, curvatures=curvatures, round_off=ROUND_OFF)
         made = self.make_shape(
             displacements.reshape(commands.shape),
-            arc_length=self.arc_length,
+            arc_length=stations,
             frames=frames,
             tendon_lengths=lengths,
             section_parameters=sums if self._bends_evenly else sums[:, :0],
@@ -1205,17 +1306,49 @@ class RodModel(ContinuumModel):
             slack=slack,
             residual=residual,
             iterations=np.asarray([s.iterations for s in shots], dtype=np.int64),
+            stability=np.asarray([s.stability for s in shots], dtype=np.float64),
             verdict=check_limits(self.robot, displacements, measure, verdict),
         )
-        known = [shot.state for shot in shots if shot.state is not None]
+        known = [shot.friction for shot in shots if shot.friction is not None]
         if not known:
             return made
         return dataclasses.replace(made, friction=FrictionState.join(known, commands.shape[:-1]))
 
+    def _start_at(self, initial: Shape, index: tuple[int, ...]) -> Shot:
+        """Return a state near to a shape: forces and moments balance the loads on it."""
+        from scipy.spatial.transform import Rotation, Slerp
+
+        rod, places = self._rod, self._rod.many.places
+        frames = initial.frames[index]
+        turns = Slerp(initial.arc_length, Rotation.from_matrix(frames[:, :3, :3]))(places)
+        points = np.stack(
+            [np.interp(places, initial.arc_length, frames[:, k, 3]) for k in range(3)], axis=1
+        )
+        (lines, at, _), matrices = rod.packed_many[1], turns.as_matrix()
+        middle = 0.5 * (matrices[1:] + matrices[:-1])
+        loads = np.diff(places)[:, None] * (
+            lines[:, 1, 0] + np.einsum("nij,nj->ni", middle, lines[:, 1, 1])
+        )
+        own = at[:, :2] + np.einsum("nij,nkj->nki", matrices, at[:, 2:])
+        centres = 0.5 * (points[1:] + points[:-1])
+        start = rod.rest(len(self.robot.tendons))
+        start.tensions[:] = initial.tensions[index]
+        for piece, first in enumerate(rod.many_cuts[:-1]):
+            here = points[first]
+            start.turns[piece] = np.roll(turns[first].as_quat(), 1)
+            later = own[first + 1 :]
+            start.forces[piece] = loads[first:].sum(axis=0) + later[:, 0].sum(axis=0)
+            start.moments[piece] = (
+                np.cross(centres[first:] - here, loads[first:]).sum(axis=0)
+                + np.cross(points[first + 1 :] - here, later[:, 0]).sum(axis=0)
+                + later[:, 1].sum(axis=0)
+            )
+        return start
+
     @cached_property
     def _bends_evenly(self) -> bool:
-        loads = np.concatenate([self.tip_force, self.tip_moment, self.distributed_force])
-        return self.robot.is_parallel and self._channels is None and not loads.any()
+        plain = self._rod.loads.is_empty and self.robot.is_straight
+        return self.robot.is_parallel and self._channels is None and plain
 
 
 def _check_history(history: Floats) -> Floats:

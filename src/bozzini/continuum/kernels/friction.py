@@ -50,9 +50,9 @@ def measure_tendons(grid, profile, moments, curvatures, rates, give, wraps):
     how these give way to tension, ``give`` (n, 3, k, k), and the angles ``wraps`` (n, 3, k) through
     which tendons turn in the interval of each point.
     """
-    places, stiffness, guides, present = grid
+    places, stiffness, rest, guides, present = grid
     k = profile.shape[2]
-    work, least = np.empty((11, 3)), np.zeros(3)
+    work, least, moment = np.empty((11, 3)), np.zeros(3), np.empty(3)
     ways, carried = np.zeros((k, 3)), np.zeros((k, 3))
     before, mean, turned = np.zeros((k, 3)), np.zeros(3), np.zeros(3)
     tangents = np.zeros((k, 3))
@@ -60,13 +60,12 @@ def measure_tendons(grid, profile, moments, curvatures, rates, give, wraps):
         half = 0.5 * (places[n + 1] - places[n])
         for stage in range(3):
             here, pulls, u = guides[n, stage], profile[n, stage], curvatures[n, stage]
-            moment = moments[n, stage]
-            if not find_curvature(stiffness[n], here, present[n], pulls, moment, u, work):
+            own, matrix = stiffness[n, stage, 3:], work[0:3]
+            for i in range(3):
+                moment[i] = moments[n, stage, i] + own[i] * rest[n, stage, i]
+            if not find_curvature(own, here, present[n], pulls, moment, u, work):
                 return False
-            matrix = work[0:3]
-            expand_potential(
-                stiffness[n], here, present[n], pulls, moment, u, False, work[3], matrix
-            )
+            expand_potential(own, here, present[n], pulls, moment, u, False, work[3], matrix)
             if stage > 0:
                 for i in range(3):
                     mean[i] = 0.5 * half * (curvatures[n, stage - 1, i] + u[i])

@@ -51,6 +51,55 @@ def solve_upper(factor, vector, size):
 
 
 @njit(cache=True)
+def factor_lu(matrix, order):
+    """Factor a matrix in place with row exchanges, kept in ``order`` (n,); False if singular."""
+    size = order.size
+    for k in range(size):
+        pivot, most = k, abs(matrix[k, k])
+        for i in range(k + 1, size):
+            if abs(matrix[i, k]) > most:
+                pivot, most = i, abs(matrix[i, k])
+        order[k] = pivot
+        if not most > 0.0 or not math.isfinite(most):
+            return False
+        if pivot != k:
+            for j in range(size):
+                matrix[k, j], matrix[pivot, j] = matrix[pivot, j], matrix[k, j]
+        for i in range(k + 1, size):
+            part = matrix[i, k] / matrix[k, k]
+            matrix[i, k] = part
+            if part != 0.0:
+                for j in range(k + 1, size):
+                    matrix[i, j] -= part * matrix[k, j]
+    return True
+
+
+@njit(cache=True)
+def solve_lu(factors, order, right):
+    """Solve for the columns of ``right`` (n, m) in place, given the answer of `factor_lu`."""
+    size = order.size
+    columns = right.shape[1]
+    for k in range(size):
+        if order[k] != k:
+            for c in range(columns):
+                right[k, c], right[order[k], c] = right[order[k], c], right[k, c]
+    for i in range(size):
+        for j in range(i):
+            part = factors[i, j]
+            if part != 0.0:
+                for c in range(columns):
+                    right[i, c] -= part * right[j, c]
+    for i in range(size - 1, -1, -1):
+        for j in range(i + 1, size):
+            part = factors[i, j]
+            if part != 0.0:
+                for c in range(columns):
+                    right[i, c] -= part * right[j, c]
+        for c in range(columns):
+            right[i, c] /= factors[i, i]
+
+
+@njit(cache=True)
 def solve_bounded(matrix, vector, low, high, values):
     """Minimise ``1/2 T A T + b T`` over ``low <= T <= high`` by an active-set method.
 
