@@ -55,9 +55,7 @@ def find_between(excess: Excess, one: Floats, other: Floats) -> Floats:
     return points
 
 
-def find_dip(
-    excess: Excess, tried: Floats, values: Floats
-) -> tuple[Ends, Ends, NDArray[np.bool_]]:
+def find_dip(excess: Excess, tried: Floats, values: Floats) -> tuple[Ends, Ends, NDArray[np.bool_]]:
     """Return brackets of roots between points tried at which `excess` has one sign, and where.
 
     The smallest `excess`, without sign, is searched for by golden sections between the neighbours
