@@ -49,6 +49,12 @@ def festo10_dir() -> Path:
 
 
 @pytest.fixture(scope="session")
+def sorosim_dir() -> Path:
+    """Give the directory of static shapes by SoRoSim (opencr-mujoco, MIT)."""
+    return _find_data("sorosim_statics")
+
+
+@pytest.fixture(scope="session")
 def colon_dir() -> Path:
     """Give the directory of the colon of the Visible Human female (GCA-Models, CC BY 4.0)."""
     return _find_data("colon")

@@ -46,6 +46,9 @@ RIDGE = 1e-8
 SLOW = 0.3
 """Factor by which jumps must fall where derivatives are those of another grid."""
 
+ROUND_OFF = 1e-2
+"""Part of the tolerance of lengths that is let through unless more is needed."""
+
 SMALLEST_PART = 1.0 / 64.0
 """Smallest part, of the first one, by which a command is raised where more of it fails."""
 
@@ -402,12 +405,13 @@ def follow(rods, unit, command, bounds, state, known, forms, way):
     one = few[0][0].size == many[0][0].size
     reached, part, smallest, steps, code = 0.0, first, SMALLEST_PART * first, 0, FOUND
     failed = 1.0
-    loose = 1e-3 * tolerance
+    loose = ROUND_OFF * tolerance
+    cables = (holds & (low == 0.0)).astype(np.float64)
     while reached < 1.0:
         share = min(1.0, reached + part)
         if share > 1.0 - 1e-9:
             share = 1.0
-        aim = rest + share * change, holds, compliances, low, high
+        aim = rest + share * change + loose * cables, holds, compliances, low, high
         last = share == 1.0
         jump = (SMALL_JUMP if one else FAIR_JUMP) if last else ROUGH_JUMP
         fits = max(loose, (0.0 if last and one else 1e-2 * jump * few[0][0][-1]))
@@ -434,7 +438,7 @@ def follow(rods, unit, command, bounds, state, known, forms, way):
             break
     if reached == 1.0 and not one:
         trial = tensions, turns, moments, forces, many_states
-        aim = rest + change, holds, compliances, low, high
+        aim = rest + change + loose * cables, holds, compliances, low, high
         code, count = improve(
             many, many_cuts, unit, 1.0, aim, trial, known, none, (SMALL_JUMP, loose, 6)
         )
