@@ -57,6 +57,34 @@ def bench_energy(benchmark: Any, segment: str) -> None:
     assert each < 1e-3
 
 
+@pytest.mark.parametrize("discs", [10, 20, 40])
+def bench_loaded_energy(benchmark: Any, discs: int) -> None:
+    robot = make_robot(cross_tendons(4), discs=discs)
+    model = EnergyModel(robot, tip_force=(0.05, 0.02, -0.1), tendon_stiffness=1e4)
+    command = [3.0, 1.0, -3.0, -1.0]
+    shape = model.shape(command)
+    assert shape.converged and shape.stable
+    took = []
+    for call in (
+        lambda: model.shape(command, initial=shape),
+        lambda: model.jacobian(shape),
+    ):
+        times = []
+        for _ in range(30):
+            begin = time.perf_counter()
+            call()
+            times.append(time.perf_counter() - begin)
+        took.append(1e3 * float(np.median(times)))
+    benchmark(model.shape, command)
+    benchmark.extra_info.update(
+        what=f"energy (chord) under a tip force, 4 tendons x {discs} segments, with its stability",
+        measured=f"{1e3 * benchmark.stats.stats.median:.2f} ms from rest, {took[0]:.2f} ms from "
+        f"the shape before; jacobian {took[1]:.2f} ms",
+        required="jacobian at most 2 x a shape",
+    )
+    assert took[1] <= 2e3 * benchmark.stats.stats.median
+
+
 @pytest.mark.parametrize("name", list(ROUTINGS))
 def bench_energy_against_rod(benchmark: Any, name: str) -> None:
     tendons, tensions = ROUTINGS[name]

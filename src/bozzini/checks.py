@@ -363,6 +363,14 @@ class Quantity:
         """The unit, empty for none."""
         return INTERNAL_UNITS.get(self.kind, "")
 
+    def is_legal(self, value: float, item: Any) -> bool:
+        """Whether a float is a legal value, the other fields of a dataclass being as they are."""
+        low, high = (end(item) if callable(end) else end for end in (self.low, self.high))
+        inside = low < value if self.low_open else low <= value
+        return bool(inside and value <= high and not (self.words or self.whole)) and (
+            math.isfinite(value)
+        )
+
     def check(self, name: str, value: Any, item: Any = None) -> float:
         """Return a legal value as a plain number, or raise `InputError`.
 
@@ -394,6 +402,7 @@ def quantity(kind: str = "dimensionless", help: str = "", **known: Any) -> Any:
 
 
 _KNOWN: dict[type, Mapping[str, Quantity]] = {}
+_DEFAULTS: dict[type, Mapping[str, object]] = {}
 
 
 def list_quantities(kind: type) -> Mapping[str, Quantity]:
@@ -430,9 +439,14 @@ def check_fields(item: Any, prefix: str = "", *, skip: tuple[str, ...] = ()) -> 
     InputError
         If a value is outside its legal range.
     """
-    defaults = {field.name: field.default for field in dataclasses.fields(item)}
-    for name, known in list_quantities(type(item)).items():
-        if name in skip or (getattr(item, name) is None and defaults[name] is None):
+    kind = type(item)
+    if kind not in _DEFAULTS:
+        _DEFAULTS[kind] = {field.name: field.default for field in dataclasses.fields(kind)}
+    defaults, values = _DEFAULTS[kind], vars(item)
+    for name, known in list_quantities(kind).items():
+        if name in skip or (values[name] is None and defaults[name] is None):
+            continue
+        if type(values[name]) is float and known.is_legal(values[name], item):
             continue
         words = known.label or prefix + name.replace("_", " ")
         value, default = getattr(item, name), defaults[name]

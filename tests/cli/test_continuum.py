@@ -416,9 +416,9 @@ def test_example_robots_bend_alike_by_energy_and_rod(path):
         (["pose", TWO, "--displacement", BENT, "--model", "pcc"], "'pcc'"),
         (["pose", TWO, "--displacement", BENT, "--segments", "3"], "not for the arc model"),
         (["pose", TWO, "--displacement", BENT, "--model", "arc", "--tip-force", "0,0,1"],
-         "--tip-force is not for the arc model: it is for rod"),
-        (["pose", TWO, "--displacement", BENT, "--model", "energy", "--line-force", "0,0,1"],
-         "--line-force is not for the energy model"),
+         "--tip-force is not for the arc model: it is for energy and rod"),
+        (["pose", TWO, "--displacement", BENT, "--model", "linkage", "--line-force", "0,0,1"],
+         "--line-force is not for the linkage model"),
         (["pose", TWO, "--displacement", BENT, "--model", "rod", "--segment-kind", "arc"],
          "--segment-kind is not for the rod model: it is for energy"),
         (["pose", TWO, "--displacement", BENT, "--tip-force", "0,1N"], "2 part"),
@@ -440,7 +440,7 @@ def test_example_robots_bend_alike_by_energy_and_rod(path):
         (["reach", TWO, "--to", "1mm,2mm"], "2 part"),
         (["reach", TWO, "--to", "1,2,3", "--direction", "0,0,0"], "must not be zero"),
         (["reach", TWO, "--to", "1,2,3", "--starts", "0"], "starts is 0"),
-        (["reach", HELICAL, "--to", "1,2,3"], "only pose and compare take others"),
+        (["reach", HELICAL, "--to", "1,2,3"], "give --model energy or --model rod"),
         (["compare", TWO, "--displacement", BENT, "--tip-force", "0,0,x"], "'x'"),
         (["workspace", HELICAL], "only pose and compare take others"),
         (["workspace", TWO, "--count", "0"], "count is 0"),
@@ -566,3 +566,37 @@ def test_places_in_the_world_where_the_base_has_a_pose(ask, run):
 def test_loads_are_refused(run, load, line):
     code, out, err = run("pose", TWO, "--displacement", "T1=1mm", "--load", load, *WIRE)
     assert (code, out) == (2, "") and line in err and err.count("\n") == 1
+
+
+def test_jacobian_is_the_library(ask, run):
+    said = ask("jacobian", HELICAL, "--displacement", WOUND, "--out", "motion.csv")
+    robot = ContinuumRobot.from_yaml(HELICAL)
+    model = EnergyModel(robot)
+    found = model.jacobian(robot.forward({"H1": 2.0, "H2": -5, "H3": -5, "H4": -5}, model="energy"))
+    assert said["arc_length_mm"] == robot.length and said["held"] == "displacements"
+    for k, name in enumerate(robot.tendon_names):
+        assert said["by_displacement"][name] == pytest.approx(
+            found.by_displacement[-1, :, k].tolist(), rel=1e-3, abs=1e-6
+        )
+    rows = list(csv.DictReader(Path("motion.csv").open()))
+    assert [row["row"] for row in rows] == said["rows"]
+    assert float(rows[4]["by_displacement_H1"]) == pytest.approx(said["by_displacement"]["H1"][4])
+    pulled = ask("jacobian", HELICAL, "--tension", "H1=1N", "--at", "30mm")
+    assert pulled["held"] == "tensions" and list(pulled["by_tension"]) == list(robot.tendon_names)
+    assert pulled["arc_length_mm"] == pytest.approx(30.0, abs=robot.length / 20)
+    code, _, err = run("jacobian", HELICAL, "--tension", "H1=1N", "--at", "300mm")
+    assert code == 2 and "--at is 300 mm: it must lie in [0, " in err
+
+
+def test_reach_takes_any_routing_by_tensions(ask, run):
+    said = ask("reach", HELICAL, "--to", "30mm,10mm,90mm", "--model", "energy")
+    assert said["model"] == "energy" and said["success"]
+    assert said["tip_mm"] == pytest.approx([30.0, 10.0, 90.0], abs=1e-4)
+    pulls = ",".join(f"{name}={value:.9f}N" for name, value in said["tensions_N"].items())
+    again = ask("pose", HELICAL, "--tension", pulls, "--model", "energy")
+    assert again["tip_mm"] == pytest.approx(said["tip_mm"], abs=1e-3)
+    assert "tension [N]" in run("reach", HELICAL, "--to", "30mm,10mm,90mm", "--model", "energy")[1]
+    code, _, err = run("reach", HELICAL, "--to", "30mm,10mm,90mm")
+    assert code == 2 and "give --model energy or --model rod" in err
+    code, _, err = run("reach", TWO, "--to", "30mm,10mm,90mm", "--load", "force=1N:0N:0N")
+    assert code == 2 and "--load is not for the arc model" in err

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import minimize
 
 from bozzini.continuum import (
     ContactModel,
@@ -16,8 +17,9 @@ from bozzini.continuum import (
     PointLoad,
     RobotDesign,
     Section,
+    Tendon,
 )
-from bozzini.duct import Duct
+from bozzini.duct import Circles, Duct
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,10 +54,8 @@ ALONG_X = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
 """Base that looks along x."""
 
 
-def make_rod(
-    length: float, stiffness: float, *, radius: float = 1.0, **more: object
-) -> RobotDesign:
-    section = Section(length=length, radius=radius, bending_stiffness=stiffness, **more)  # type: ignore[arg-type]
+def make_rod(length: float, stiffness: float, *, weight: float = 0.0) -> RobotDesign:
+    section = Section(length=length, radius=1.0, bending_stiffness=stiffness, line_weight=weight)
     return RobotDesign((section,), base_rotation=ALONG_X)
 
 
@@ -65,6 +65,7 @@ def check_balance(shape: ContactShape) -> None:
     assert shape.residual < 1e-6
 
 
+@pytest.mark.slow
 def test_a_heavy_beam_lies_down_as_the_linear_beam_does() -> None:
     # Clamped at height h over a floor: lifted over a = (72 EI h / w)^(1/4), with w a / 3 at the
     # place of touch-down (EI y'''' = -w, and y = y' = y'' = 0 there).
@@ -165,3 +166,59 @@ def test_a_rod_in_a_tube_buckles_sideways_at_the_load_of_paslay_and_dawson() -> 
     stiffness, weight, gap = 500.0, 0.01, 2.0
     found = find_critical_load(stiffness, weight, gap)
     assert found == pytest.approx(2.0 * np.sqrt(stiffness * weight / gap), rel=0.05)
+
+
+def solve_chain(
+    links: int, length: float, offset: float, pull: float, circle: tuple[float, float, float]
+) -> NDArray[np.float64]:
+    """Joints (links + 1, 2) of the thesis's linkage in a plane, around a circle.
+
+    Least sum of squared coupler angles, as in the thesis's (5.7), for one cable as long in all as
+    commanded, with (5.14)'s ``(x - xc)^2 + (y - yc)^2 - r^2 >= 0`` at each joint.
+    """
+    step = length / links
+    x, y, radius = circle
+
+    def place(angles: NDArray[np.float64]) -> NDArray[np.float64]:
+        ways = np.cumsum(angles) - 0.5 * angles
+        ends = step * np.stack([np.cos(ways), np.sin(ways)], axis=1)
+        return np.concatenate([np.zeros((1, 2)), np.cumsum(ends, axis=0)])
+
+    found = minimize(
+        lambda angles: float(np.sum(angles**2)),
+        np.full(links, pull / offset / links),
+        jac=lambda angles: 2.0 * angles,
+        method="SLSQP",
+        constraints=(
+            # A cable at the offset a is shorter by 2 a sin(angle / 2) in each link.
+            {"type": "eq", "fun": lambda a: 2.0 * offset * np.sum(np.sin(0.5 * a)) - pull},
+            {
+                "type": "ineq",
+                "fun": lambda a: np.sum((place(a)[1:] - (x, y)) ** 2, axis=1) - radius**2,
+            },
+        ),
+        options={"maxiter": 500, "ftol": 1e-12},
+    )
+    assert found.success, found.message
+    return place(found.x)
+
+
+@pytest.mark.slow
+def test_around_a_circle_it_is_the_chain_of_the_thesis() -> None:
+    length, offset, pull, radius = 100.0, 4.0, 4.0, 1.0
+    circle = (55.0, 22.0, 12.0)
+    tendon = Tendon(name="T1", offset=offset, angle=np.pi / 2.0)
+    section = Section(length=length, radius=radius, tendons=(tendon,), bending_stiffness=300.0)
+    # Bending towards +y about a circle there; the free shape would run through it.
+    robot = RobotDesign((replace(section, radius=4.0),), base_rotation=ALONG_X)
+    wall = Circles(np.array([circle[:2]]), np.array([circle[2]]))
+    options = ContactOptions(segment_length=2.5)
+    shape = ContactModel(robot, obstacles=(wall,), options=options).shape({"T1": pull})
+    check_balance(shape)
+    assert shape.normal_forces.max() > 0.0
+    # The body's radius is added to the circle's, as the chain has none.
+    chain = solve_chain(40, length, offset, pull, (*circle[:2], circle[2] + 4.0))
+    np.testing.assert_allclose(shape.points[:, :2], chain, atol=0.01 * length)
+    np.testing.assert_allclose(shape.points[:, 2], 0.0, atol=1e-6)
+    away = np.hypot(*(shape.points[:, :2] - circle[:2]).T) - circle[2] - 4.0
+    assert away.min() == pytest.approx(0.0, abs=1e-4)

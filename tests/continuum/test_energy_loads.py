@@ -46,12 +46,25 @@ def test_converges_to_the_loaded_rod_with_second_order(name, segment) -> None:
     options = {"tip_force": (0.05, 0.02, -0.05), "distributed_force": (0.0, -5e-4, 0.0)}
     rod = RodModel(make_robot(tendons), **options).shape_under_tensions(tensions)
     errors = []
-    for discs in (10, 20, 40):
+    for discs in (8, 16, 32):
         model = load(make_robot(tendons, discs=discs), segment=segment, **options)
         shape = model.shape_under_tensions(tensions)
         assert shape.converged and shape.stable
         errors.append(np.linalg.norm(shape.tip - rod.tip))
     assert find_orders(errors) == pytest.approx([2.0, 2.0], abs=0.15)
+
+
+def test_stability_is_that_of_the_rod() -> None:
+    tendons, tensions = ROUTINGS["full-turn pair"]
+    options = {"tip_force": (0.02, 0.01, -0.3)}
+    rod = RodModel(make_robot(tendons), **options).shape_under_tensions(tensions)
+    found = []
+    for discs in (10, 20, 40):
+        model = load(make_robot(tendons, discs=discs), **options)
+        found.append(float(model.shape_under_tensions(tensions).stability))
+    assert found[-1] == pytest.approx(float(rod.stability), abs=1e-3)
+    first, second = np.diff(found)
+    assert math.log2(first / second) == pytest.approx(2.0, abs=0.3)
 
 
 def test_euler_load_converges_with_second_order() -> None:
@@ -246,7 +259,8 @@ def test_derivatives_are_those_of_differences(segment, held) -> None:
         spin = (up.frames - down.frames)[:, :3, :3] / (2.0 * step)
         spin = spin @ np.swapaxes(shape.frames[:, :3, :3], -1, -2)
         spins = np.stack([spin[:, 2, 1], spin[:, 0, 2], spin[:, 1, 0]], axis=-1)
-        assert derivative[:, :3] == pytest.approx(spins, rel=1e-4, abs=1e-5 * np.abs(spins).max())
+        floor = 1e-5 * np.abs(spins).max() + 5e-11 / step
+        assert derivative[:, :3] == pytest.approx(spins, rel=1e-4, abs=floor)
 
     for k in range(5):
         unit = np.eye(5)[k]
@@ -301,7 +315,7 @@ def test_path_turns_where_the_elastica_does() -> None:
     ).fun
     tendons = [Tendon(name="a", offset=4.0, pushes=True)]
     errors = []
-    for discs in (6, 12):
+    for discs in (4, 8):
         model = EnergyModel(
             make_robot(tendons, discs=discs), segment="channel", tip_force=(0.0, 0.0, -force)
         )
@@ -313,7 +327,7 @@ def test_path_turns_where_the_elastica_does() -> None:
         down, up = 4.0 * path.factors[list(path.limit_points)]
         assert down == pytest.approx(-up, rel=1e-6)
         errors.append(abs(abs(down) - limit))
-        assert errors[-1] < 0.1 * limit
+        assert errors[-1] < 0.2 * limit
     assert find_orders(errors) == pytest.approx([2.0], abs=0.3)
     # What the backbone holds is what force and tendon have done.
     shapes = path.shapes

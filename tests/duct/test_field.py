@@ -45,6 +45,26 @@ def test_beyond_the_grid_the_answer_stays_an_upper_bound_and_continuous(ball):
     assert outside == pytest.approx(inside, abs=1e-7)
 
 
+def test_beyond_the_grid_the_distance_is_over_by_no_more_than_either_part(ball):
+    points = np.random.default_rng(5).uniform(-30, 30, (2000, 3))
+    exact = np.linalg.norm(points, axis=1) - 6.0
+    nearest = np.clip(points, -8.0, 8.0)
+    away, there = np.linalg.norm(points - nearest, axis=1), ball.signed_distance(nearest)
+    over = ball.signed_distance(points) - exact
+    assert np.all(over <= np.minimum(away, there) + ball.error)
+    assert np.all(ball.clearance_bound(points) <= -exact)
+    # And the gradient is the slope there too, off the planes between cells.
+    step = 1e-6
+    cell = np.abs(nearest - np.rint(nearest))
+    good = np.all((cell > 1e-3) | (np.abs(nearest) == 8.0), axis=1)
+    for axis in range(3):
+        shift = step * np.eye(3)[axis]
+        slope = ball.signed_distance(points + shift) - ball.signed_distance(points - shift)
+        assert ball.gradient(points)[good, axis] == pytest.approx(
+            slope[good] / (2.0 * step), abs=1e-5
+        )
+
+
 def test_frames_are_inverse_and_batches_equal_single_points(ball):
     random = np.random.default_rng(3)
     points = random.uniform(-7, 7, (4, 5, 3))

@@ -104,6 +104,7 @@ LEGAL: dict[str, tuple[int, str]] = {
     "continuum models": (1, ""),
     "continuum new": (2, "--sections 2 --tendons 3 --out >.yaml"),
     "continuum pose": (8, "<robot --displacement T1=1mm"),
+    "continuum jacobian": (2, "<robot --displacement T1=1mm"),
     "continuum reach": (4, "<robot --to 30mm,10mm,80mm --starts 4"),
     "continuum compare": (3, "<robot --displacement T1=1mm"),
     "continuum workspace": (3, "<robot --count 500"),

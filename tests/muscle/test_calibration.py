@@ -23,8 +23,8 @@ from bozzini.muscle import (
 )
 from bozzini.muscle import problem as fitting
 from bozzini.muscle.fit import judge_parameters, judge_repeats
-from bozzini.numeric.estimation import CONDITION_LIMIT, CORRELATION_LIMIT
 from bozzini.muscle.problem import Task
+from bozzini.numeric.estimation import CONDITION_LIMIT, CORRELATION_LIMIT
 
 TRUTH = preset("thesis-45", modulus=0.5, dead_length=10.0)
 START = TRUTH.replace(modulus=0.35, dead_length=0.0)

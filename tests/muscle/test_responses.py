@@ -8,6 +8,7 @@ import time
 
 import numpy as np
 import pytest
+from scipy.stats import t as student
 
 from bozzini.errors import InputError
 from bozzini.muscle import (
@@ -23,7 +24,9 @@ from bozzini.muscle import (
     find_offset,
     predict,
     rank,
+    read_measurements,
     read_muscle,
+    write_measurements,
     write_muscle,
 )
 from bozzini.muscle.problem import Clock, Problem, Task
@@ -149,6 +152,25 @@ def test_a_muscle_that_gets_longer_is_tried_under_a_push():
     contraction, held = model.try_contraction(0.3, load)
     assert held.all()
     assert contraction == pytest.approx(model.contraction(0.3, load))
+
+
+@pytest.mark.parametrize("response", ["force", "contraction"])
+def test_muscles_that_only_push_are_read_and_ranked(response, tmp_path):
+    muscle = MUSCLE.replace(braid_angle=math.radians(68.0))
+    truth = MODELS["ogden"](muscle)
+    pressure, contraction = np.tile(np.linspace(0.05, 0.3, 8), 3), np.repeat([0.0, -2.0, -4.0], 8)
+    load = truth.force(pressure, contraction)
+    assert load.max() < 0.0
+    data = Measurements(pressure=pressure, contraction=contraction, load=load)
+    path = write_measurements(tmp_path / "push.csv", data)
+    with pytest.raises(InputError, match="turn the sign"):
+        read_measurements(path, muscle=MUSCLE)
+    data = read_measurements(path, muscle=muscle)
+    models = ("gaylord-1", "ogden")
+    options = RankOptions(fields=("modulus",), folds=0, fit=FitOptions(response=response))
+    best = rank(data, muscle.replace(modulus=1.5), models=models, options=options).models[0]
+    assert best.name == "ogden"
+    assert best.calibration.estimates["modulus"] == pytest.approx(1.0, rel=1e-6)
 
 
 def test_end_effects_of_none_are_none():
@@ -423,6 +445,14 @@ def test_bands_of_a_specimen_of_the_fit_are_narrower_than_those_of_another():
     other = found.predict(dataclasses.replace(parts[2], specimen="d"))
     assert known.residual < 1.2 and known.covered > 0.85
     assert np.all(known.confidence < other.confidence / 5.0)
+    # Three specimens give what they have of their own two degrees of freedom, not that of all rows.
+    wide, narrow = (
+        found.predict(dataclasses.replace(parts[2], specimen=name), level=0.99).confidence
+        / found.predict(dataclasses.replace(parts[2], specimen=name), level=0.5).confidence
+        for name in ("d", "c")
+    )
+    assert wide == pytest.approx(student.ppf(0.995, 2) / student.ppf(0.75, 2), rel=0.05)
+    assert narrow == pytest.approx(student.ppf(0.995, 116) / student.ppf(0.75, 116), rel=1e-6)
     # Not below the band of its own offset alone.
     stiff = found.models["c"].stiffness(parts[2].pressure, parts[2].contraction)
     assert np.mean(known.confidence) > np.mean(stiff) * found.standard_errors["offset[c]"]
@@ -666,3 +696,53 @@ def test_derivatives_of_the_misfit_by_two_routes(response, errors):
         step[column] = 3e-5
         slope = (problem.miss(point + step) - problem.miss(point - step))[held] / 6e-5
         assert table[:, column] == pytest.approx(slope, rel=1e-3, abs=1e-3 * np.abs(slope).max())
+
+
+def test_derivatives_behind_fittings_cost_two_forces_a_parameter(monkeypatch):
+    ends = EndEffects(offset=0.4, compliance=0.02, slack_force=20.0)
+    data = measure(make("kothera-balance"), noise=1.0)
+    names = ("modulus", "braid_angle", "offset", "compliance", "slack_force")
+    problem = Problem(
+        model_class=MODELS["kothera-balance"],
+        task=Task(muscle=MUSCLE, data=data, response="force", ends=ends),
+        free=names,
+        limits=np.array([[0.1, 9.0], [0.3, 0.6], [-9.0, 9.0], [0.0, 0.1], [0.0, 50.0]]),
+    )
+    point = problem.choose_start()
+    residuals, calls, kind = problem.miss(point), [], MODELS["kothera-balance"]
+    ask = kind.try_force
+    monkeypatch.setattr(
+        kind, "try_force", lambda *args, **more: calls.append(1) or ask(*args, **more)
+    )
+    table = problem.slope(point)
+    assert len(calls) <= 2 * len(names) + 2
+    slack = residuals + data.load < 20.0 + 1e-9
+    assert 0 < slack.sum() < len(data)
+    for column, name in enumerate(names):
+        step = np.zeros(len(names))
+        step[column] = 3e-5
+        slope = (problem.miss(point + step) - problem.miss(point - step)) / 6e-5
+        assert table[:, column] == pytest.approx(slope, rel=1e-4, abs=1e-4 * np.abs(slope).max())
+        assert name == "slack_force" or not table[slack, column].any()
+
+
+def test_derivatives_of_an_offset_from_a_length_by_two_routes():
+    model = EndEffects(offset=0.5, compliance=0.01).mount(make("kothera-balance"))
+    data = dataclasses.replace(measure(model, specimen="A"), free_lengths={0.62: np.full(40, 92.0)})
+    problem = Problem(
+        model_class=MODELS["kothera-balance"],
+        task=Task(
+            muscle=MUSCLE, data=data, response="force", ends=EndEffects(compliance=0.01),
+            anchored=True,
+        ),
+        free=("modulus", "braid_angle"),
+        limits=np.array([[0.1, 9.0], [0.3, 0.6]]),
+    )  # fmt: skip
+    point = problem.choose_start()
+    held, table = problem.evaluate(point)[1], problem.slope(point)
+    for column in range(2):
+        step = np.zeros(2)
+        step[column] = 3e-5
+        slope = (problem.miss(point + step) - problem.miss(point - step)) / 6e-5
+        expected = pytest.approx(slope[held], rel=1e-3, abs=1e-3 * np.abs(slope).max())
+        assert table[held, column] == expected

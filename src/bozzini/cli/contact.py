@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -28,6 +28,7 @@ from .common import (
 
 if TYPE_CHECKING:
     from ..continuum import ContactModel, ContactShape, ContinuumRobot, InsertionResult
+    from ..continuum.checks import Floats
     from ..duct import Centreline, Duct
 
 SHOWN_CONTACTS = 12
@@ -170,7 +171,7 @@ def contact_command(
     if source is None and not obstacles:
         raise InputError("contact needs a wall: give INPUT, or --obstacle")
     robot = _read_robot(robot_file)
-    commands: dict[str, Any] = {}
+    commands: dict[str, float] = {}
     for flag, text, kind in (
         ("--displacement", displacement, "length"),
         ("--tension", tension, "force"),
@@ -241,7 +242,7 @@ def insert_command(
 
     What is not inserted is straight in an introducer at the entry. INPUT is a label volume or a
     surface, as for bozzini plan, or a file of shapes (.json, .yaml). Exit code 0: it goes in; 1: it
-    finds no equilibrium, loops or meets itself, and where; 2: bad input.
+    finds no equilibrium, buckles, loops or meets itself, and where; 2: bad input.
     """
     from ..continuum import ContactModel, DriveTable, insert_robot
     from ..io.files import check_new_file, write_text
@@ -268,7 +269,7 @@ def insert_command(
         run_exit(EXIT_NEGATIVE)
 
 
-def _start_inside(model: ContactModel, line: Centreline | None) -> Any:
+def _start_inside(model: ContactModel, line: Centreline | None) -> Floats:
     """Return the centreline from the first place on that has room for the body."""
     import numpy as np
 
@@ -286,8 +287,6 @@ def _start_inside(model: ContactModel, line: Centreline | None) -> Any:
 
 
 def _describe_insertion(found: InsertionResult) -> str:
-    import math
-
     last = found.inserted[-1]
     worst = int(abs(found.push_force).argmax())
     lines = [
@@ -296,9 +295,6 @@ def _describe_insertion(found: InsertionResult) -> str:
         f"mm; of the walls up to {found.largest_force.max():.4g} N at one station",
         _list_contacts(found.last),
     ]
-    if math.isfinite(found.buckled_at):
-        place = ", ".join(f"{value:z.1f}" for value in found.buckled_place)
-        lines.append(f"it buckles at {found.buckled_at:.1f} mm, most at {place} mm")
     if not found.converged:
         lines.insert(0, f"it does not go in: {found.reason}")
     return "\n".join(lines)

@@ -19,6 +19,7 @@ from ..continuum import CONTINUUM_MODELS
 from ..continuum.kinematics import LOADS
 from ..errors import GeometryError, InputError, PluginError
 from ..fabricate import BodyOptions
+from ..io.files import write_text
 from ..results import Json
 from ..units import parse_quantity
 from .common import (
@@ -31,6 +32,7 @@ from .common import (
     VectorType,
     answer_options,
     describe_classes,
+    format_csv,
     format_parts,
     format_rows,
     gather,
@@ -59,6 +61,7 @@ if TYPE_CHECKING:
         Shape,
     )
     from ..continuum.checks import Floats
+    from ..continuum.gradients import ShapeJacobian
     from ..continuum.robot import RobotDesign
 
 STRAIGHT_BEND_RAD = 1e-6
@@ -383,7 +386,6 @@ def models_command(answer: Answer) -> None:
 def new_command(sections: int, tendons: int, answer: Answer) -> None:
     """Write a robot file to start from, with comments, that runs as it is."""
     from ..continuum.template import write_template
-    from ..io.files import write_text
 
     file = str(answer.target)
     write_text(answer.target, write_template(sections=sections, tendons=tendons, file=file))
@@ -515,6 +517,99 @@ def _find_pose(model: ContinuumModel, displacements: Floats, before: list[Floats
     if not way.converged:
         return dataclasses.replace(last, reason=np.asarray(f"of --history {way.reason}"))
     return model.shape(displacements, initial=last)
+
+
+MOTION_ROWS = ("turn_x", "turn_y", "turn_z", "move_x", "move_y", "move_z")
+"""Rows of a Jacobian: rotation [rad] and motion [mm] in the base's frame."""
+
+WRENCH_COLUMNS = ("moment_x", "moment_y", "moment_z", "force_x", "force_y", "force_z")
+
+
+@command.command("jacobian")
+@robot_argument
+@option("--displacement NAME=LENGTH,...", DISPLACEMENT_HELP)
+@option("--tension NAME=FORCE,...", "Instead, tensions of tendons at the base; 0 if left out.")
+@option("--load NAME=VALUE,...", "A load on the body, see pose; can be repeated.", multiple=True)
+@option(
+    "--at place LENGTH", "Arc length, moved to the nearest station (default: the tip).", "length"
+)
+@option("--model model_name NAME", "Model of forces.", ("energy", "rod"), default="energy")
+@model_options
+@answer_options(".csv", quiet=False, help="The derivatives as a table (.csv).")
+def jacobian_command(
+    robot_file: Path,
+    displacement: str | None,
+    tension: str | None,
+    load: tuple[str, ...],
+    place: float | None,
+    model_name: str,
+    given: Mapping[str, Any],
+    answer: Answer,
+) -> None:
+    """Differentiate a shape: how the tip moves and turns with tendons and with loads on the tip.
+
+    With displacements their tendons hold while loads change, with tensions these do.
+
+    Exit code 0: there is a shape; 1: there is none; 2: bad input.
+    """
+    import numpy as np
+
+    if (displacement is None) == (tension is None):
+        raise InputError("jacobian takes --displacement or --tension: give one of them")
+    robot = read_robot(robot_file)
+    given = {**given, "loads": tuple(map(parse_load, load)) or None}
+    model = make_model(model_name, robot, given, pulled=tension is not None)
+    if place is not None and not 0.0 <= place <= robot.length:
+        raise InputError(f"--at is {place:g} mm: it must lie in [0, {robot.length:g}] mm")
+    derive = getattr(model, "jacobian", None)
+    if derive is None:
+        raise InputError(f"the {model_name} model has no derivatives: take --model energy")
+    if tension is not None:
+        shape = model.find_shape_under_tensions(read_tensions(robot, tension))
+    else:
+        shape = model.find_shape(read_displacements(robot, str(displacement)))
+    verdict = {"model": model.name, "converged": bool(shape.converged), "reason": str(shape.reason)}
+    if not shape.converged:
+        answer.give(verdict, f"no shape by the {model.name} model: {shape.reason}")
+        run_exit(EXIT_NEGATIVE)
+    found = derive(shape, held="displacements" if tension is None else "tensions")
+    index = int(np.argmin(np.abs(found.arc_length - (robot.length if place is None else place))))
+    blocks = _list_derivatives(robot, found, index)
+    result = verdict | {
+        "held": found.held,
+        "arc_length_mm": float(found.arc_length[index]),
+        "rows": MOTION_ROWS,
+        "tip_mm": shape.tip,
+        **{name: columns for name, _, columns in blocks},
+        "robot": describe_robot(robot),
+        "file": answer.out,
+    }
+    lines = [
+        f"at {found.arc_length[index]:.6g} mm, turns in rad and moves in mm, {found.held} held"
+    ]
+    table: dict[str, Any] = {"row": MOTION_ROWS}
+    for name, unit, columns in blocks:
+        rows = zip(MOTION_ROWS, *columns.values(), strict=True)
+        cells = [[row, *(f"{value:.4g}" for value in values)] for row, *values in rows]
+        lines.append(format_rows([f"{name.replace('_', ' ')} [{unit}]", *columns], cells))
+        table |= {f"{name}_{column}": values for column, values in columns.items()}
+    if answer.out is not None:
+        write_text(answer.out, format_csv(table))
+    answer.give(result, "\n".join(lines))
+
+
+def _list_derivatives(
+    robot: ContinuumRobot, found: ShapeJacobian, index: int
+) -> list[tuple[str, str, dict[str, Floats]]]:
+    """Return name, unit and columns of the derivatives at one station."""
+    pulled = found.held == "tensions"
+    name, unit = ("by_tension", "1/N") if pulled else ("by_displacement", "1/mm")
+    tendons = (found.by_tension if pulled else found.by_displacement)[index]
+    wrench = found.by_tip_wrench[index]
+    return [
+        (name, unit, dict(zip(robot.tendon_names, tendons.T, strict=True))),
+        ("by_tip_wrench", "1/N mm, 1/N", dict(zip(WRENCH_COLUMNS, wrench.T, strict=True))),
+    ]
 
 
 @command.command("reach")

@@ -27,7 +27,7 @@ from .common import (
 if TYPE_CHECKING:
     from ..continuum.fit import RobotFitOptions
     from ..continuum.measured import Marker, RobotMeasurements
-    from ..continuum.unknowns import Setup
+    from ..continuum.unknowns import RobotSetup
 
 
 def _list_models() -> Any:
@@ -48,7 +48,7 @@ class FitTable:
         """Return the markers of ``--marker``."""
         return tuple(parse_marker(text) for text in self.marker_texts)
 
-    def read(self, path: Path, setup: Setup) -> RobotMeasurements:
+    def read(self, path: Path, setup: RobotSetup) -> RobotMeasurements:
         """Return the measurements in a file; markers of the setup hold unless they are typed."""
         from ..continuum.measured import read_robot_measurements
 
@@ -208,12 +208,13 @@ def command(
     2: bad input.
     """
     from ..continuum import ContinuumRobot
-    from ..continuum.fit import Setup, fit_robot, read_calibration, write_calibration
+    from ..continuum.fit import fit_robot, read_calibration, write_calibration
+    from ..continuum.unknowns import RobotSetup
 
     check_target(calibration, (".yaml", ".yml", ".json"), force=answer.force)
     check_target(figure, PICTURES, force=answer.force)
     robot = ContinuumRobot.from_yaml(robot_file)
-    setup = Setup(robot) if start is None else read_calibration(start).make_setup(robot)
+    setup = RobotSetup(robot) if start is None else read_calibration(start).make_setup(robot)
     data = table.read(data_file, setup)
     checked = {path: table.read(path, setup) for path in others}
     free = tuple(name for name in names.split(",") if name.strip())

@@ -4,9 +4,23 @@ from __future__ import annotations
 
 from .arc import ArcModel, arc_frames, bend_vectors, displacements_for, jacobian
 from .contact import ContactModel, ContactOptions, ContactShape
+from .continuation import EquilibriumPath
 from .coupling import BendSolution, ParallelModel, check_displacements, coupling_matrix
 from .energy import EnergyModel
+from .fit import (
+    Estimate,
+    RobotCalibration,
+    RobotFit,
+    RobotFitOptions,
+    RobotPrediction,
+    Validation,
+    fit_robot,
+    predict_points,
+    read_calibration,
+    write_calibration,
+)
 from .friction import FrictionState
+from .gradients import ShapeJacobian
 from .history import TendonHistory
 from .insertion import DriveTable, InsertionResult, insert_robot
 from .inverse import (
@@ -21,12 +35,14 @@ from .inverse import (
 from .kinematics import ContinuumRobot
 from .linkage import LinkageModel
 from .loads import LineLoad, PackedLoads, PointLoad, pack_loads
+from .measured import Marker, RobotMeasurements, read_robot_measurements
 from .model import ContinuumModel
 from .models import CONTINUUM_MODELS
 from .robot import RobotDesign
 from .rod import RodModel
 from .section import Helix, Section, Tendon
 from .shape import Shape
+from .unknowns import RobotSetup, Unknown, parse_unknowns
 from .wire import Wire
 from .workspace import (
     ContinuumWorkspace,
@@ -57,6 +73,7 @@ __all__ = [
     "DexterityMap",
     "DriveTable",
     "EnergyModel",
+    "EquilibriumPath",
     "FrictionState",
     "Helix",
     "InsertionResult",
@@ -72,6 +89,7 @@ __all__ = [
     "Section",
     "SectionResult",
     "Shape",
+    "ShapeJacobian",
     "TendonHistory",
     "Tendon",
     "TendonTravel",
@@ -94,6 +112,22 @@ __all__ = [
     "solve_pose",
     "solve_section",
     "solve_tip",
+    "Estimate",
+    "RobotCalibration",
+    "RobotFit",
+    "RobotFitOptions",
+    "RobotPrediction",
+    "Validation",
+    "fit_robot",
+    "predict_points",
+    "read_calibration",
+    "write_calibration",
+    "Marker",
+    "RobotMeasurements",
+    "read_robot_measurements",
+    "RobotSetup",
+    "Unknown",
+    "parse_unknowns",
 ]
 
 

@@ -19,8 +19,8 @@ from .checks import Floats
 from .kernels.energy import CHANNEL, POINTS, WEIGHTS, fill_frames, measure_lengths
 from .kernels.loads import measure_loads, place_spots
 from .loads import BODY, Load, PackedLoads, pack_loads
+from .profile import ROUND_OFF_MM
 from .robot import RobotDesign
-from .section import ROUND_OFF_MM
 from .walls import Boundary, Wall, take_boundaries
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ SHORTEST = 0.3
 TURN_LIMIT = 0.3
 """Largest turn of a segment in one step of Newton's method [rad]."""
 
-MOST_STEPS = 200
+MOST_STEPS = 100
 """Steps of Newton's method for one shape."""
 
 ROUGH_MM, STEP_MM = 0.02, 1e-7
@@ -64,8 +64,20 @@ FRICTION_ROUNDS = 40
 FRICTION_SHARE = 1e-5
 """Change of the normal forces at which they have settled, against the largest."""
 
+SHORT = 0.05
+"""Share of a step that is so short that the penalty is made softer again."""
+
+FAR = 5.0
+"""Radii of the body beyond which a step is not taken, but a shorter one that turns to the slope."""
+
 KICK_MM, KICK_RAD = 0.03, 0.03
 """Step below which an unstable shape is left, and the largest turn by which it is [mm], [rad]."""
+
+FIRST_PART, LEAST_PART = 0.125, 1.0 / 256.0
+"""Parts of loads and displacements that are tried at once, the first and the least."""
+
+PIECE = 2.0
+"""Segments that are inserted at once where a robot is brought into a lumen."""
 
 SHIFTS = (0.0, 1e-4, 1e-3, 1e-2, 0.1, 1.0, 10.0, 1e2, 1e3, 1e4)
 """Shares of the backbone's stiffness that are added where the energy is not convex."""
@@ -154,13 +166,15 @@ def place_stations(robot: RobotDesign, largest: float | None) -> Floats:
 class FreePart:
     """The part of a robot beyond an introducer, cut into segments.
 
-    `cut` is the arc length where it begins [mm]; `stations` are those of the whole robot.
+    `cut` is the arc length where it begins [mm]; `stations` are those of the whole robot, `share`
+    is how much of its loads acts.
     """
 
     robot: RobotDesign
     stations: Floats
     cut: float
     loads: PackedLoads
+    share: float = 1.0
 
     @cached_property
     def first(self) -> int:
@@ -248,7 +262,7 @@ class FreePart:
             forces[index] += share * force
             if index > 0:
                 forces[index - 1] += (1.0 - share) * force
-        return forces
+        return self.share * forces
 
     @cached_property
     def spots(self) -> tuple[NDArray[np.int64], Floats, Floats]:
@@ -289,6 +303,9 @@ class Stage(NamedTuple):
 WIDTHS_MM = (0.02, 2e-3, 1e-4, 1e-6, 1e-9)
 """Distances over which contact begins, stage by stage of the solver [mm]."""
 
+LEAST_SOFT = 10.0
+"""Least compliance of the penalty in the first stage, against a segment's."""
+
 SOFT_SHARE = 0.3
 """Share of the body's radius by which all loads press it in in the first stage."""
 
@@ -328,7 +345,7 @@ class Measure:
     def expect(self, way: Floats) -> Floats:
         """Return the contact forces that are expected where the points have moved by (n, 3)."""
         change = self.stiff * np.sum(self.slopes * way, axis=-1)
-        return np.maximum(self.forces - change, 1e-3 * self.forces)
+        return np.asarray(np.maximum(self.forces - change, 1e-3 * self.forces))
 
 
 @dataclass(frozen=True, eq=False)
@@ -362,7 +379,7 @@ class Equilibrium:
         bend = float((part.stiffness[:, 0] * part.spans).max()) / float(part.spans.sum()) ** 2
         load = bend + float(np.sqrt(np.sum(part.dead_forces**2, axis=1)).sum())
         soft = float(part.radii.min()) / load / float(np.median(part.penalty))
-        soft = min(max(SOFT_SHARE * soft, 1.0), 1e3)
+        soft = min(max(SOFT_SHARE * soft, LEAST_SOFT), 1e3)
         return tuple(map(Stage, (soft, math.sqrt(soft), 1.0, *HARDNESS), WIDTHS_MM))
 
     @cached_property
@@ -608,6 +625,11 @@ def minimise(task: Equilibrium, start: State, first: int = 0) -> Solution:
         lower, shift = factor(found.hessian, stiffness)
         move = -solve(lower, found.gradient).reshape(-1, 3)
         moved = measure_move(task, state.turns + move, found.points)
+        while moved > FAR * longest and shift < len(SHIFTS) - 1:
+            # Almost singular: the quadratic model does not hold so far away.
+            lower, shift = factor(found.hessian, stiffness, shift + 1)
+            move = -solve(lower, found.gradient).reshape(-1, 3)
+            moved = measure_move(task, state.turns + move, found.points)
         if shift > 0 and moved < KICK_MM:
             # Almost stationary, not a minimum: along the way in which the energy falls most.
             move = find_fall(found, stiffness)
@@ -625,6 +647,9 @@ def minimise(task: Equilibrium, start: State, first: int = 0) -> Solution:
             if blind or after.value <= found.value + 1e-4 * share * slope or share < 1e-9:
                 break
             share *= 0.5
+        if share < SHORT and moved > ROUGH_MM and index > 0 and not blind:
+            # In a narrow valley that is curved: a softer penalty makes it wider.
+            index -= 1
         state = dataclasses.replace(tried, expected=found.expect(after.points - found.points))
         if share == 1.0 and shift == 0 and moved < ROUGH_MM:
             state = dataclasses.replace(state, forces=after.forces, tensions=after.tensions)
@@ -644,7 +669,9 @@ def minimise(task: Equilibrium, start: State, first: int = 0) -> Solution:
 
 
 def measure_move(task: Equilibrium, turns: Floats, points: Floats) -> float:
-    """Return the largest way of a point to where other turns have it [mm]."""
+    """Return the largest way of a point to where other turns have it [mm]; infinite if far off."""
+    if not np.abs(turns).max() < math.pi:
+        return math.inf
     return float(np.sqrt(np.max(np.sum((task.locate(turns) - points) ** 2, axis=1))))
 
 
@@ -784,12 +811,12 @@ class ContactShape(Result):
     @property
     def tip(self) -> Floats:
         """Where the robot ends, (3,) [mm]."""
-        return self.points[-1]
+        return np.asarray(self.points[-1])
 
     @property
     def resultant(self) -> Floats:
         """Sum of the walls' forces on the body, (3,) [N]."""
-        return self.forces.sum(axis=0)
+        return np.asarray(self.forces.sum(axis=0))
 
     def to_dict(self) -> Json:
         """Return the shape as plain values; units are in the names."""
@@ -851,6 +878,21 @@ def draw_shapes(shapes: Sequence[ContactShape], ax: Axes | None) -> Axes:
         )  # fmt: skip
         axes.legend(loc="best", fontsize=8)
     return axes
+
+
+class Command(NamedTuple):
+    """What is asked of a robot: displacements, tensions of those that follow, length, and loads."""
+
+    displacements: Floats
+    tensions: Floats
+    inserted: float
+    share: float = 1.0
+
+    def take_part(self, share: float, inserted: float) -> Command:
+        """Return a part of the displacements, tensions and loads."""
+        if share == 0.0:
+            return Command(np.full_like(self.tensions, np.nan), 0.0 * self.tensions, inserted, 0.0)
+        return Command(share * self.displacements, share * self.tensions, inserted, share)
 
 
 @dataclass(frozen=True, eq=False)
@@ -947,7 +989,7 @@ class ContactModel:
             If the displacements or the length are not legal.
         """
         commands = self._take(displacements)
-        return self._solve(commands, np.zeros(len(commands)), inserted, initial)
+        return self._follow(commands, np.zeros(len(commands)), inserted, initial)
 
     def shape_under_tensions(
         self,
@@ -960,7 +1002,7 @@ class ContactModel:
         forces = self._take(tensions, unset=0.0)
         if np.any(forces < 0.0):
             raise InputError(f"tensions hold {forces.min():g} N: they must be at least 0 N")
-        return self._solve(np.full(len(forces), np.nan), forces, inserted, initial)
+        return self._follow(np.full(len(forces), np.nan), forces, inserted, initial)
 
     def _take(self, given: object, unset: float = math.nan) -> Floats:
         names = self.robot.tendon_names
@@ -977,26 +1019,61 @@ class ContactModel:
             )
         return array
 
-    def _solve(
+    def _follow(
         self,
         commands: Floats,
         tensions: Floats,
         inserted: float | None,
         initial: ContactShape | None,
     ) -> ContactShape:
-        robot = self.robot
-        length = robot.length if inserted is None else float(inserted)
-        if not 0.0 < length <= robot.length * (1.0 + 1e-12):
+        """Return the shape under commands: at once, or else from a robot at rest, in parts."""
+        length = self.robot.length if inserted is None else float(inserted)
+        if not 0.0 < length <= self.robot.length * (1.0 + 1e-12):
             raise InputError(
-                f"inserted is {length:g} mm: it must lie in (0, {robot.length:g}] mm, the robot's "
-                "length"
+                f"inserted is {length:g} mm: it must lie in (0, {self.robot.length:g}] mm, the "
+                "robot's length"
             )
-        part = FreePart(robot, self.stations, max(robot.length - length, 0.0), self._packed)
+        command = Command(commands, tensions, length)
+        shape = self._solve(command, initial)
+        if shape.converged or initial is not None or shape.self_distance < 0.0:
+            return shape
+        for piece in np.linspace(0.0, length, math.ceil(length / PIECE / self.longest) + 1)[1:]:
+            before = self._solve(command.take_part(0.0, float(piece)), initial)
+            if not before.converged:
+                return before
+            initial = before
+        reached, part = 0.0, FIRST_PART
+        while reached < 1.0:
+            share = min(1.0, reached + part)
+            shape = self._solve(command.take_part(share, length), initial)
+            if shape.converged:
+                reached, initial = share, shape
+            elif part <= LEAST_PART:
+                words = f"at {100.0 * share:.3g} % of loads and displacements, {shape.reason}"
+                return dataclasses.replace(shape, reason=words)
+            else:
+                part *= 0.5
+        return shape
+
+    @cached_property
+    def longest(self) -> float:
+        """Length of the longest segment [mm]."""
+        return float(np.diff(self.stations).max())
+
+    def _solve(self, command: Command, initial: ContactShape | None) -> ContactShape:
+        robot = self.robot
+        part = FreePart(
+            robot,
+            self.stations,
+            max(robot.length - command.inserted, 0.0),
+            self._packed,
+            command.share,
+        )
         count, n = len(robot.tendons), len(part.spans)
         task = Equilibrium(
             part,
             self.walls,
-            part.straight - commands,
+            part.straight - command.displacements,
             np.where(robot.pushes, -np.inf, 0.0),
             robot.rest_lengths / robot.tendon_stiffness if count else np.zeros(0),
             self.options,
@@ -1008,9 +1085,10 @@ class ContactModel:
         else:
             start = carry_state(initial, part)
             before = place_before(initial, part)
-        start.tensions = np.where(np.isnan(commands), tensions, start.tensions)
+        follows = np.isnan(command.displacements)
+        start.tensions = np.where(follows, command.tensions, start.tensions)
         solution = settle(task, start, before, WARM if initial is not None else 0)
-        return self._describe(task, solution, commands)
+        return self._describe(task, solution, command.displacements)
 
     def _describe(self, task: Equilibrium, solution: Solution, commands: Floats) -> ContactShape:
         part, found, base = task.part, solution.found, task.base
@@ -1111,7 +1189,7 @@ def measure_push(task: Equilibrium, solution: Solution) -> float:
     forces = part.dead_forces + solution.found.body_forces @ task.base[:3, :3]
     values = []
     for cut in (part.cut - step, part.cut + step):
-        other = FreePart(part.robot, part.arc_length, part.cut, part.loads)
+        other = FreePart(part.robot, part.arc_length, part.cut, part.loads, part.share)
         places = part.arc_length.copy()
         places[0] = cut
         other.__dict__.update(first=1, arc_length=places)

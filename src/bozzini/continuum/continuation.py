@@ -33,6 +33,9 @@ CORRECTIONS = 12
 CLOSE = 1e-10
 """Last correction of a point of a path, in the measure of `LARGEST_STEP`."""
 
+TURNED = 1e-7
+"""Change of the factor along a path, by its range, that counts as none."""
+
 SEARCHES = 40
 """Points that are tried to find where a path turns or a tendon goes slack."""
 
@@ -180,7 +183,7 @@ class Tracer:
                 step = max(0.5 * step, 1e3 * SMALLEST_STEP)
                 continue
             if new.tangent[-1] * point.tangent[-1] < 0.0:
-                turn = self._find_turn(point, step)
+                turn = self._find_turn(point, new, step)
                 if turn is not None and low <= turn.factor <= high:
                     limits.append(len(points))
                     points.append(turn)
@@ -256,12 +259,20 @@ class Tracer:
         return np.where(self.command.held, pulls, given)
 
     def _point(
-        self, turns: Floats, tensions: Floats, factor: float, taut: NDArray[np.bool_]
+        self,
+        turns: Floats,
+        tensions: Floats,
+        factor: float,
+        taut: NDArray[np.bool_],
+        forward: Floats | None = None,
     ) -> Point:
-        """A point with its tangent, of either direction."""
+        """A point with its tangent: along `forward`, a row of weighted steps, or either way."""
         found, _, matrix = self._system(turns, tensions, factor, taut)
-        _, _, ways = np.linalg.svd(matrix)
-        tangent = ways[-1]
+        if forward is None:
+            tangent = np.linalg.svd(matrix)[2][-1]
+        else:
+            ahead = np.append(np.zeros(len(matrix)), 1.0)
+            tangent = np.linalg.solve(np.vstack([matrix, forward]), ahead)
         tangent = tangent / np.linalg.norm(self._weights(taut) * tangent)
         return Point(turns, self._pulls(tensions, factor, taut), factor, found, tangent, taut)
 
@@ -293,7 +304,7 @@ class Tracer:
                 return None
             if size < CLOSE:
                 turns, tensions, factor = self._split(place, count, point)
-                return self._orient(self._point(turns, tensions, factor, taut), point.tangent)
+                return self._point(turns, tensions, factor, taut, row)
         return None
 
     def _split(self, place: Floats, count: int, point: Point) -> tuple[Floats, Floats, float]:
@@ -341,21 +352,23 @@ class Tracer:
             gain = grown - rate
         return switched if gain >= 0.0 else dataclasses.replace(switched, tangent=-switched.tangent)
 
-    def _find_turn(self, point: Point, step: float) -> Point | None:
+    def _find_turn(self, point: Point, new: Point, step: float) -> Point | None:
         """The point on a step where the factor turns back."""
         low, high, best = 0.0, step, None
+        rates = [point.tangent[-1], new.tangent[-1]]
         for _ in range(SEARCHES):
-            middle = 0.5 * (low + high)
+            middle = low + (high - low) * rates[0] / (rates[0] - rates[1])
             other = self._step(point, middle)
             if other is None:
                 return best
-            best = other
-            if other.tangent[-1] * point.tangent[-1] > 0.0:
-                low = middle
-            else:
-                high = middle
-            if abs(other.tangent[-1]) < 1e-7 * self._range:
+            best, rate = other, other.tangent[-1]
+            if abs(rate) < TURNED * self._range:
                 break
+            # Regula falsi; the end that stays counts half (Dowell and Jarratt 1971).
+            if rate * rates[0] > 0.0:
+                low, rates = middle, [rate, 0.5 * rates[1]]
+            else:
+                high, rates = middle, [0.5 * rates[0], rate]
         return best
 
     def _close(self, point: Point, new: Point, factor: float) -> Point | None:

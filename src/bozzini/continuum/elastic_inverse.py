@@ -34,6 +34,21 @@ MOST_STARTS = 256
 TENSION_WEIGHTS = (1e-4, 1e-7, 0.0)
 """Weights of the squared tensions against the squared miss by the length, one after the other."""
 
+MET_COST = 1e-12
+"""Squared miss, by the length, at which the goal counts as met where tensions are made smaller."""
+
+LEAST_COST = 1e-26
+"""Squared miss, by the length, that is round-off."""
+
+GOAL_WEIGHT = 1e4
+"""Weight of the goal against the tensions, where these are made smaller."""
+
+SHRINKING_STEP, LEAST_SHRINKING = 0.2, 1e-5
+"""Largest change of a tension in such a step, and that at which it ends, as of `LARGEST_STEP`."""
+
+EDGE = 1e-15
+"""What keeps bounds of a step from being one point: bounded least squares takes none."""
+
 MOST_STEPS = 40
 """Steps with one weight."""
 
@@ -262,16 +277,55 @@ class ElasticSearch:
         trial = self._try(start, None)
         if not math.isfinite(trial.cost):
             return None, 0
-        steps, damping = 0, FIRST_DAMPING
+        steps = 0
         for weight in TENSION_WEIGHTS:
-            for _ in range(MOST_STEPS):
-                steps += 1
-                trial, damping, fell = self._step(trial, damping, weight)
-                cost = trial.cost + weight * float(trial.pulls @ trial.pulls)
-                if fell <= (LEAST_FALL if weight else 1e-9) * cost or cost < 1e-26:
-                    break
-            damping = min(damping, FIRST_DAMPING)
+            trial, took = self._descend(trial, weight)
+            steps += took
+        if trial.cost > MET_COST:
+            return trial, steps
+        # Among those that meet the goal, those of the least sum of squares.
+        smaller, took = self._shrink(trial)
+        last, more = self._descend(smaller, 0.0)
+        return (last if last.cost <= MET_COST else trial), steps + took + more
+
+    def _descend(self, trial: Trial, weight: float) -> tuple[Trial, int]:
+        """Take steps with one weight of the tensions, until they lead no further."""
+        damping, steps = FIRST_DAMPING, 0
+        while steps < MOST_STEPS:
+            steps += 1
+            trial, damping, fell = self._step(trial, damping, weight)
+            cost = trial.cost + weight * self._size(trial)
+            if fell <= (LEAST_FALL if weight else 1e-9) * cost or cost < LEAST_COST:
+                break
         return trial, steps
+
+    def _shrink(self, trial: Trial) -> tuple[Trial, int]:
+        """Follow the goal to where no tensions nearby that meet it have smaller squares."""
+        from scipy.optimize import lsq_linear
+
+        low, high = self.bounds
+        for count in range(MOST_STEPS):
+            slope = self._differentiate(trial)
+            heavy = GOAL_WEIGHT / (float(np.abs(slope).max(initial=0.0)) or 1.0)
+            rows = np.concatenate([heavy * slope, np.diag(self._shares)])
+            sides = np.concatenate([-heavy * trial.residual, -self._shares * trial.pulls])
+            least = np.maximum(low - trial.pulls, -SHRINKING_STEP) - EDGE
+            most = np.minimum(high - trial.pulls, SHRINKING_STEP) + EDGE
+            step = lsq_linear(rows, sides, (least, most), method="bvls").x
+            moved = self._try(np.clip(trial.pulls + step, low, high), trial.shape)
+            if not math.isfinite(moved.cost) or np.abs(step).max() < LEAST_SHRINKING:
+                return trial, count
+            trial = moved
+        return trial, MOST_STEPS
+
+    @cached_property
+    def _shares(self) -> Floats:
+        """Units of the tensions, by the largest."""
+        return np.asarray(self.unit / self.unit.max(initial=1e-300))
+
+    def _size(self, trial: Trial) -> float:
+        """Sum of the squared tensions, by the largest unit."""
+        return float(np.sum((self._shares * trial.pulls) ** 2))
 
     def _step(self, trial: Trial, damping: float, weight: float) -> tuple[Trial, float, float]:
         """Take one step; return where it leads, the damping for the next, and the cost's fall."""
@@ -279,22 +333,22 @@ class ElasticSearch:
 
         slope = self._differentiate(trial)
         count = len(trial.pulls)
-        before = trial.cost + weight * float(trial.pulls @ trial.pulls)
+        light = math.sqrt(weight) * self._shares
+        before = trial.cost + weight * self._size(trial)
         low, high = self.bounds
-        # The bounds of a step are never one point: bounded least squares takes none.
-        least = np.maximum(low - trial.pulls, -LARGEST_STEP) - 1e-15
-        most = np.minimum(high - trial.pulls, LARGEST_STEP) + 1e-15
+        least = np.maximum(low - trial.pulls, -LARGEST_STEP) - EDGE
+        most = np.minimum(high - trial.pulls, LARGEST_STEP) + EDGE
         scale = float(np.abs(slope).max(initial=0.0)) or 1.0
         while damping <= MOST_DAMPING:
-            rows = [slope, math.sqrt(weight) * np.eye(count)]
-            sides = [-trial.residual, -math.sqrt(weight) * trial.pulls]
+            rows = [slope, np.diag(light)]
+            sides = [-trial.residual, -light * trial.pulls]
             rows.append(scale * math.sqrt(damping) * np.eye(count))
             sides.append(np.zeros(count))
             step = lsq_linear(
                 np.concatenate(rows), np.concatenate(sides), (least, most), method="bvls"
             ).x
             moved = self._try(np.clip(trial.pulls + step, low, high), trial.shape)
-            after = moved.cost + weight * float(moved.pulls @ moved.pulls)
+            after = moved.cost + weight * self._size(moved)
             if after < before:
                 return moved, max(damping * 0.1, LEAST_DAMPING), before - after
             damping = max(10.0 * damping, 1e-8)
@@ -351,8 +405,8 @@ def solve_elastic(
     """
     if not hasattr(model, "shape_under_tensions"):
         raise InputError(
-            f"the {model.name} model has no inverse: arc has, and models that take tensions, energy "
-            "and rod"
+            f"the {model.name} model has no inverse: arc has, and models that take tensions, "
+            "energy and rod"
         )
     known = ("initial", "starts", "tolerance", "angle_tolerance")
     for name in options:

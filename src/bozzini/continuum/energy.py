@@ -523,7 +523,13 @@ class EnergyModel(ContinuumModel):
             if last.found:
                 last, stability[index] = rod.settle(command, last)
                 if stability[index] < -ZERO_MODE:
-                    words[index] = self._explain_unstable(command, path, start)
+                    path = path if start is None else rod.follow(command)
+                    share, before = rod.find_buckling(command, path)
+                    words[index] = self._explain_unstable(share)
+                    if share == 1.0 and start is None:  # steps were too long: from just before
+                        other, value = rod.settle(command, rod.solve(command, WHOLE, before))
+                        if other.found and value >= -ZERO_MODE:
+                            last, stability[index], words[index] = other, value, ""
             else:
                 words[index] = self._explain_loaded(command, last)
                 stability[index] = rod.measure_stability(command, last)
@@ -873,7 +879,7 @@ class EnergyModel(ContinuumModel):
             )
         if code == UNSTABLE:
             return (
-                "the equilibrium that was found is not stable: the robot snaps away from it; "
+                "unstable: the robot snaps away from the equilibrium that was found; "
                 "pull less, or take a stiffer backbone"
             )
         followed = f"the command can be followed to {math.floor(100.0 * share)} % only: "
@@ -907,23 +913,26 @@ class EnergyModel(ContinuumModel):
             if stretches.size:
                 return self._explain(asked, last.code, last.share)
         what = "a segment folds over" if last.code == FOLDED else "no equilibrium was found"
+        locked = np.count_nonzero(command.held & (self._compliances == 0.0)) > 1
+        way = (
+            "tendons that do not stretch may lock the backbone: give their stiffness, or let those "
+            "on the other side follow"
+            if locked and last.code != FOLDED
+            else "take smaller loads, or more discs"
+        )
         return (
             f"the command with its loads can be followed to {math.floor(100.0 * last.share)} % "
-            f"only: {what} beyond it; take smaller loads, or more discs"
-            f"{explain_contrast(self.robot)}"
+            f"only: {what} beyond it; {way}{explain_contrast(self.robot)}"
         )
 
-    def _explain_unstable(
-        self, command: Command, path: list[Equilibrium], start: Start | None
-    ) -> str:
-        """From which load on the robot is not stable."""
-        words = "the equilibrium that was found is not stable: the robot snaps away from it"
-        if start is not None:
-            path = self._rod.follow(command)
-        share = self._rod.find_buckling(command, path)
+    def _explain_unstable(self, share: float) -> str:
+        """From which part of the loads on the robot is not stable."""
         force = np.linalg.norm(self._rod.spots.forces.sum(axis=0))
         loads = f" of the load, {share * force:.3g} N" if force > 0.0 else " of the command"
-        return f"unstable: it buckles at {share:.3g}{loads}; {words}"
+        return (
+            f"unstable: it buckles at {share:.3g}{loads}; the robot snaps away from the "
+            "equilibrium that was found"
+        )
 
     def _measure_stretches(self, command: Floats) -> Floats:
         """How much tendons far stiffer than the backbone stretch [mm], (t,); empty if unknown.

@@ -24,10 +24,10 @@ from .robot import RobotDesign
 if TYPE_CHECKING:
     from .energy import Grid
 
-MOST_STEPS = 200
+MOST_STEPS = 80
 """Steps of Newton's method for one part of a command and its loads."""
 
-LEAST_PART = 1.0 / 256.0
+LEAST_PART = 1.0 / 64.0
 """Smallest part of a command and its loads by which they are raised."""
 
 LARGEST_JUMP = 1.0
@@ -199,7 +199,7 @@ class LoadedRod:
         round_off = 1e-11 * float(limits.max(initial=0.0))
         # As commanded to round-off; with the tolerance only where that cannot be.
         code, count, error = NOT_CONVERGED, 0, 0.0
-        for allowed in (1e-4 * self.tolerance, self.tolerance):
+        for allowed in (1e-4 * self.tolerance, 0.5 * self.tolerance):
             turns[:], tensions[:] = start
             code, steps, error, _ = solve_equilibrium(
                 rod,
@@ -259,7 +259,9 @@ class LoadedRod:
                 part *= 0.5
                 continue
             if not found.found:
-                return [*path, dataclasses.replace(found, share=reached, steps=steps)]
+                last = path[-1] if path else self.measure(Factors(0.0, 0.0), *state)
+                ended = dataclasses.replace(last, code=found.code, steps=steps, share=reached)
+                return [*path, ended]
             reached, state = share, (found.turns, found.tensions)
             path.append(dataclasses.replace(found, share=reached, steps=steps))
             if reached == 1.0:
@@ -353,8 +355,13 @@ class LoadedRod:
             back, value = other, known
         return dataclasses.replace(back, steps=found.steps, share=found.share), value
 
-    def find_buckling(self, command: Command, path: list[Equilibrium]) -> float:
-        """Return the part of command and loads from which on a followed path is unstable; or 1."""
+    def find_buckling(
+        self, command: Command, path: list[Equilibrium]
+    ) -> tuple[float, tuple[Floats, Floats]]:
+        """Return from which part of command and loads on a followed path is unstable.
+
+        1 if it is not; and turns and tensions just before.
+        """
         low, high = 0.0, 1.0
         state = self.rest, np.where(command.held, 0.0, command.pulls)
         for found in path:
@@ -371,7 +378,7 @@ class LoadedRod:
                 high = middle
             else:
                 low, state = middle, (found.turns, found.tensions)
-        return high
+        return high, state
 
     def _first_part(self, command: Command) -> float:
         """Part that is tried at once: what may turn the straight rod little."""

@@ -25,7 +25,7 @@ from .checks import Floats
 from .kinematics import ContinuumRobot
 from .measured import Marker, RobotMeasurements
 from .observation import Observation, Observed, align_base
-from .unknowns import Setup, Unknown, change_setup, parse_unknowns
+from .unknowns import RobotSetup, Unknown, change_setup, parse_unknowns
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -39,8 +39,12 @@ CLUSTERS = 30
 """Runs of rows in time order that count as independent of each other."""
 POOR_SHARE = 0.05
 """A fit is poor if it misses by more than this share of the span of the points."""
-LEAST_SCALE_MM = 1e-6
-"""Least misfit at which a robust loss begins to count less [mm]."""
+AT_BOUND = 1e-6
+"""Distance from a bound that counts as none."""
+FLAT = 1e-3
+"""Gradient of half the sum of squares that counts as none [mm^2]."""
+LEAST_SCATTER_MM = 1e-4
+"""Scatter below which all misfits count alike [mm]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -178,7 +182,7 @@ class RobotCalibration:
     rows: int = 0
     source: str = ""
 
-    def make_setup(self, robot: ContinuumRobot) -> Setup:
+    def make_setup(self, robot: ContinuumRobot) -> RobotSetup:
         """Return the robot with the zeros and the markers.
 
         Raises
@@ -193,7 +197,7 @@ class RobotCalibration:
                     f"'{robot.name}' are {', '.join(robot.tendon_names)}"
                 )
         zeros = tuple(self.zeros.get(name, 0.0) for name in robot.tendon_names)
-        return Setup(robot, self.markers, zeros, self.scale, self.backlash)
+        return RobotSetup(robot, self.markers, zeros, self.scale, self.backlash)
 
 
 def read_calibration(path: str | os.PathLike[str]) -> RobotCalibration:
@@ -309,7 +313,7 @@ class RobotFit(Result):
 
     Parameters
     ----------
-    setup : Setup
+    setup : RobotSetup
         The robot with the fitted numbers, its zeros and markers.
     estimates : tuple of Estimate
         The fitted numbers.
@@ -340,7 +344,7 @@ class RobotFit(Result):
         How often all rows were solved, derivatives apart.
     """
 
-    setup: Setup
+    setup: RobotSetup
     estimates: tuple[Estimate, ...]
     correlations: Floats
     condition: float
@@ -512,11 +516,23 @@ class _Search:
         """Which coordinates were seen, (n, m, 3)."""
         return np.asarray(np.isfinite(self.observation.measured))
 
+    @property
+    def limits(self) -> tuple[Floats, Floats, Floats]:
+        """Bounds of the changes, and where a search begins, (k,) each."""
+        rows = [one.limit(self.observation.setup) for one in self.unknowns]
+        low, high, begin = np.asarray(rows, dtype=np.float64).reshape(-1, 3).T
+        return low, high, begin
+
+    def find_bounds(self, changes: Floats) -> NDArray[np.bool_]:
+        """Return which changes are at a bound, (k,)."""
+        low, high, _ = self.limits
+        return np.asarray((changes < low + AT_BOUND) | (changes > high - AT_BOUND))
+
     def run(self, start: Floats, *, loss: Loss, limit: int = EVALUATIONS) -> _Found:
         """Return where the search ends."""
         from scipy.optimize import least_squares
 
-        known = [one.known for one in self.unknowns]
+        low, high, _ = self.limits
         last: list[tuple[Floats, Observed]] = []
 
         def observe(changes: Floats) -> Observed:
@@ -533,15 +549,15 @@ class _Search:
             return _Found(start, found, np.zeros((int(self.seen.sum()), 0)), 1, 1)
         end = least_squares(
             lambda changes: self.miss(observe(changes)),
-            np.clip(start, [one.low for one in known], [one.high for one in known]),
+            np.clip(start, low, high),
             jac=slope,
-            bounds=([one.low for one in known], [one.high for one in known]),
+            bounds=(low, high),
             x_scale="jac",
             loss=loss,
             f_scale=self.scale,
             xtol=1e-6,
             ftol=1e-6,
-            gtol=1e-12,
+            gtol=FLAT,
             max_nfev=limit,
         )
         found = observe(end.x)
@@ -568,18 +584,18 @@ def fill_gaps(points: Floats, measured: Floats) -> Floats:
 
 def _search_all(search: _Search, options: RobotFitOptions) -> tuple[_Found, float]:
     """Return the best fit to all rows, and from which misfit on a robust loss counts less."""
-    start = np.zeros(len(search.unknowns))
+    start = search.limits[2]
     first = search.run(start, loss="linear")
-    if options.loss == "linear" or not search.unknowns:
-        return first, 1.0
     scatter = 1.4826 * float(np.median(np.abs(search.miss(first.observed))))
-    scale = max(1.5 * scatter, LEAST_SCALE_MM)
+    if options.loss == "linear" or not search.unknowns or scatter < LEAST_SCATTER_MM:
+        return first, max(scatter, 1.0)
+    scale = 1.5 * scatter
     found = dataclasses.replace(search, scale=scale).run(first.changes, loss=options.loss)
     return dataclasses.replace(found, evaluations=found.evaluations + first.evaluations), scale
 
 
 def fit_robot(
-    robot: ContinuumRobot | Setup,
+    robot: ContinuumRobot | RobotSetup,
     data: RobotMeasurements,
     *,
     free: Sequence[str],
@@ -600,7 +616,7 @@ def fit_robot(
 
     Parameters
     ----------
-    robot : ContinuumRobot or Setup
+    robot : ContinuumRobot or RobotSetup
         Where the fit begins, and all that is not free; a setup has zeros of the tendons as well.
     data : RobotMeasurements
         What was measured; its markers are those of the fit.
@@ -624,7 +640,7 @@ def fit_robot(
     """
     if isinstance(free, str):
         raise InputError(f"free is '{free}': it must be a sequence of names, such as ['{free}']")
-    setup = robot if isinstance(robot, Setup) else Setup(robot)
+    setup = robot if isinstance(robot, RobotSetup) else RobotSetup(robot)
     setup = dataclasses.replace(setup, markers=data.markers)
     observation = make_observation(setup, data, options.model, options.model_options)
     unknowns = parse_unknowns(free, setup)
@@ -650,7 +666,7 @@ def fit_robot(
 
 
 def make_observation(
-    setup: Setup,
+    setup: RobotSetup,
     data: RobotMeasurements,
     model: str = "",
     model_options: Mapping[str, object] | None = None,
@@ -667,7 +683,7 @@ def make_observation(
 
 
 def predict_points(
-    setup: Setup,
+    setup: RobotSetup,
     data: RobotMeasurements,
     *,
     model: str = "",
@@ -677,7 +693,7 @@ def predict_points(
 
     Parameters
     ----------
-    setup : Setup
+    setup : RobotSetup
         The robot, its zeros and markers; those of the data that it has not are the data's.
     data : RobotMeasurements
         Commands, and points to compare with.
@@ -857,18 +873,20 @@ def _conclude(
     if known is not None:
         lost = {i for members, _ in find_lost(known) for i in members}
         spread, freedom = _measure_spread(search, found)
+        setups = observation.setup, setup
         estimates = tuple(
-            _estimate(one, observation.setup, float(change), math.inf if i in lost else float(s),
-                      freedom)
+            _estimate(one, setups, float(change), math.inf if i in lost else float(s), freedom)
             for i, (one, change, s) in enumerate(zip(unknowns, found.changes, spread, strict=True))
-        )  # fmt: skip
+        )
         undetermined = describe_lost(names, known)
         if not undetermined:
             warnings += judge_fit(names, known.correlations, known.condition)
         warnings += [
             f"{one.name} is at its bound, where its interval does not hold"
-            for one, change in zip(unknowns, found.changes, strict=True)
-            if not one.known.low < change < one.known.high
+            for one, change, low, high in zip(
+                unknowns, found.changes, *search.limits[:2], strict=True
+            )
+            if not low + AT_BOUND < change < high - AT_BOUND
         ]
     if not prediction.converged:
         warnings.append(
@@ -905,14 +923,23 @@ def _conclude(
     return dataclasses.replace(fit, warnings=(*fit.warnings, poor))
 
 
-def _estimate(one: Unknown, setup: Setup, change: float, spread: float, freedom: int) -> Estimate:
-    """Return a number with its interval; a factor has one that is even in its logarithm."""
+def _estimate(
+    one: Unknown, setups: tuple[RobotSetup, RobotSetup], change: float, spread: float, freedom: int
+) -> Estimate:
+    """Return a number, of setups before and after, with its interval.
+
+    That of a factor is even in its logarithm. A base that is turned has the rotation vector of
+    where it ends.
+    """
     from scipy.stats import t as student
 
     half = float(student.ppf(0.975, freedom)) * spread
-    start = one.read(setup)
+    before, after = setups
+    start = one.read(before)
     if one.known.change == "shift":
         value = change + (start or 0.0)
+        if one.field.startswith("rotation"):
+            value = after.robot.base_rotation["xyz".index(one.field[-1])]
         return Estimate(one.name, value, value - half, value + half, one.known.unit, spread)
     factor, unit = (1.0, "") if start is None else (start, one.known.unit)
     value = factor * math.exp(change)
@@ -934,7 +961,7 @@ def _measure_spread(search: _Search, found: _Found) -> tuple[Floats, int]:
     runs = min(rows, CLUSTERS) if search.observation.data.is_ordered else rows
     run = (np.arange(rows) * runs) // rows
     group = np.broadcast_to(run[:, None, None], seen.shape)[seen]
-    inverse = determine(jacobian * np.sqrt(weight)[:, None]).inverse
+    inverse = determine(jacobian * np.sqrt(weight)[:, None]).sound_inverse
     scores = np.stack([
         np.bincount(group, weight * misfit * jacobian[:, k], minlength=runs) for k in range(count)
     ], axis=1)  # fmt: skip

@@ -35,11 +35,14 @@ STALLED = 0.05
 STALLED_RADII = 2.0
 """Length over which that must be so, in radii of the body."""
 
-SMALLEST_STEP = 1.0 / 64.0
+SMALLEST_STEP = 1.0 / 16.0
 """Smallest part of a step that is tried where the whole one has no equilibrium."""
 
-JUMP = 5.0
-"""A body that moves by more than this many steps at once has jumped: it has buckled."""
+JUMP, UNSTABLE_JUMP = 5.0, 2.0
+"""A body that moves by more than this many steps at once has jumped: it has buckled.
+
+The second one is for a shape whose predecessor lost its stability on the way.
+"""
 
 SHOWN_SHAPES = 12
 """Shapes of an insertion in one picture."""
@@ -166,7 +169,8 @@ class InsertionResult(Result):
     shapes : tuple of ContactShape
         All steps.
     converged : bool
-        Whether every step has an equilibrium and the body neither loops nor meets itself.
+        Whether every step has an equilibrium, and the body neither buckles, loops nor meets
+        itself.
     reason : str
     residual : float
         Largest of the shapes [mm].
@@ -278,7 +282,8 @@ def insert_robot(
     Returns
     -------
     InsertionResult
-        It ends at the first step without an equilibrium, or where the body loops.
+        It ends at the first step without an equilibrium, or where the body loops; where it buckles
+        it goes on from the shape that it jumps to.
 
     Raises
     ------
@@ -383,7 +388,8 @@ class _Insertion:
         self.reached.append(float(tips[0]))
         if not shape.converged:
             self.reason = f"at {here:.4g} mm: {shape.reason}"
-        if math.isnan(self.buckled[0]) and (jump > JUMP or shape.left_unstable):
+        far = JUMP if not shape.left_unstable else UNSTABLE_JUMP
+        if math.isnan(self.buckled[0]) and jump > far:
             self.buckled = here, shape.points[worst]
         if not math.isnan(self.looped) or self.reason:
             return
@@ -449,6 +455,12 @@ class _Insertion:
 
     def _finish(self) -> InsertionResult:
         shapes = self.shapes
+        if not self.reason and math.isfinite(self.buckled[0]):
+            place = ", ".join(f"{value:.4g}" for value in self.buckled[1])
+            self.reason = (
+                f"at {self.buckled[0]:.4g} mm: the body buckles, it jumps to another shape, most at "
+                f"({place}) mm"
+            )
         return InsertionResult(
             robot=self.model.robot,
             inserted=np.array([shape.inserted for shape in shapes]),

@@ -13,7 +13,7 @@ from ..errors import InputError
 from .checks import Floats
 from .measured import RobotMeasurements
 from .shape import Shape
-from .unknowns import Setup, Unknown, change_setup
+from .unknowns import RobotSetup, Unknown, change_setup
 
 FACTOR_STEP = 1e-4
 """Step of the logarithm of a factor, and of an angle [rad], for a derivative."""
@@ -70,7 +70,7 @@ def _solve_screw(turn: Floats, step: Floats) -> Floats:
     return np.asarray(step - 0.5 * once + share * np.cross(turn, once))
 
 
-def place_markers(setup: Setup, shape: Shape) -> Floats:
+def place_markers(setup: RobotSetup, shape: Shape) -> Floats:
     """Return where the markers are in the world, (n, m, 3) [mm]."""
     tip = setup.robot.length
     places = np.array([tip if m.arc_length is None else m.arc_length for m in setup.markers])
@@ -108,7 +108,7 @@ class Observation:
 
     Parameters
     ----------
-    setup : Setup
+    setup : RobotSetup
         The robot before anything is changed.
     data : RobotMeasurements
         All rows, in the order in which they were recorded.
@@ -120,7 +120,7 @@ class Observation:
         The rows that are compared; the others are the history of those after them.
     """
 
-    setup: Setup
+    setup: RobotSetup
     data: RobotMeasurements
     model: str
     options: Mapping[str, object]
@@ -131,7 +131,7 @@ class Observation:
         """Points that were seen (n, m, 3) [mm]."""
         return np.asarray(self.data.points[self.rows])
 
-    def solve(self, setup: Setup) -> Shape:
+    def solve(self, setup: RobotSetup) -> Shape:
         """Return the shapes of the rows."""
         if self.data.command == "tension" and any(setup.zeros):
             raise InputError("tendons.*.zero is for displacements: the commands are tensions")
@@ -146,7 +146,7 @@ class Observation:
         shape: Shape = model.shape_under_tensions(np.maximum(commands, 0.0))
         return shape
 
-    def observe(self, setup: Setup, shape: Shape | None = None) -> Observed:
+    def observe(self, setup: RobotSetup, shape: Shape | None = None) -> Observed:
         """Return what a setup predicts; with `shape`, from shapes that are known."""
         shape = self.solve(setup) if shape is None else shape
         return Observed(shape, place_markers(setup, shape))
@@ -166,7 +166,7 @@ class Observation:
                 else (STEP_MM)
             )
             keeps = not (one.moves_robot or (loaded and one.field.startswith("rotation")))
-            if changes[index] + step > one.known.high:
+            if changes[index] + step > one.limit(self.setup)[1]:
                 step = -step
             moved = changes.copy()
             moved[index] += step
@@ -176,7 +176,7 @@ class Observation:
         return columns
 
 
-def align_base(observation: Observation) -> Setup:
+def align_base(observation: Observation) -> RobotSetup:
     """Return the setup with its base where the points fit best, by Kabsch's rotation.
 
     Kabsch, W. (1976), *Acta Crystallographica* A32, 922-923.

@@ -256,6 +256,12 @@ class Target:
         shooting.miss_lengths(self.aim(share, loose), lengths, tensions, gaps)
         return gaps
 
+    def find_taut(self, states: Floats, tensions: Floats, share: float) -> NDArray[np.bool_]:
+        """Return which tendons hold a length, (t,), in states under a share of the command."""
+        aim = self.aim(share, 0.0)
+        found = shooting.find_taut(aim, states[-1, LENGTHS:], tensions, self.tolerance)
+        return np.asarray(found)
+
     def share(self, give: Floats, tensions: Floats, ridge: float) -> Floats:
         """Return the least tensions that do the same, where redundant tendons leave them open.
 
@@ -476,7 +482,8 @@ class Rod:
             steps += count
         reason, stability = "", 1.0
         if code == FOUND or code == UNSTABLE:
-            taut = target.holds & (shot.tensions != 0.0)
+            share = 1.0 if code == FOUND else failed
+            taut = target.find_taut(few_states, shot.tensions, share)
             stability = measure_stability(form, target.compliances, taut)
         what = "command and loads" if self.load > 0.0 else "the command"
         if code == UNSTABLE:
@@ -652,7 +659,7 @@ def settle(rod: Rod, target: Target, shot: Shot) -> Shot:
     if not rod.trace(shot, form):
         rest = rod.rest()
         return dataclasses.replace(rest, reason="no curvature was found")
-    taut = target.holds & (shot.tensions != 0.0)
+    taut = target.find_taut(shot.states, shot.tensions, shot.share)
     return dataclasses.replace(shot, stability=measure_stability(form, target.compliances, taut))
 
 
@@ -1388,7 +1395,8 @@ class RodModel(ContinuumModel):
             displacements = np.where(np.isnan(_rows(commands)), followed, _rows(commands))
             shares = np.array([shot.share for shot in shots]).reshape(-1, 1)
             limits = self.natural_lengths - shares * (displacements + slack_at_rest)
-            slack = ~self.robot.pushes & (lengths < limits - self.tolerance) & (tensions == 0.0)
+            loose = (lengths < limits - self.tolerance) | np.isnan(_rows(commands))
+            slack = ~self.robot.pushes & loose & (tensions == 0.0)
             asked = self.natural_lengths - displacements - slack_at_rest + stretched
         residual = np.abs(np.where(slack, 0.0, lengths - asked)).max(axis=1, initial=0.0)
         words = [f"{s.reason}{explain_contrast(self.robot)}" if s.reason else "" for s in shots]

@@ -28,12 +28,16 @@ WIDEST_LENGTH = 1.0
 
 @dataclass(frozen=True)
 class Known:
-    """How a field is changed: factor or shift, its unit, and the bounds of the change."""
+    """How a field is changed: factor or shift, its unit, and the bounds of the change.
+
+    A search of what may not be negative begins at `begin` where the number is 0.
+    """
 
     change: Change
     unit: str
     low: float = -math.inf
     high: float = math.inf
+    begin: float = 0.0
 
 
 def _factor(unit: str, widest: float) -> Known:
@@ -54,8 +58,8 @@ FIELDS: dict[Group, dict[str, Known]] = {
         "offset": _factor("mm", WIDEST_LENGTH),
         "angle": Known("shift", "rad", -math.pi, math.pi),
         "stiffness": _factor("N", 2.0 * WIDEST),
-        "pretension": Known("shift", "N"),
-        "friction": Known("shift", ""),
+        "pretension": Known("shift", "N", begin=0.1),
+        "friction": Known("shift", "", begin=0.05),
         "zero": Known("shift", "mm"),
     },
     "markers": {
@@ -70,7 +74,7 @@ FIELDS: dict[Group, dict[str, Known]] = {
     },
     "commands": {
         "scale": _factor("", WIDEST_LENGTH),
-        "backlash": Known("shift", "mm", 0.0, math.inf),
+        "backlash": Known("shift", "mm", begin=0.02),
     },
 }
 """Fields that can be fitted."""
@@ -82,7 +86,7 @@ POSES = ("position", "rotation")
 
 
 @dataclass(frozen=True)
-class Setup:
+class RobotSetup:
     """A robot, how it is commanded, and what is seen of it.
 
     Parameters
@@ -153,14 +157,22 @@ class Unknown:
         """Whether the shape depends on it, and not only where it is seen."""
         return self.group in ("sections", "tendons", "commands")
 
-    def read(self, setup: Setup) -> float | None:
+    def limit(self, setup: RobotSetup) -> tuple[float, float, float]:
+        """Return the bounds of the change, and where a search begins."""
+        known = self.known
+        if not known.begin:
+            return known.low, known.high, 0.0
+        value = self.read(setup) or 0.0
+        return -value, known.high, known.begin if value == 0.0 else 0.0
+
+    def read(self, setup: RobotSetup) -> float | None:
         """Return the number before it is changed, or None if items differ or have a profile."""
         values = {_read_field(setup, self.group, self.field, index) for index in self.items or (0,)}
         value = values.pop()
         return float(value) if not values and isinstance(value, (int, float)) else None
 
 
-def _read_field(setup: Setup, group: Group, name: str, index: int) -> object:
+def _read_field(setup: RobotSetup, group: Group, name: str, index: int) -> object:
     if group == "base":
         return 0.0 if name.startswith("rotation") else setup.robot.base_position[_axis(name)]
     if group == "commands":
@@ -188,7 +200,7 @@ def _axis(name: str) -> int:
 # Names: group, which, field.
 
 
-def parse_unknowns(names: Sequence[str], setup: Setup) -> tuple[Unknown, ...]:
+def parse_unknowns(names: Sequence[str], setup: RobotSetup) -> tuple[Unknown, ...]:
     """Return the unknowns that names stand for.
 
     A name is a path as in the robot file: ``sections.2.bending_stiffness``, ``tendons.T1.zero``,
@@ -213,7 +225,7 @@ def parse_unknowns(names: Sequence[str], setup: Setup) -> tuple[Unknown, ...]:
     return tuple(found)
 
 
-def _parse(name: str, setup: Setup) -> list[Unknown]:
+def _parse(name: str, setup: RobotSetup) -> list[Unknown]:
     head, *rest = name.split(".")
     if head == "base":
         fields = [field for field in FIELDS["base"] if field.startswith(".".join(rest))]
@@ -244,7 +256,7 @@ def _parse(name: str, setup: Setup) -> list[Unknown]:
     return [Unknown(_spell(group, labels, one, field), group, field, one) for one in chosen]
 
 
-def _list_labels(group: Group, setup: Setup) -> list[str]:
+def _list_labels(group: Group, setup: RobotSetup) -> list[str]:
     """Return how items are called."""
     if group == "sections":
         return [section.name or str(k + 1) for k, section in enumerate(setup.robot.sections)]
@@ -284,7 +296,7 @@ def _refuse(name: str, legal: Any) -> InputError:
     return InputError(f"'{name}' cannot be fitted: use {', '.join(legal)}")
 
 
-def _check_value(one: Unknown, setup: Setup) -> None:
+def _check_value(one: Unknown, setup: RobotSetup) -> None:
     """Raise `InputError` for a factor of nothing or of infinity."""
     if one.known.change != "factor" or one.field == "modulus":
         return
@@ -298,7 +310,7 @@ def _check_value(one: Unknown, setup: Setup) -> None:
 # Changes.
 
 
-def change_setup(setup: Setup, unknowns: Sequence[Unknown], changes: Floats) -> Setup:
+def change_setup(setup: RobotSetup, unknowns: Sequence[Unknown], changes: Floats) -> RobotSetup:
     """Return the setup with changed numbers; a factor is the exponential of its change.
 
     Raises
@@ -342,7 +354,7 @@ def change_setup(setup: Setup, unknowns: Sequence[Unknown], changes: Floats) -> 
         )
     if base.any():
         robot = _move_base(robot, base)
-    return Setup(robot, markers, tuple(zeros), scale, backlash)
+    return RobotSetup(robot, markers, tuple(zeros), scale, backlash)
 
 
 def _move_base(robot: ContinuumRobot, base: Floats) -> ContinuumRobot:
@@ -356,7 +368,7 @@ def _move_base(robot: ContinuumRobot, base: Floats) -> ContinuumRobot:
     )
 
 
-def _change_marker(setup: Setup, index: int, own: dict[str, float]) -> Marker:
+def _change_marker(setup: RobotSetup, index: int, own: dict[str, float]) -> Marker:
     marker = setup.markers[index]
     if not own:
         return marker

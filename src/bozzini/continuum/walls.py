@@ -44,7 +44,7 @@ class Wall(Protocol):
 class Touched(NamedTuple):
     """Smooth gaps of m samples: which ones, the gap, its gradient and curvature by the place."""
 
-    index: NDArray[np.int64]
+    places: NDArray[np.int64]
     gap: Floats
     gradient: Floats
     curvature: Floats

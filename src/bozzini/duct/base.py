@@ -588,6 +588,10 @@ class SampledField(PackedDuct):
     the diagonal of a cell (by Jensen's inequality), plus the rounding of float32.
     `clearance_bound` is from the squared node distances inside the lumen, and from the slope bound
     of a distance elsewhere.
+
+    Beyond the grid the distance is that at the grid's nearest point and the distance from there.
+    So it never promises clearance that there is not. Where the lumen lies in the grid, it is too
+    large by no more than the smaller of the two, besides the error; the gradient is its slope.
     """
 
     values: NDArray[np.float32]

@@ -61,7 +61,8 @@ class Measurements:
         Free length less length [mm].
     load : array_like, shape (n,), optional
         Axial tension that the muscle holds, at most 1e6 either way [N]; one number counts for all
-        rows. A muscle that pushes has a negative load: only a force can be compared with it.
+        rows. A muscle that pushes has a negative load: only a force can be compared with it, unless
+        the muscle gets longer under pressure.
     direction : sequence of str, optional
         ``"inflating"``, ``"deflating"`` or ``""``; one text counts for all rows.
     specimen : sequence of str, optional

@@ -202,7 +202,7 @@ class MountedMuscle(MuscleModel):
 
         Such are rows in which the muscle would be longer than it can be, if nothing gave.
         """
-        force, held, own = (np.array(part) for part in known)
+        force, held, own = np.array(known[0]), np.array(known[1]), np.array(known[2])
         rows = np.flatnonzero(~held)
         pressure, start = pressures.ravel()[rows], base.ravel()[rows]
         words = name_directions(np.broadcast_to(signs, base.shape)).ravel()[rows]

@@ -111,8 +111,9 @@ def judge_repeats(
 ) -> list[str]:
     """Return a warning if a fit misses the data by more than the data miss each other.
 
-    There is one, too, if the data have no more states than the fit has parameters. The F-test of lack of fit at 0.1 %: it needs rows that repeat a state. With errors (n,) of the
-    rows it is that of residuals over errors.
+    There is one, too, if the data have no more states than the fit has parameters. The F-test of
+    lack of fit at 0.1 %: it needs rows that repeat a state. With errors (n,) of the rows it is that
+    of residuals over errors.
     """
     from scipy.stats import f as fisher
 
@@ -192,7 +193,10 @@ def find_constants(starts: Sequence[Problem]) -> tuple[OptimizeResult, Problem]:
     """
     tries: list[tuple[OptimizeResult, Problem]] = []
     for one in starts:
-        tries.append((find_minimum(one, one.choose_start(), limit=_FIRST), one))
+        rough = dataclasses.replace(one, rough=True)
+        tries.append((find_minimum(rough, one.choose_start(), limit=_FIRST), one))
+        if tries[-1][0].status > 0:
+            tries[-1][0].status = 0  # its derivatives are rough: it goes on
         if _judge(tries[-1]) <= len(one.task.data) * (_EXACT * one.task.span) ** 2:
             break
     tries.sort(key=_judge)

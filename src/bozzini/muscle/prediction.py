@@ -3,8 +3,10 @@
 To first order in the errors of the fitted parameters ``p``, of covariance ``C``, the response ``f``
 has the variance ``g C g`` with ``g = df/dp``: of its mean, the confidence band. A single reading
 scatters about that with the standard deviation ``s`` of the fit as well: the prediction band.
-Both are symmetric, with Student's t. They know only what the fit knew: what all specimens of the
-fit shared, and a new one does not, is not in them.
+Both are symmetric, with Student's t. What the specimens of a fit have of their own is known of one
+more by as few values as there are specimens; the degrees of freedom of both parts together are
+Satterthwaite's (Biometrics Bulletin 2, 1946, 110-114). The bands know only what the fit knew: what
+all specimens of the fit shared, and a new one does not, is not in them.
 """
 
 from __future__ import annotations
@@ -26,6 +28,7 @@ from .design import Muscle
 from .files import FitSummary, MuscleFile
 from .model import MuscleModel
 from .problem import (
+    DIFFERENCE_STEP,
     END_FIELDS,
     Task,
     change_model,
@@ -182,7 +185,8 @@ def predict(
     )
     _check_specimens(fit, task)
     count = len(data)
-    predicted, variance, held = np.zeros(count), np.zeros(count), np.zeros(count, dtype=np.bool_)
+    predicted, held = np.zeros(count), np.zeros(count, dtype=np.bool_)
+    variance, between = np.zeros(count), np.zeros(count)  # of which between is among specimens
     base = fitted.build()
     for part in task.parts:
         values = {
@@ -197,28 +201,42 @@ def predict(
         predicted[part.rows], held[part.rows] = found, good
         if fit.names and good.any():
             at = _read_values(model, fit.names)
-            scales = np.array([choose_scale(n, x, own=True) for n, x in at.items()])
+            steps = [
+                DIFFERENCE_STEP * max(choose_scale(n, x, own=True), abs(x)) for n, x in at.items()
+            ]
             slopes = differentiate(
                 build,
                 at,
-                bounds=np.tile([-np.inf, np.inf], (len(at), 1)),
-                scales=scales,
+                pairs=[
+                    (n, x - step, x + step) for (n, x), step in zip(at.items(), steps, strict=True)
+                ],
                 data=rows.select(good),
                 predicted=found[good],
                 response=fit.response,
             )
             covariance = _find_covariance(fit, part.specimen)
             variance[part.rows[good]] = np.einsum("ij,jk,ik->i", slopes, covariance, slopes)
+            if part.specimen not in fit.specimens:
+                between[part.rows[good]] = slopes**2 @ _find_spread(fit)
     fitted_count = len(fit.names) + len(fit.each) * max(len(fit.specimens) - 1, 0)
     freedom = max(fit.rows - fitted_count, 1)
-    factor = float(student.ppf(0.5 + 0.5 * level, freedom))
-    variance = np.maximum(variance, 0.0)
+    within = np.maximum(variance - between, 0.0)
+
+    def widen(rest: Floats) -> Floats:
+        """Half the band of a variance, with the freedom of both parts."""
+        total = np.maximum(rest + between, 1e-300)
+        parts = (rest / total) ** 2 / freedom + (between / total) ** 2 / max(
+            len(fit.specimens) - 1, 1
+        )
+        each = 1.0 / np.maximum(parts, 1.0 / freedom)
+        return np.asarray(student.ppf(0.5 + 0.5 * level, each) * np.sqrt(rest + between))
+
     return Prediction(
         task=task,
         predicted=np.where(held, predicted, 0.0),
         answered=held,
-        confidence=factor * np.sqrt(variance),
-        prediction=factor * np.sqrt(variance + fit.rms**2),
+        confidence=widen(within),
+        prediction=widen(within + fit.rms**2),
         level=level,
     )
 
@@ -248,12 +266,21 @@ def _find_covariance(fit: FitSummary, specimen: str) -> Floats:
     covariance = np.array(fit.covariance).reshape(len(fit.names), len(fit.names))
     if specimen not in fit.specimens:
         return covariance
+    for index, (name, spread) in enumerate(zip(fit.names, _find_spread(fit), strict=True)):
+        if spread > 0.0:
+            count = sum(name in known for known in fit.specimens.values())
+            covariance[index, index] = count * max(covariance[index, index] - spread, 0.0)
+    return covariance
+
+
+def _find_spread(fit: FitSummary) -> Floats:
+    """Return the variance of one more specimen among those of the fit, of each fitted number."""
+    spread = np.zeros(len(fit.names))
     for index, name in enumerate(fit.names):
         own = [known[name] for known in fit.specimens.values() if name in known]
         if name in fit.each and len(own) > 1:
-            among = float(np.var(own, ddof=1)) * (1.0 + 1.0 / len(own))
-            covariance[index, index] = len(own) * max(covariance[index, index] - among, 0.0)
-    return covariance
+            spread[index] = float(np.var(own, ddof=1)) * (1.0 + 1.0 / len(own))
+    return spread
 
 
 def _change(

@@ -362,7 +362,10 @@ def _take_pair(
 
 _STEEPEST = 1e9  # of a derivative, so that its square is finite
 _LEAST_STIFFNESS_N_PER_MM = 1e-12  # keeps a quotient finite where a model has no stiffness [N/mm]
-_STEP = 1e-4  # of a difference, in scales: small against curvature, large against round-off
+DIFFERENCE_STEP = 1e-4  # of a difference, in scales: small against curvature, above round-off
+_LEAST_SCALE = 1e-4  # of an unknown, in the scale that goes with the model's guess
+_ROUGH_STEP = 1e-6  # the same of a difference to one side
+_SLOPE_STEP = 1e-6  # of a difference by the contraction, of the muscle's length
 _INPUT_STEP = 1e-5  # of a difference by a measured column, of its largest value
 
 
@@ -395,7 +398,8 @@ class Problem:
     Free are fields of the muscle, constants of the model and end effects. Limits are (k, 2), one
     for each free name, and `model_class` makes the model from a muscle and constants by their
     names. What each specimen has its own value of is one unknown for each of them; `starts` are
-    where unknowns start that do not start at the task's or at `constants`.
+    where unknowns start that do not start at the task's or at `constants`. A rough problem takes
+    derivatives of a force by differences to one side, good to about 1e-6, for half the work.
     """
 
     model_class: Callable[..., MuscleModel]
@@ -405,6 +409,13 @@ class Problem:
     constants: Mapping[str, float] = field(default_factory=dict)
     starts: Mapping[str, float] = field(default_factory=dict)
     clock: Clock = field(default_factory=Clock)
+    rough: bool = False
+
+    @cached_property
+    def _linear(self) -> frozenset[str]:
+        """The constants that the force is affine in."""
+        own = list_own(self.model_class) if self.constants else {}
+        return frozenset(name for name, item in own.items() if item.linear)
 
     @cached_property
     def _labels(self) -> tuple[tuple[str, int], ...]:
@@ -468,7 +479,11 @@ class Problem:
             [
                 ends[name]
                 if name in ends and name not in self.constants
-                else choose_scale(name, value, own=name in self.constants)
+                else max(
+                    choose_scale(name, value, own=name in self.constants),
+                    # A search that left a constant at next to 0 must not begin at that scale.
+                    _LEAST_SCALE * choose_scale(name, self.constants.get(name, 0.0), own=True),
+                )
                 for name, value in zip(self.names, self.start.values(), strict=True)
             ]
         )
@@ -505,8 +520,24 @@ class Problem:
     ) -> tuple[Floats, NDArray[np.bool_], Floats | None]:
         """Return model less measurement, which rows have an answer, and their effective errors.
 
-        The errors are None where none are known.
+        The errors are None where none are known. The last answer is kept: a search asks for the
+        misfit and the derivatives at one point.
         """
+        key = tuple(values.items())
+        if key not in self._last:
+            self._last.clear()
+            self._last[key] = self._compare(values)
+        return self._last[key]
+
+    @cached_property
+    def _last(self) -> dict[object, tuple[Floats, NDArray[np.bool_], Floats | None]]:
+        """The last answer of `compare`, by its values."""
+        return {}
+
+    def _compare(
+        self, values: Mapping[str, float]
+    ) -> tuple[Floats, NDArray[np.bool_], Floats | None]:
+        """Return what `compare` does, computed anew."""
         task = self.task
         miss, held = np.zeros(len(task.data)), np.zeros(len(task.data), dtype=np.bool_)
         errors = task.response_errors
@@ -592,8 +623,7 @@ class Problem:
             table[np.ix_(good, columns)] = self.scales[columns] * differentiate(
                 functools.partial(self.build, index=index),
                 {label: values[label] for _, label in pairs},
-                bounds=self.bounds[columns],
-                scales=self.scales[columns],
+                pairs=self._choose_differences(values, columns),
                 data=task.states.select(good),
                 predicted=residuals[good] + task.measured[good],
                 response=task.response,
@@ -609,13 +639,36 @@ class Problem:
                 table[~held, column] = ((self.steps(there) - here) / step)[~held] / weights
         return np.clip(np.nan_to_num(table), -_STEEPEST, _STEEPEST)
 
+    def _choose_differences(
+        self, values: Mapping[str, float], columns: NDArray[np.intp]
+    ) -> list[tuple[str, float, float]]:
+        """Return unknowns with the two values that a difference is taken between.
+
+        One of them is the value itself where the force is affine, or if that is good enough.
+        """
+        found = []
+        force = self.task.response == "force"
+        for column in columns.tolist():
+            label, (low, high) = self.unknowns[column], self.bounds[column].tolist()
+            value = values[label]
+            size = max(float(self.scales[column]), abs(value))  # the start may have been next to 0
+            linear = self.names[column] in self._linear
+            if force and (linear or self.rough):
+                step = size * (DIFFERENCE_STEP if linear else _ROUGH_STEP)
+                up = value + step <= high
+                found.append((label, value, value + step) if up else (label, value - step, value))
+            else:
+                step = size * DIFFERENCE_STEP
+                found.append((label, max(low, value - step), min(high, value + step)))
+        return found
+
     def _slope_directly(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return central differences of `miss`, in which the weights change as well."""
         columns = []
         low, high = self.bounds.T / self.scales
         for column in range(len(point)):
             ends = []
-            for away in (-_STEP, _STEP):
+            for away in (-DIFFERENCE_STEP, DIFFERENCE_STEP):
                 there = point.copy()
                 there[column] = min(max(there[column] + away, low[column]), high[column])
                 ends.append((there[column], self.miss(there)))
@@ -678,9 +731,9 @@ class Problem:
 
     def _choose_steps(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return small steps that stay inside the bounds, in scales."""
-        return np.where(point + _STEP * 10.0 <= self.bounds[:, 1] / self.scales, 1.0, -1.0) * (
-            _STEP * 10.0
-        )
+        return np.where(
+            point + DIFFERENCE_STEP * 10.0 <= self.bounds[:, 1] / self.scales, 1.0, -1.0
+        ) * (DIFFERENCE_STEP * 10.0)
 
 
 def label_unknown(name: str, specimen: str) -> str:
@@ -758,28 +811,29 @@ def differentiate(
     build: Callable[[Mapping[str, float]], MuscleModel],
     values: Mapping[str, float],
     *,
-    bounds: NDArray[np.float64],
-    scales: NDArray[np.float64],
+    pairs: Sequence[tuple[str, float, float]],
     data: _Columns,
     predicted: NDArray[np.float64],
     response: Response = "contraction",
 ) -> NDArray[np.float64]:
     """Return the derivatives of a response by the parameters, shape (n, k).
 
+    `pairs` are the parameters with the two values that a difference is taken between.
+
     Of the contraction by the theorem of implicit functions, dx/dp = (dF/dp) / stiffness: the one is
     a difference of the force, which has a closed form in `EnergyMuscle`, the other the model's own.
-    Of other responses, for a model without force, or where a difference leaves its domain, they are
-    differences of the response.
+    So is the force of a mounted muscle ``F = f(x - offset + compliance F)``, by differences of
+    ``f``. Of other responses, for a model without force, or where a difference leaves its domain,
+    they are differences of the response.
     """
-    pairs = []
-    for (name, value), (low, high), scale in zip(values.items(), bounds, scales, strict=True):
-        step = _STEP * max(scale, abs(value))  # the start may have been next to 0
-        pairs.append((name, max(low, value - step), min(high, value + step)))
     if response == "contraction":
         try:
             return _differentiate_implicitly(build, values, pairs, data, predicted)
         except (BozziniError, ZeroDivisionError, FloatingPointError):
             pass
+    model = build(values)
+    if response == "force" and isinstance(model, MountedMuscle):
+        return _differentiate_mounted(build, values, pairs, data, predicted, model)
     return _differentiate_directly(build, values, pairs, data, predicted, response)
 
 
@@ -801,6 +855,64 @@ def _differentiate_implicitly(
     return table
 
 
+def _differentiate_mounted(
+    build: Callable[[Mapping[str, float]], MuscleModel],
+    values: Mapping[str, float],
+    pairs: Sequence[tuple[str, float, float]],
+    data: _Columns,
+    predicted: NDArray[np.float64],
+    mounted: MountedMuscle,
+) -> NDArray[np.float64]:
+    """Return ``dF/dp = (df/dp) / (1 + compliance stiffness)``, at the slack force that of its own.
+
+    ``f`` is that of the muscle at ``x - offset + compliance F``, with F held.
+    """
+    floor = mounted.ends.slack_force
+    taut = np.ones(len(predicted), np.bool_) if floor is None else predicted > floor
+    branch = None if data.branch is None else data.branch[taut]
+    pressure, force = data.pressure[taut], predicted[taut]
+
+    def pull(at: MuscleModel, away: float = 0.0) -> Answers:
+        at = at if isinstance(at, MountedMuscle) else MountedMuscle(at)
+        own = data.contraction[taut] + away - at.ends.offset + at.ends.compliance * force
+        return at.model.try_force(pressure, own, direction=branch)
+
+    def differ(one: Answers, other: Answers, steps: tuple[float, float]) -> Floats:
+        ends = [
+            (np.where(held, f, force), np.where(held, step, 0.0))
+            for (f, held), step in zip((one, other), steps, strict=True)
+        ]
+        (f, a), (g, b) = ends
+        with np.errstate(all="ignore"):
+            return np.where(b > a, (g - f) / (b - a), 0.0)
+
+    step = _SLOPE_STEP * mounted.muscle.length
+    slope = differ(pull(mounted, -step), pull(mounted, step), (-step, step))
+    table = np.zeros((len(predicted), len(pairs)))
+    for column, (name, low, high) in enumerate(pairs):
+        if name == "offset":
+            change = -slope
+        elif name == "compliance":
+            change = slope * force
+        elif name == "slack_force":
+            table[~taut, column] = 1.0
+            continue
+        else:
+            trials = []
+            for x in (low, high):
+                if x == values[name]:
+                    trials.append((force, np.ones(len(force), np.bool_)))
+                    continue
+                try:
+                    trials.append(pull(build({**values, name: x})))  # type: ignore[arg-type]
+                except BozziniError:  # such a value is not legal
+                    trials.append((force, np.zeros(len(force), np.bool_)))
+            change = differ(*trials, (low - values[name], high - values[name]))
+        with np.errstate(all="ignore"):
+            table[taut, column] = change / (1.0 - mounted.ends.compliance * slope)
+    return table
+
+
 def _differentiate_directly(
     build: Callable[[Mapping[str, float]], MuscleModel],
     values: Mapping[str, float],
@@ -814,6 +926,9 @@ def _differentiate_directly(
     for name, low, high in pairs:
         ends = []
         for x in (low, high):
+            if x == values[name]:
+                ends.append((predicted, np.full(len(predicted), x)))
+                continue
             try:
                 found, held = try_response(build({**values, name: x}), data, response)
             except BozziniError:  # such a value is not legal

@@ -281,7 +281,7 @@ def compare_models(
 
 def check_largest(task: Task) -> None:
     """Raise `InputError` if there is no response that errors could be a percentage of."""
-    largest = float(task.measured.max())
+    largest = float(np.abs(task.measured).max())
     least = _LEAST_CONTRACTION_MM if task.response == "contraction" else _LEAST_SPAN
     if not largest >= least:
         raise InputError(
@@ -301,7 +301,7 @@ def score_model(name: str, answers: Answers, task: Task, *, fitted: int) -> Mode
         name=name,
         unit=task.unit,
         standard_error=standard,
-        standard_error_percent=100.0 * standard / float(task.measured.max()),
+        standard_error_percent=100.0 * standard / float(np.abs(task.measured).max()),
         rmse=float(np.sqrt(squares / rows)),
         bias=float(difference[held].mean()) if held.any() else 0.0,
         largest=float(np.abs(error).max()),
@@ -1010,7 +1010,10 @@ def _fit_model(
         answers = task.measured - found.residuals, found.answered
     count = 0 if found is None else len(found.free)
     score = score_model(name, answers, task, fitted=count)
-    least, scatter = _FLOOR * float(task.measured.max()), 0.0 if found is None else found.scatter
+    least, scatter = (
+        _FLOOR * float(np.abs(task.measured).max()),
+        0.0 if found is None else found.scatter,
+    )
     squares = len(task.data) * max(score.rmse, least) ** 2
     if found is not None and task.response_errors is not None:
         squares = max(found.squares, squares * 1e-300)
@@ -1092,7 +1095,7 @@ def _validate(
     def fit(rows: Task) -> tuple[Callable[[Part], MuscleModel], bool]:
         if clock.is_over:
             raise OutOfTimeError(f"stopped: the time of {clock.limit:g} s is used up")
-        problem = _make_problem(unknowns, rows, estimates, clock)
+        problem = replace(_make_problem(unknowns, rows, estimates, clock), rough=True)
         again = find_minimum(problem, problem.choose_start(), limit=_EVALUATIONS)
         values = problem.name_values(again.x)
         if problem.unknowns == whole.unknowns:
@@ -1145,7 +1148,7 @@ def _order(entry: RankedModel, criterion: Criterion) -> tuple[float, float, int,
 
 def _finish(entries: list[RankedModel], task: Task) -> tuple[RankedModel, ...]:
     """Put in which models have the same curve, and the weights."""
-    least = _SAME_CURVE * float(task.measured.max())
+    least = _SAME_CURVE * float(np.abs(task.measured).max())
     done: list[RankedModel] = []
     for entry in entries:
         same = ""

@@ -30,7 +30,7 @@ from .data import (
     parse_free_length,
     sort_columns,
 )
-from .design import PRESSURE_LIMIT, Muscle
+from .design import LOCKING_ANGLE, PRESSURE_LIMIT, Muscle
 
 if TYPE_CHECKING:
     import pandas
@@ -249,7 +249,7 @@ def _take_sheet(sheet: Sheet, muscle: Muscle | None, units: Mapping[str, str]) -
     _find_contractions(values, columns, muscle)
     notes += ["numbers have a decimal comma"] if commas else []
     notes += _mend_pressures(values, columns["pressure"].title, sheet.numbers)
-    notes += _judge_loads(values.get("load", np.zeros(1)), columns)
+    notes += _judge_loads(values.get("load", np.zeros(1)), columns, muscle)
     for name in GEOMETRY:
         if (title := describe_field(name)) in values:
             values[name] = values.pop(title)
@@ -336,18 +336,24 @@ def _mend_pressures(
     ]
 
 
-def _judge_loads(load: NDArray[np.float64], columns: Mapping[str, _Column]) -> list[str]:
-    """Return what to say of negative loads, or raise `InputError` where no load is positive."""
+def _judge_loads(
+    load: NDArray[np.float64], columns: Mapping[str, _Column], muscle: Muscle | None
+) -> list[str]:
+    """Return what to say of negative loads, or raise `InputError` where no load is positive.
+
+    A muscle that gets longer under pressure may push all along.
+    """
     if not (load < 0.0).any():
         return []
-    if load.max() <= 0.0:
+    extends = muscle is not None and muscle.given.get("braid_angle", 0.0) > LOCKING_ANGLE
+    if load.max() <= 0.0 and not extends:
         raise InputError(
             f"no load is positive in '{columns['load'].title}', and one is {load.min():g} N: "
             "the pull of a muscle is positive, turn the sign of the column"
         )
     return [
         f"{int((load < 0.0).sum())} row(s) have a negative load, down to {load.min():g} N: the "
-        "muscle pushes; only a force can be compared with them"
+        "muscle pushes" + ("" if extends else "; only a force can be compared with them")
     ]
 
 

@@ -35,6 +35,8 @@ class Determination:
         Singular values of that, the largest first.
     basis : ndarray, shape (k, k)
         Its right singular vectors, one in each row.
+    lengths : ndarray, shape (k,)
+        Lengths of the columns.
     """
 
     inverse: Floats
@@ -42,6 +44,14 @@ class Determination:
     condition: float
     singular: Floats
     basis: Floats
+    lengths: Floats
+
+    @property
+    def sound_inverse(self) -> Floats:
+        """`inverse` in what is determined, and 0 across it."""
+        kept = self.singular >= LOST * self.singular[0]
+        basis = self.basis[kept] / self.lengths
+        return np.asarray((basis.T / self.singular[kept] ** 2) @ basis)
 
 
 def determine(jacobian: Floats) -> Determination:
@@ -57,6 +67,7 @@ def determine(jacobian: Floats) -> Determination:
         condition=float(singular[0] / singular[-1]),
         singular=singular,
         basis=basis,
+        lengths=length,
     )
 
 

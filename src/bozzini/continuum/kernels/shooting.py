@@ -200,6 +200,17 @@ def miss_lengths(aim, lengths, tensions, gaps):
 
 
 @njit(cache=True)
+def find_taut(aim, lengths, tensions, tolerance):
+    """Which tendons hold a length: those with tension, and those that are about to have one."""
+    goals, holds, compliances, low, high = aim
+    taut = np.zeros(tensions.size, dtype=np.bool_)
+    for m in range(tensions.size):
+        gap = lengths[m] - compliances[m] * tensions[m] - goals[m]
+        taut[m] = holds[m] and (tensions[m] != 0.0 or gap > -2.0 * tolerance)
+    return taut
+
+
+@njit(cache=True)
 def pull(aim, give, gaps, tensions, wanted):
     """Tensions for which lengths would be as asked, by how they give way to tension (k, k).
 
@@ -256,6 +267,12 @@ def pull(aim, give, gaps, tensions, wanted):
             return HELD
     if not definite or odd > 1e-6 * largest:
         # A moment of fixed direction has no potential: then the problem is not symmetric.
+        for a in range(size):
+            short = vector[a]
+            for b in range(size):
+                short += exact[a, b] * found[b]
+            if found[a] <= least[a] and short < 0.0:
+                found[a] = least[a] + 1e-9 * (most[a] - least[a])
         for _ in range(size + 1):
             taut = np.flatnonzero((found > least) & (found < most))
             if taut.size == 0:
@@ -282,8 +299,6 @@ def pull(aim, give, gaps, tensions, wanted):
             if worst < 0:
                 for a in range(taut.size):
                     found[taut[a]] = change[a, 0]
-                break
-            if definite:
                 break
             found[taut[worst]] = least[taut[worst]]
     for a in range(size):
@@ -420,7 +435,7 @@ def follow(rods, unit, command, bounds, state, known, forms, way):
         )
         steps += count
         if code == FOUND and not passes:
-            taut = holds & (tensions != 0.0)
+            taut = find_taut(aim, few_states[-1, LENGTHS:], tensions, tolerance)
             if count_negative(form, compliances, taut, 0.0) > 0:
                 code = UNSTABLE
         if code == FOUND:

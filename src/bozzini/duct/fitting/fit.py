@@ -35,6 +35,7 @@ from .chain import (
     place_chain,
 )
 from .measure import (
+    ROUND_OFF_MM,
     FitReport,
     Sections,
     cut_sections,
@@ -122,7 +123,7 @@ ALLOWANCES = (0.8, 0.5, 0.25, 0.0)
 """Shares of the largest error that shapes may take up, tried in turn until it is kept."""
 
 LOSSES = (0.6, 0.35, 0.2)
-"""Shares of the largest error that cylinders' balls may lose, tried in turn until it is kept."""
+"""Shares of the largest error that balls of a chain may lose, tried in turn until it is kept."""
 
 LINE_SHARE = 0.8
 """Share of the largest error that super-ellipsoids on the centreline may lose at the places."""
@@ -332,12 +333,7 @@ class _Job:
         chain = place_chain(self.duct, self.centreline)
         for share in ALLOWANCES:
             allowance = share * self.options.max_error
-            edges = self._measure_edges(chain, allowance)
-            if self.options.kind == "cones":
-                places = self._choose(edges, chain)
-                shapes: Shapes = RoundCones(chain.centres[places], chain.radii[places])
-            else:
-                shapes = self._join_circles(chain, edges, allowance)
+            shapes = self._join(chain, self._measure_edges(chain, allowance), allowance)
             highest = find_outside(shapes, self.duct, max_error=self.options.max_error)
             found = highest.value if self.duct.kind == "sampled" else highest.bound
             if found <= self.options.max_error:
@@ -402,24 +398,29 @@ class _Job:
             0
         ]
 
-    def _join_circles(self, chain: Chain, edges: Edges, allowance: float) -> Shapes:
-        """Return cylinders; as circles that meet leave less clearance, maybe more of them."""
-        places = self._choose(edges, chain)
-        shapes = inscribe_cylinders(self.duct, chain, places, allowance=allowance)
+    def _join(self, chain: Chain, edges: Edges, allowance: float) -> Shapes:
+        """Return cones or cylinders; maybe more, as between the places more may be lost."""
+        shapes = self._inscribe(chain, self._choose(edges, chain), allowance)
         if self.options.pieces is not None:
             return shapes
         for share in LOSSES:
-            if self._lose(shapes, chain) <= self.options.max_error:
+            if self._lose(shapes) <= self.options.max_error + ROUND_OFF_MM:
                 break
             try:
                 places = self._choose(edges, chain, share)
             except GeometryError:  # no chain loses so little
                 break
-            shapes = inscribe_cylinders(self.duct, chain, places, allowance=allowance)
+            shapes = self._inscribe(chain, places, allowance)
         return shapes
 
-    def _lose(self, shapes: Shapes, chain: Chain) -> float:
+    def _inscribe(self, chain: Chain, places: list[int], allowance: float) -> Shapes:
+        if self.options.kind == "cones":
+            return RoundCones(chain.centres[places], chain.radii[places])
+        return inscribe_cylinders(self.duct, chain, places, allowance=allowance)
+
+    def _lose(self, shapes: Shapes) -> float:
         """Return the most clearance that is lost on the centreline, off its ends [mm]."""
-        clearance = -self.duct.signed_distance(chain.centres)
-        loss = clearance + shapes.signed_distance(chain.centres)
-        return float(loss[find_inner(chain.arc_length, clearance)].max())
+        centres = self.cuts.centres
+        clearance = -self.duct.signed_distance(centres)
+        loss = clearance + shapes.signed_distance(centres)
+        return float(loss[find_inner(self.cuts.arc_length, clearance)].max())

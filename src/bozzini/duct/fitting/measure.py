@@ -209,6 +209,10 @@ def find_inner(
     return inner if inner.any() else np.full(len(clearance), True)
 
 
+ROUND_OFF_MM = 1e-6
+"""By how much more clearance may be lost: rounding of distances [mm]."""
+
+
 def explain_shortfall(report: FitReport, max_error: float, *, free: bool) -> str:
     """Return what an error is exceeded by, with `free` on the centreline too; else nothing."""
     if report.outside > max_error:
@@ -221,9 +225,9 @@ def explain_shortfall(report: FitReport, max_error: float, *, free: bool) -> str
             f"none is found more than {report.outside:.2f} mm outside, but only "
             f"{report.outside_bound:.2f} mm is proved"
         )
-    if free and report.clearance_loss[-1] > max_error:
+    if free and report.clearance_loss[-1] > max_error + ROUND_OFF_MM:
         return (
-            f"{report.clearance_loss[-1]:.2f} mm of the clearance on the centreline is lost at "
+            f"{report.clearance_loss[-1]:.6g} mm of the clearance on the centreline is lost at "
             f"{report.clearance_loss_place:.1f} mm, more than {max_error:g} mm"
         )
     return ""

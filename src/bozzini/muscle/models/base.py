@@ -228,14 +228,15 @@ class ExplicitModel(MuscleModel):
         at = np.clip(pressures, *self.pressure_limits)
         slack = 1e-9 * rest
         try:
-            low, high = self._limit(at)
             with np.errstate(all="ignore"):
+                low, high = self._find_lengths(at)
+                legal = self._holds(at)
                 pull = self._find_total(at, np.clip(lengths, low, high), signs)
         except PluginError:
             raise
         except BozziniError:  # a law that has no answer somewhere
             return super().try_force(pressure, contraction, direction=direction)
-        held = (at == pressures) & (lengths >= low - slack) & (lengths <= high + slack)
+        held = (at == pressures) & (lengths >= low - slack) & (lengths <= high + slack) & legal
         finite = np.isfinite(pull)
         return np.where(finite, pull, 0.0), np.asarray(held & finite)
 
@@ -302,15 +303,19 @@ class ExplicitModel(MuscleModel):
             ("direction", parse_direction(direction)),
         )
         at, held = np.clip(pressures, *self.pressure_limits), np.clip(loads, *self.load_limits)
-        legal = (at == pressures) & (held == loads)
+        with np.errstate(all="ignore"):
+            holds = np.broadcast_to(self._holds(at), at.shape)
+        legal = (at == pressures) & (held == loads) & holds
         try:
-            roots = self._search_roots(at, held, signs)
+            roots = self._search_roots(at[holds], held[holds], signs[holds])
         except PluginError:
             raise
         except BozziniError:  # no answer on the way of one of them
             return super().try_contraction(pressure, load, direction=direction)
-        good = np.asarray(legal & roots.found & ~roots.jumps & ~roots.stopped)
-        return np.asarray(self.braid.length - roots.lengths), good
+        found, good = np.zeros(at.shape), np.zeros(at.shape, dtype=np.bool_)
+        found[holds] = self.braid.length - roots.lengths
+        good[holds] = roots.found & ~roots.jumps & ~roots.stopped
+        return found, good & legal
 
     def _find_roots(
         self, pressure: ArrayLike, load: ArrayLike, direction: ArrayLike | None
@@ -362,6 +367,10 @@ class ExplicitModel(MuscleModel):
     def _find_lengths(self, pressure: Floats) -> tuple[Floats | float, Floats | float]:
         """Smallest and largest legal length at each pressure [mm], without checks."""
         return self._base_lengths()
+
+    def _holds(self, pressure: Floats) -> NDArray[np.bool_]:
+        """Whether the model has legal lengths at each pressure; `_length_limits` raises if not."""
+        return np.ones(pressure.shape, dtype=np.bool_)
 
     def _base_lengths(self) -> tuple[float, float]:
         """Smallest and largest legal length of all pressures [mm]."""

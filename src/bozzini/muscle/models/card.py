@@ -296,8 +296,10 @@ class Card:
             If there is no such parameter, or the value is outside its bounds or not whole.
         """
         item = self._find(self.parameters, "parameter", name)
-        words = f"{name} of the model {self.name}"
         low, high = item.bounds
+        if type(value) is float and low <= value <= high and not item.whole:
+            return value
+        words = f"{name} of the model {self.name}"
         number = check_number(words, value, low=low, high=high, unit=item.unit)
         if item.whole and not number.is_integer():
             raise InputError(

@@ -119,6 +119,11 @@ class StrainCorrected(CatalogueModel):
             )
         return low, high
 
+    def _holds(self, pressure: Floats) -> NDArray[np.bool_]:
+        factor = self.find_factor(pressure)
+        low, high = self._find_lengths(pressure)
+        return np.asarray((factor >= _FACTORS[0]) & (factor <= _FACTORS[1]) & (low < high))
+
     def _find_lengths(self, pressure: Floats) -> tuple[Floats | float, Floats | float]:
         factor = self.find_factor(pressure)
         rest, cosine = self.braid.length, math.cos(self.braid.angle)
@@ -410,6 +415,9 @@ class Meller(StrainCorrected):
         words = "blocked force kappa1 P + kappa2 at pressure"
         check_range(words, self._find_blocked(pressure), 0.0, math.inf, "N")
         return super()._length_limits(pressure)
+
+    def _holds(self, pressure: Floats) -> NDArray[np.bool_]:
+        return np.asarray(super()._holds(pressure) & (self._find_blocked(pressure) >= 0.0))
 
     def _pull(self, pressure: Floats, length: Floats) -> Floats:
         return self._scale(self._find_blocked(pressure), pressure, length)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from abc import abstractmethod
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import ClassVar
 
 import numpy as np
@@ -101,12 +101,12 @@ def _find_lengths(
 ) -> tuple[float, float]:
     """Return the answer of `Wall.find_lengths`, which a fit asks for again and again."""
     left = _OPEN_BORE_SHARE * wall.bore_at_rest**2
+    strand, turns = wall.braid.strand_length, wall.braid.turns
+    volume, thinnest = wall.volume / math.pi, wall.thickness + math.sqrt(left)
 
     def spare(length: float) -> float:
-        radius = float(find_radius(wall.braid, np.asanyarray(length)))
-        if keeps_thickness:
-            return radius - wall.thickness - math.sqrt(left)
-        return (radius**2 - left) * length - wall.volume / math.pi
+        radius = math.sqrt((strand - length) * (strand + length)) / (2.0 * math.pi * turns)
+        return radius - thinnest if keeps_thickness else (radius**2 - left) * length - volume
 
     rest = wall.braid.length
     if spare(low) < 0.0:
@@ -169,7 +169,7 @@ class WalledModel(CatalogueModel):
     keeps_thickness: ClassVar[bool] = False
     """Whether the wall is as thick as at rest at every length, instead of keeping its volume."""
 
-    @property
+    @cached_property
     def wall(self) -> Wall:
         """The wall at rest."""
         return Wall.of(self.muscle, self.braid)

@@ -250,9 +250,11 @@ def correct_length(braid: Braid, length: Floats) -> Floats:
 @lru_cache(maxsize=16)  # a fit asks again and again, of the same braid
 def _find_limits(braid: Braid, low: float, high: float) -> tuple[float, float]:
     """Return the lengths whose `correct_length` are `low` and `high` [mm]."""
+    strand, round_it = braid.strand_length, 2.0 * math.pi * braid.turns
 
-    def find(length: float) -> float:
-        return float(correct_length(braid, np.asanyarray(length)))
+    def find(length: float) -> float:  # `correct_length` of one
+        radius = math.sqrt((strand - length) * (strand + length)) / round_it
+        return length - (math.pi - 2.0) * (radius - braid.radius)
 
     return (
         bisect(lambda length: find(length) - low, low, braid.length),

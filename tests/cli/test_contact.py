@@ -1,0 +1,86 @@
+"""The commands ``continuum contact`` and ``continuum insert``."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bozzini.cli.main import main
+from bozzini.continuum import RobotDesign, Section, Tendon
+from bozzini.duct import RoundCones, save
+
+LINE = np.array([[0.0, 0.0, -20.0], [0.0, 0.0, 60.0]])
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    tendons = tuple(Tendon(name=f"T{k}", offset=2.0, angle=k * np.pi / 2.0) for k in range(4))
+    section = Section(length=40.0, radius=3.0, tendons=tendons, bending_stiffness=300.0)
+    RobotDesign((section,)).to_yaml("robot.yaml")
+    save(RoundCones(LINE, np.array([5.0, 5.0])), "tube.yaml")
+    return tmp_path
+
+
+def test_contact_gives_the_forces_as_json_and_as_a_table(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ("contact", "robot.yaml", "tube.yaml", "--tip-force", "0.2N,0N,0N")
+    assert main(["continuum", *words, "--json", "--out", "forces.csv"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["converged"] and found["contacts"]
+    # The gap of 2 mm takes 3 EI g / L^3 of the force.
+    wanted = 0.2 - 3.0 * 300.0 * 2.0 / 40.0**3
+    assert found["resultant_N"][0] == pytest.approx(-wanted, rel=0.01)
+    rows = (folder / "forces.csv").read_text().splitlines()
+    assert rows[0].startswith("arc_length_mm,x_mm,y_mm,z_mm,gap_mm,normal_force_N")
+    assert len(rows) == len(found["arc_length_mm"]) + 1
+
+
+def test_insert_writes_force_and_contacts(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ("insert", "robot.yaml", "tube.yaml", "--to", "30mm", "--step", "10mm")
+    files = ("--out", "force.csv", "--contacts", "contacts.csv", "--quiet")
+    assert main(["continuum", *words, *files]) == 0
+    assert "inserted 30.0 mm" in capsys.readouterr().out
+    assert (folder / "force.csv").read_text().startswith("inserted_mm,push_force_N")
+    assert (folder / "contacts.csv").read_text().startswith("inserted_mm,arc_length_mm")
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("contact", "robot.yaml"), "contact needs a wall: give INPUT, or --obstacle"),
+        (
+            ("contact", "robot.yaml", "tube.yaml", "--tension", "T9=1N"),
+            "--tension names 'T9': the tendons of robot 'robot' are T0, T1, T2, T3",
+        ),
+        (
+            (
+                "contact",
+                "robot.yaml",
+                "tube.yaml",
+                "--displacement",
+                "T1=1mm",
+                "--tension",
+                "T1=1N",
+            ),
+            "contact takes --displacement or --tension: give one of them",
+        ),
+        (("insert", "robot.yaml", "tube.yaml", "--to", "90mm"), "must be at most 40 mm"),
+        (
+            ("insert", "robot.yaml", "tube.yaml", "--friction", "3"),
+            "friction is 3: it must lie in [0, 2]",
+        ),
+    ],
+)
+def test_wrong_input_is_one_line(
+    folder: Path, capsys: pytest.CaptureFixture[str], words: tuple[str, ...], said: str
+) -> None:
+    assert main(["continuum", *words, "--quiet"]) == 2
+    error = capsys.readouterr().err
+    assert said in error
+    assert error.count("\n") == 1
+    assert sorted(path.name for path in folder.iterdir()) == ["robot.yaml", "tube.yaml"]

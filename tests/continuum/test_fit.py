@@ -1,0 +1,228 @@
+"""Fits of robots: simulated ones, whose constants are known."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from bozzini.continuum import (
+    ContinuumRobot,
+    Marker,
+    RobotFitOptions,
+    RobotMeasurements,
+    RobotSetup,
+    Section,
+    Tendon,
+    fit_robot,
+    parse_unknowns,
+    predict_points,
+    read_calibration,
+    write_calibration,
+)
+from bozzini.errors import InputError
+
+LENGTHS = (40.0, 50.0)
+BARE = RobotFitOptions(folds=0)
+
+
+def make_robot(*, offset: float = 4.0, rigidity: float = 500.0, stiffness: float = 2e3, **base):
+    sections = []
+    for k, length in enumerate(LENGTHS):
+        tendons = tuple(
+            Tendon(
+                name=f"T{3 * k + j + 1}",
+                offset=offset,
+                angle=0.5 * k + 2.0 * math.pi / 3.0 * j,
+                stiffness=stiffness,
+            )
+            for j in range(3)
+        )
+        sections.append(
+            Section(length=length, radius=6.0, discs=1, bending_stiffness=rigidity, tendons=tendons)
+        )
+    return ContinuumRobot(tuple(sections), **base)
+
+
+MARKERS = (Marker(name="tip"), Marker(name="m", arc_length=40.0, offset=(5.0, 0.0, 1.0)))
+
+
+def simulate(
+    truth: RobotSetup, *, rows: int = 40, noise: float = 0.0, seed: int = 0, ordered: bool = False
+) -> RobotMeasurements:
+    random = np.random.default_rng(seed)
+    commands = random.uniform(0.0, 3.0, (rows, 6))
+    if ordered:
+        commands = 1.5 + 1.5 * np.sin(np.linspace(0.0, 9.0, rows)[:, None] + np.arange(6.0))
+    blank = np.zeros((rows, len(truth.markers), 3))
+    data = RobotMeasurements(
+        command="displacement",
+        tendons=truth.robot.tendon_names,
+        commands=commands,
+        markers=truth.markers,
+        points=blank,
+    )
+    points = predict_points(truth, data).predicted
+    return dataclasses.replace(data, points=points + random.normal(0.0, noise, points.shape))
+
+
+def find(fit, name):
+    return next(one for one in fit.estimates if one.name == name)
+
+
+def test_true_constants_come_back():
+    turned = (0.1, -0.2, 0.3)
+    truth = RobotSetup(
+        make_robot(offset=4.4, stiffness=1e3, base_position=(3.0, -2.0, 5.0), base_rotation=turned),
+        MARKERS,
+        (0.1,) * 3 + (-0.2,) * 3,
+    )
+    free = ["base", "tendons.*.offset", "tendons.*.stiffness", "sections.each.tendons.zero"]
+    fit = fit_robot(make_robot(), simulate(truth), free=free, options=BARE)
+    assert fit.converged
+    assert fit.rms < 1e-3
+    assert not fit.undetermined
+    assert find(fit, "tendons.*.offset").value == pytest.approx(4.4, rel=1e-3)
+    assert find(fit, "tendons.*.stiffness").value == pytest.approx(1e3, rel=1e-2)
+    assert fit.robot.base_rotation == pytest.approx(turned, abs=1e-3)
+    assert fit.setup.zeros == pytest.approx(truth.zeros, abs=1e-3)
+
+
+def test_the_base_is_found_from_any_start():
+    far = make_robot(base_position=(100.0, 200.0, -50.0), base_rotation=(1.5, 1.5, -1.0))
+    fit = fit_robot(make_robot(), simulate(RobotSetup(far, MARKERS)), free=["base"], options=BARE)
+    assert fit.rms < 1e-3
+    assert fit.robot.base_frame == pytest.approx(far.base_frame, abs=1e-3)
+
+
+def test_what_is_degenerate_is_named():
+    truth = RobotSetup(make_robot(stiffness=1e9), MARKERS[:1], (5.0,) * 6)
+    free = ["base.position.z", "tendons.*.offset", "commands.scale"]
+    fit = fit_robot(truth, simulate(truth, noise=0.1), free=free, options=BARE)
+    assert fit.undetermined == (
+        "tendons.*.offset and commands.scale: only 1 of these 2 is determined",
+    )
+    assert not math.isfinite(find(fit, "commands.scale").standard_error)
+    assert math.isfinite(find(fit, "base.position.z").standard_error)
+
+
+def test_points_that_were_not_seen_make_no_difference():
+    truth = RobotSetup(make_robot(offset=4.4), MARKERS)
+    data = simulate(truth)
+    hidden = data.points.copy()
+    hidden[::3, 0] = np.nan
+    fit = fit_robot(
+        make_robot(), dataclasses.replace(data, points=hidden), free=["tendons.*.offset"],
+        options=BARE,
+    )  # fmt: skip
+    assert find(fit, "tendons.*.offset").value == pytest.approx(4.4, rel=1e-4)
+    assert np.isnan(fit.prediction.distances).sum() == np.isnan(hidden[..., 0]).sum()
+
+
+def test_backlash_comes_back():
+    truth = RobotSetup(make_robot(), MARKERS, backlash=0.2)
+    fit = fit_robot(
+        make_robot(), simulate(truth, rows=80, ordered=True), free=["commands.backlash"],
+        options=BARE,
+    )  # fmt: skip
+    assert fit.setup.backlash == pytest.approx(0.2, abs=1e-2)
+
+
+def test_rows_left_out_are_predicted_as_well_as_the_noise():
+    truth = RobotSetup(make_robot(offset=4.4), MARKERS[:1])
+    data = simulate(truth, noise=0.2)
+    fit = fit_robot(make_robot(), data, free=["tendons.*.offset"])
+    assert fit.validation is not None
+    expected = 0.2 * math.sqrt(3.0)
+    assert fit.validation.rms == pytest.approx(expected, rel=0.3)
+    assert fit.predict(data).rms == pytest.approx(fit.rms)
+
+
+def test_a_random_split_of_a_recording_is_refused():
+    data = simulate(RobotSetup(make_robot(), MARKERS), rows=80, ordered=True)
+    with pytest.raises(InputError, match="a random split tests no prediction"):
+        fit_robot(make_robot(), data, free=["base"], options=RobotFitOptions(split="random"))
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("sections.3.length", "names '3': there are 1, 2"),
+        ("tendons.T1.colour", "use offset, angle, stiffness"),
+        ("tendon.T1.zero", "cannot be fitted: use"),
+        ("base.position.w", "cannot be fitted"),
+        ("sections.1.modulus,sections.1.modulus", "free more than once"),
+    ],
+)
+def test_wrong_names_are_refused(name, words):
+    with pytest.raises(InputError, match=words):
+        parse_unknowns(name.split(","), RobotSetup(make_robot()))
+
+
+def test_names_stand_for_one_number_or_for_one_each():
+    setup = RobotSetup(make_robot())
+    assert len(parse_unknowns(["base"], setup)) == 6
+    assert len(parse_unknowns(["tendons.*.zero"], setup)) == 1
+    assert len(parse_unknowns(["tendons.each.zero"], setup)) == 6
+    assert len(parse_unknowns(["sections.each.tendons.zero"], setup)) == 2
+
+
+def test_a_longer_section_moves_what_stands_on_it():
+    robot = make_robot()
+    truth = RobotSetup(
+        dataclasses.replace(
+            robot,
+            sections=tuple(
+                dataclasses.replace(
+                    one,
+                    length=1.1 * one.length,
+                    disc_positions=(),
+                    tendons=tuple(dataclasses.replace(t, end=None) for t in one.tendons),
+                )
+                for one in robot.sections
+            ),
+        ),
+        (Marker(name="tip"), Marker(name="m", arc_length=44.0)),
+    )
+    data = simulate(truth)
+    data = dataclasses.replace(data, markers=(MARKERS[0], Marker(name="m", arc_length=40.0)))
+    fit = fit_robot(robot, data, free=["sections.*.length"], options=BARE)
+    assert fit.rms < 1e-3
+    assert fit.robot.length == pytest.approx(1.1 * robot.length, rel=1e-5)
+
+
+def test_a_calibration_comes_back_from_its_file(tmp_path):
+    truth = RobotSetup(make_robot(), MARKERS, (0.1,) * 6)
+    fit = fit_robot(make_robot(), simulate(truth), free=["tendons.*.zero"], options=BARE)
+    path = write_calibration(tmp_path / "zeros.yaml", fit.to_calibration())
+    again = read_calibration(path).make_setup(fit.robot)
+    assert again.zeros == fit.setup.zeros
+    assert again.markers == fit.setup.markers
+
+
+@pytest.mark.slow
+def test_intervals_cover_the_truth():
+    truth = RobotSetup(make_robot(offset=4.4), MARKERS, (0.1,) * 6)
+    free, hits, tries = ["tendons.*.offset", "tendons.*.zero", "base.position.z"], 0, 60
+    values = (4.4, 0.1, 0.0)
+    for seed in range(tries):
+        data = simulate(truth, rows=30, noise=0.3, seed=seed)
+        fit = fit_robot(make_robot(), data, free=free, options=BARE)
+        pairs = zip(fit.estimates, values, strict=True)
+        hits += sum(one.low <= value <= one.high for one, value in pairs)
+    assert 0.88 <= hits / (3 * tries) <= 0.99
+
+
+@pytest.mark.slow
+def test_fewer_constants_that_predict_better_are_said():
+    truth = RobotSetup(make_robot(offset=4.4), MARKERS[:1])
+    data = simulate(truth, rows=12, noise=1.0, seed=3)
+    free = ["tendons.*.offset", "tendons.each.zero", "sections.each.bending_stiffness"]
+    fit = fit_robot(make_robot(), data, free=free)
+    assert fit.smaller is not None
+    assert fit.validation is not None
+    assert fit.smaller.rms <= fit.validation.rms
+    assert set(fit.smaller.names) < {one.name for one in fit.estimates}
+    assert "fewer constants predict better" in fit.format_table()
