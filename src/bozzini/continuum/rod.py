@@ -702,6 +702,8 @@ def follow(rod: Rod, target: Target, *, convex: bool, start: Shot | None = None)
         # Few steps are not as exact as tendons that do not stretch ask for.
         rod = rod.with_changes(rod.changes)
     found = rod.follow(target, rod.rest(), first=first)
+    if found.reason and target.is_rigid:
+        found = stiffen(rod, target, found, first)
     if found.reason:
         if not rod.trace(found, EMPTY):
             found = dataclasses.replace(rod.rest(), reason=found.reason)
@@ -710,6 +712,26 @@ def follow(rod: Rod, target: Target, *, convex: bool, start: Shot | None = None)
         found = share_tensions(rod, target, found)
         found = dataclasses.replace(found, reason=find_play(rod, target, found))
     return found
+
+
+STRETCHES = 10.0 ** np.arange(-3.0, -8.0, -1.0)
+"""Compliances of tendons on the way to stiff ones, against the rod's own."""
+
+
+def stiffen(rod: Rod, target: Target, found: Shot, first: float) -> Shot:
+    """Return the state by way of tendons that stretch less and less; `found` where there is none.
+
+    Tendons that lock a twist are almost redundant: which of them are taut is open without.
+    """
+    give = 1.0 / (rod.unit_tension * rod.unit_tension / rod.unit)
+    shot = rod.rest()
+    for index, part in enumerate(STRETCHES):
+        soft = dataclasses.replace(target, compliances=np.full(len(target.names), part * give))
+        shot = rod.follow(soft, shot, first=first if index == 0 else 1.0)
+        if shot.reason:
+            return found
+    shot = rod.follow(target, shot, first=1.0)
+    return found if shot.reason else shot
 
 
 EMPTY: Form = (
