@@ -714,7 +714,7 @@ def follow(rod: Rod, target: Target, *, convex: bool, start: Shot | None = None)
     return found
 
 
-STRETCHES = 10.0 ** np.arange(-3.0, -8.0, -1.0)
+STRETCHES = 10.0 ** np.arange(-2.0, -8.1, -0.25)
 """Compliances of tendons on the way to stiff ones, against the rod's own."""
 
 
@@ -730,8 +730,9 @@ def stiffen(rod: Rod, target: Target, found: Shot, first: float) -> Shot:
         shot = rod.follow(soft, shot, first=first if index == 0 else 1.0)
         if shot.reason:
             return found
-    shot = rod.follow(target, shot, first=1.0)
-    return found if shot.reason else shot
+        if float(np.abs(soft.compliances * shot.tensions).max()) <= 0.5 * target.tolerance:
+            return shot
+    return found
 
 
 EMPTY: Form = (
