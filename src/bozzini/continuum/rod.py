@@ -704,6 +704,8 @@ def follow(rod: Rod, target: Target, *, convex: bool, start: Shot | None = None)
     found = rod.follow(target, rod.rest(), first=first)
     if found.reason and target.is_rigid:
         found = stiffen(rod, target, found, first)
+        if not found.reason:
+            return found
     if found.reason:
         if not rod.trace(found, EMPTY):
             found = dataclasses.replace(rod.rest(), reason=found.reason)
@@ -714,7 +716,7 @@ def follow(rod: Rod, target: Target, *, convex: bool, start: Shot | None = None)
     return found
 
 
-STRETCHES = 10.0 ** np.arange(-2.0, -8.1, -0.25)
+STRETCHES = 10.0 ** np.array([-2.0, -3.0, -4.0, -5.0, -6.0, -6.25, -6.5, -6.75, -7.0, -8.0])
 """Compliances of tendons on the way to stiff ones, against the rod's own."""
 
 
@@ -730,7 +732,7 @@ def stiffen(rod: Rod, target: Target, found: Shot, first: float) -> Shot:
         shot = rod.follow(soft, shot, first=first if index == 0 else 1.0)
         if shot.reason:
             return found
-        if float(np.abs(soft.compliances * shot.tensions).max()) <= 0.5 * target.tolerance:
+        if float(np.abs(soft.compliances * shot.tensions).max()) <= 0.9 * target.tolerance:
             return shot
     return found
 
