@@ -454,7 +454,7 @@ def pose_command(
         raise InputError("pose takes --displacement or --tension: give one of them")
     robot = read_robot(robot_file)
     given = {**given, "loads": tuple(map(parse_load, load)) or None}
-    name = model_name or ("rod" if tension is not None else robot.choose_model(given))
+    name = model_name or robot.choose_model(given, pulled=tension is not None)
     settings_given = {**given, **parse_settings(name, settings)}
     model = make_model(name, robot, settings_given, pulled=tension is not None)
     if tension is not None:
