@@ -328,7 +328,7 @@ def test_compare_gives_loads_to_the_rod_alone(ask):
     )
     assert loaded["models"]["arc"]["tip_mm"] == free["models"]["arc"]["tip_mm"]
     assert loaded["models"]["arc"]["tip_from_rod_mm"] > 0.1
-    assert "only the rod bears the load" in loaded["notes"][0]
+    assert "the energy and the rod model bear the load" in loaded["notes"][0]
     assert "tendons stretch" in loaded["notes"][1]
 
 
