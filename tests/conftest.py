@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -46,6 +47,12 @@ def upper_gi_dir() -> Path:
 def festo10_dir() -> Path:
     """Give the directory of curves of McKibben muscles that fill and leak (Bolen et al.)."""
     return _find_data("festo10")
+
+
+@pytest.fixture(scope="session")
+def robot_dirs() -> Callable[[str], Path]:
+    """Give what gives the directory of a measured robot, by its name."""
+    return _find_data
 
 
 @pytest.fixture(scope="session")

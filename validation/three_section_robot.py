@@ -160,11 +160,11 @@ def describe(data: RobotMeasurements, best: RobotFit) -> list[str]:
 
 LIMITS = (
     "What helps most is a stiffness of the tendons that does not fall with their length: the "
-    "drives give way, not the tendons. It is worth more than stiffness ratios, clocking and the whole "
-    "pose of the base together. What limits: rows of the same command differ by 4 mm and more with "
-    "the way that led to them, of which backlash is a small part. Forms were compared by the very "
-    "errors of the table, on one recording of one robot: on others expect more, and sooner the "
-    "error of few constants than that of many."
+    "drives give way, not the tendons. It is worth more than stiffness ratios, clocking and the "
+    "whole pose of the base together. What limits: rows of the same command differ by 4 mm and "
+    "more with the way that led to them, of which backlash is a small part. Forms were compared by "
+    "the very errors of the table, on one recording of one robot: on others expect more, and "
+    "sooner the error of few constants than that of many."
 )
 COMMANDS = (
     "The chosen form, with robot.yaml as above and a table whose titles are those of the command:",
