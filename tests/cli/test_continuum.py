@@ -321,7 +321,7 @@ def test_compare_without_any_shape_is_a_negative_answer(run):
     assert not Path("no.png").exists()
 
 
-def test_compare_gives_loads_to_the_rod_alone(ask):
+def test_compare_gives_loads_to_models_of_forces(ask):
     free, loaded = (
         ask("compare", TWO, "--displacement", BENT, *more)
         for more in ((), ("--tip-force", "0,0.05N,0", *WIRE))
