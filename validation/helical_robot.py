@@ -129,7 +129,8 @@ def validate(folder: Path, images: Path) -> Section:
             f"scripts, the least error is with {pull:.2f} mm; friction, weight, and the few discs "
             "that guide the tendons in place of channels are left out of the model, and any of "
             "them could be what the factor stands for. Eleven steps of one tendon hardly determine "
-            "the base: its position and its rotation cannot be distinguished, as the fit warns. So this compares the form of the path of the tip disc, not its place.",
+            "the base: its position and its rotation cannot be distinguished, as the fit "
+            "warns. So this compares the form of the path of the tip disc, not its place.",
         ),
         bounds=(Bound(f"two markers, {len(best.estimates)} constants", best.rms, 1.0, "mm"),),
     )
