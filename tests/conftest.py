@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -49,9 +50,9 @@ def festo10_dir() -> Path:
 
 
 @pytest.fixture(scope="session")
-def sorosim_dir() -> Path:
-    """Give the directory of static shapes by SoRoSim (opencr-mujoco, MIT)."""
-    return _find_data("sorosim_statics")
+def robot_dirs() -> Callable[[str], Path]:
+    """Give what gives the directory of a measured robot, by its name."""
+    return _find_data
 
 
 @pytest.fixture(scope="session")

@@ -38,10 +38,10 @@ SHARED = (
     "tendons.*.offset",
 )  # fmt: skip
 FORMS = {
-    "the same, 6 constants of the base and one zero": (
+    "stiffness of a tendon, one zero, all of the base": (
         "tendons.*.stiffness", "tendons.*.zero", "base",
     ),
-    "stiffness of a tendon, zero per section, height and tilt of the base": SHARED[:4],
+    "the same, zero per section, of the base height and tilt": SHARED[:4],
     "and distance of the tendons": SHARED,
     "and backlash": (*SHARED, "commands.backlash"),
     "and clocking, EI of each section, all of the base": (
@@ -159,12 +159,12 @@ def describe(data: RobotMeasurements, best: RobotFit) -> list[str]:
 
 
 LIMITS = (
-    "What helps most is a stiffness of the tendons that does not fall with their length: the drives "
-    "give way, not the tendons. It is worth more than stiffness ratios, clocking and the whole "
-    "pose of the base together. What limits: rows of the same command differ by 4 mm and more with "
-    "the way that led to them, of which backlash is a small part. Forms were compared by the very "
-    "errors of the table, on one recording of one robot: on others expect more, and sooner the "
-    "error of few constants than that of many."
+    "What helps most is a stiffness of the tendons that does not fall with their length: the "
+    "drives give way, not the tendons. It is worth more than stiffness ratios, clocking and the "
+    "whole pose of the base together. What limits: rows of the same command differ by 4 mm and "
+    "more with the way that led to them, of which backlash is a small part. Forms were compared by "
+    "the very errors of the table, on one recording of one robot: on others expect more, and "
+    "sooner the error of few constants than that of many."
 )
 COMMANDS = (
     "The chosen form, with robot.yaml as above and a table whose titles are those of the command:",

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 
 import numpy as np
 import pytest
@@ -113,9 +114,20 @@ def test_beyond_the_buckling_load_it_is_stable_or_refused(segment) -> None:
     refused = straight.shape_under_tensions(NO_PULL)
     assert not refused.converged and not refused.stable
     assert "buckles at 0.25" in str(refused.reason)
-    # Without tension a cable of the commanded length lets the rod bend no further than its slack.
-    held = straight.shape(NO_PULL)
-    assert held.stable == held.converged
+
+
+@pytest.mark.parametrize("stiffness", [1e4, math.inf])
+def test_cables_without_tension_hold_the_turn_of_the_tip(stiffness) -> None:
+    # All bends but those between two parallel ends would stretch one: four times Euler's load.
+    for share in (0.5, 0.9):
+        model = load(tip_force=(0.0, 0.0, -4.0 * share * EULER), tendon_stiffness=stiffness)
+        shape = model.shape(NO_PULL)
+        assert shape.converged, shape.reason
+        assert float(shape.stability) == pytest.approx(1.0 - share, abs=0.02)
+        assert shape.tip == pytest.approx([0.0, 0.0, LENGTH], abs=1e-3)
+    model = load(tip_force=(0.0, 0.0, -5.0 * EULER), tendon_stiffness=stiffness)
+    named = re.search(r"buckles at ([\d.]+) of the load", str(model.shape(NO_PULL).reason))
+    assert named and float(named[1]) == pytest.approx(0.8, abs=0.01)
 
 
 def test_loaded_tendons_find_the_equilibrium_that_is_there() -> None:

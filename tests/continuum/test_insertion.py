@@ -148,3 +148,18 @@ def test_wrong_input_is_refused_in_one_line() -> None:
 def test_the_same_insertion_in_a_simulator_of_rigid_bodies() -> None:
     pytest.importorskip("bozzini.physics", reason="there is no simulator of the scene yet")
     pytest.fail("compare the push force of a simulated insertion with insert_robot's, within 10 %")
+
+
+def test_tendons_that_end_in_the_introducer_do_nothing() -> None:
+    def make(name: str, length: float, angle: float) -> Section:
+        tendon = Tendon(name=name, offset=2.0, angle=angle)
+        return Section(length=length, radius=3.0, tendons=(tendon,), bending_stiffness=300.0)
+
+    robot = RobotDesign((make("T1", 30.0, 0.0), make("T2", 30.0, np.pi)))
+    # The end of T1, 30 mm before the tip, passes the introducer's at any part of a segment.
+    table = DriveTable(
+        inserted=np.array([31.7, 28.3]), displacements=np.array([[0.0, 0.3], [0.0, 0.3]])
+    )
+    found = insert_robot(ContactModel(robot, TUBE, options=OPTIONS), PATH, step=1.0, drives=table)
+    assert found.converged, found.reason
+    assert found.last.tensions[0] == 0.0 and found.last.tensions[1] > 0.0

@@ -55,6 +55,8 @@ FILES = {
     "markers": ("markers.csv",),
     "log": ("log.csv",),
     "way": ("way.csv",),
+    "rows": ("rows.csv",),
+    "two sections": ("two_sections.yaml",),
     "strips": ("strips.yaml",),
     "pictures": ("pictures.csv",),
     "pairs": ("pairs.csv",),
@@ -112,6 +114,7 @@ LEGAL: dict[str, tuple[int, str]] = {
     "continuum rank": (1, "<plan --modes 4 --sections 4 --rounds 2"),
     "continuum contact": (3, "<robot <tract or shapes --displacement T1=1mm"),
     "continuum insert": (3, "<robot <tract or shapes --to 20mm --step 5mm"),
+    "continuum fit": (2, "<two sections <rows --folds 0 --free base.position"),
     "continuum fabricate": (2, "<robot --out >"),
     "effector fabricate": (2, "--holder-diameter 11mm --out >"),
     "live": (2, "<tract --diameter 4mm --link 8mm --duration 0.1s --inserted 0.8"),
@@ -244,6 +247,9 @@ def make_originals(folder: Path) -> None:
     s = np.linspace(0.0, 60.0, 61)
     way = np.column_stack([8.0 * np.sin(s / 25.0) ** 2, 0.0 * s, s])
     np.savetxt(folder / "way.csv", way, delimiter=",", header="x_mm,y_mm,z_mm", comments="")
+    pulls = [f"{pull},{-pull / 2},{-pull / 2},0,0,0,{pull},5,95" for pull in (0, 0.5, 1, 1.5)]
+    titles = [f"T{k} displacement [mm]" for k in range(1, 7)] + [f"tip {a} [mm]" for a in "xyz"]
+    (folder / "rows.csv").write_text("\n".join([",".join(titles), *pulls]) + "\n")
     seen = np.hstack([each.project(np.linspace([0, 0, 10], [9, 5, 30], 9)) for each in pair])
     rows = [",".join(f"{value:.2f}" for value in row) for row in seen]
     (folder / "markers.csv").write_text("\n".join(["Lx1,Ly1,Rx1,Ry1", *rows]) + "\n")

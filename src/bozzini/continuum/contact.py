@@ -231,7 +231,8 @@ class FreePart:
         count = len(self.robot.tendons)
         paths = np.zeros((count, len(self.arc_length), 2))
         guides = np.zeros((count, len(self.spans), len(POINTS), 4))
-        ends = np.searchsorted(self.arc_length, self.robot.tendon_ends - ROUND_OFF_MM)
+        # Of a segment joined with a short one before it, a tendon that ends between leaves it out.
+        ends = np.searchsorted(self.arc_length[1:], self.robot.tendon_ends + ROUND_OFF_MM, "right")
         places = self.arc_length[:-1, None] + self.spans[:, None] * POINTS
         for row, (tendon, end) in enumerate(zip(self.robot.tendons, ends, strict=True)):
             if end > 0:
@@ -1070,10 +1071,12 @@ class ContactModel:
             command.share,
         )
         count, n = len(robot.tendons), len(part.spans)
+        # A tendon that ends in the introducer does nothing.
+        limits = np.where(part.packed[4] > 0, part.straight - command.displacements, np.nan)
         task = Equilibrium(
             part,
             self.walls,
-            part.straight - command.displacements,
+            limits,
             np.where(robot.pushes, -np.inf, 0.0),
             robot.rest_lengths / robot.tendon_stiffness if count else np.zeros(0),
             self.options,
@@ -1085,8 +1088,8 @@ class ContactModel:
         else:
             start = carry_state(initial, part)
             before = place_before(initial, part)
-        follows = np.isnan(command.displacements)
-        start.tensions = np.where(follows, command.tensions, start.tensions)
+        pulled = np.where(part.packed[4] > 0, command.tensions, 0.0)
+        start.tensions = np.where(np.isnan(limits), pulled, start.tensions)
         solution = settle(task, start, before, WARM if initial is not None else 0)
         return self._describe(task, solution, command.displacements)
 

@@ -299,10 +299,26 @@ class LoadedRod:
         Lengths that are held and carry tension do not change, or stretch their tendon. Loads
         without a potential have a tangent that is not symmetric: least real part then.
         """
-        return self.find_softest(command, found)[0]
+        matrix = self._second_variation(command, found)
+        if self.spots.have_potential:
+            least = float(np.linalg.eigvalsh(matrix)[0])
+        else:
+            least = float(np.linalg.eigvals(matrix).real.min())
+        if self.grid.packed[5] == CHANNEL:
+            # In finer and finer segments, one that gives way alone is enough.
+            scale = 1.0 / np.sqrt(self.grid.stiffness)
+            own = found.blocks * scale[:, :, None] * scale[:, None, :] + np.eye(3)
+            alone = float(np.linalg.eigvalsh(own).min())
+            least = min(least, alone) if alone < -ZERO_MODE else least
+        return least
 
-    def find_softest(self, command: Command, found: Equilibrium) -> tuple[float, Floats]:
-        """Return `measure_stability`, and the turns (n, 3) of the softest mode."""
+    def _find_softest(self, command: Command, found: Equilibrium) -> Floats:
+        """Turns (n, 3) of the softest mode, under loads with a potential."""
+        modes = np.linalg.eigh(self._second_variation(command, found))[1]
+        return np.asarray(modes[:, 0].reshape(-1, 3) / np.sqrt(self.grid.stiffness))
+
+    def _second_variation(self, command: Command, found: Equilibrium) -> Floats:
+        """Second variation in scaled turns; directions that are held are stiff."""
         scale = 1.0 / np.sqrt(self.grid.stiffness.ravel())
         matrix = found.hessian * scale[:, None] * scale
         taut = command.held & ((found.tensions != 0.0) | self.pushes)
@@ -311,45 +327,34 @@ class LoadedRod:
         matrix += rows[soft].T @ (rows[soft] / self.compliances[taut][soft, None])
         rows = rows[~soft]
         if len(rows):
-            # Lengths that do not change: their directions are made stiff, and nothing else.
             _, sizes, ways = np.linalg.svd(rows, full_matrices=False)
             fixed = ways[sizes > 1e-9 * sizes.max(initial=0.0)]
             across = fixed @ matrix
             inner = across @ fixed.T + STIFF_MODE * np.eye(len(fixed))
             matrix += fixed.T @ (inner @ fixed - across) - (matrix @ fixed.T) @ fixed
-        if self.spots.have_potential:
-            values, modes = np.linalg.eigh(matrix)
-        else:
-            values, modes = np.linalg.eig(matrix)
-            values, modes = values.real, modes.real
-        worst = int(np.argmin(values))
-        least = float(values[worst])
-        if self.grid.packed[5] == CHANNEL:
-            # In finer and finer segments, one that gives way alone is enough.
-            scales = scale.reshape(-1, 3)
-            own = found.blocks * scales[:, :, None] * scales[:, None, :] + np.eye(3)
-            alone = float(np.linalg.eigvalsh(own).min())
-            least = min(least, alone) if alone < -ZERO_MODE else least
-        return least, (modes[:, worst] * scale).reshape(-1, 3)
+        return np.asarray(matrix)
 
-    def settle(self, command: Command, found: Equilibrium) -> tuple[Equilibrium, float]:
+    def settle(
+        self, command: Command, found: Equilibrium, factors: Factors = WHOLE
+    ) -> tuple[Equilibrium, float]:
         """Return the equilibrium and its stability; kicked where tendons without tension may hold.
 
         A tendon of the commanded length without tension holds what would lengthen it: then the
         shape comes back from a kick.
         """
-        least, mode = self.find_softest(command, found)
-        limits = command.free_lengths
+        least = self.measure_stability(command, found)
+        limits = command.limits(factors)
         idle = command.held & ~self.pushes & (found.tensions == 0.0)
         idle &= found.lengths > limits - 2.0 * self.tolerance
         if least > -ZERO_MODE or not idle.any() or not self.spots.have_potential:
             return found, least
+        mode = self._find_softest(command, found)
         kick = KICK * mode / np.linalg.norm(mode)
         for sign in (1.0, -1.0):
-            other = self.solve(command, WHOLE, (found.turns + sign * kick, found.tensions))
+            other = self.solve(command, factors, (found.turns + sign * kick, found.tensions))
             if not other.found or np.abs(other.turns - found.turns).max() > KICK:
                 return found, least
-            known, _ = self.find_softest(command, other)
+            known = self.measure_stability(command, other)
             if known <= -ZERO_MODE:
                 return found, least
             back, value = other, known
@@ -365,16 +370,17 @@ class LoadedRod:
         low, high = 0.0, 1.0
         state = self.rest, np.where(command.held, 0.0, command.pulls)
         for found in path:
-            if self.measure_stability(command, found) < 0.0:
+            if self.settle(command, found, Factors(found.share, found.share))[1] < 0.0:
                 high = found.share
                 break
             low, state = found.share, (found.turns, found.tensions)
         while high - low > BUCKLING_SHARE * high:
             middle = 0.5 * (low + high)
-            found = self.solve(command, Factors(middle, middle), state)
+            part = Factors(middle, middle)
+            found = self.solve(command, part, state)
             if not found.found:
                 break
-            if self.measure_stability(command, found) < 0.0:
+            if self.settle(command, found, part)[1] < 0.0:
                 high = middle
             else:
                 low, state = middle, (found.turns, found.tensions)

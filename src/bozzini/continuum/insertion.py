@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_array, check_number, check_path, check_points
+from ..checks import check_array, check_number, check_path, check_points, check_range
 from ..errors import FileFormatError, InputError
 from ..numeric.polylines import carry_frames, interpolate_polyline, measure_arc_length
 from ..progress import Progress, no_progress
@@ -34,6 +34,9 @@ STALLED = 0.05
 
 STALLED_RADII = 2.0
 """Length over which that must be so, in radii of the body."""
+
+ENTRY_RADII = 4.0
+"""Length of the path that gives the direction of the introducer, in radii of the body."""
 
 SMALLEST_STEP = 1.0 / 16.0
 """Smallest part of a step that is tried where the whole one has no equilibrium."""
@@ -76,14 +79,14 @@ class DriveTable:
                 f"inserted has shape {inserted.shape} and displacements "
                 f"{displacements.shape}: they must be (rows,) and (rows, tendons), rows from 1"
             )
-        if not np.isfinite(inserted).all():
-            raise InputError("inserted has values that are not finite (NaN or infinite)")
+        check_range("inserted", inserted, 0.0, np.finfo(np.float64).max, "mm")
         object.__setattr__(self, "inserted", inserted)
         object.__setattr__(self, "displacements", displacements)
 
     @classmethod
     def passive(cls, robot: RobotDesign, to: float) -> DriveTable:
         """Return an insertion to a length [mm] whose tendons follow without tension."""
+        check_number("inserted", to, low=0.0, low_open=True, unit="mm")
         return cls(inserted=np.array([to]), displacements=np.full((1, len(robot.tendons)), np.nan))
 
     @classmethod
@@ -313,14 +316,16 @@ def insert_robot(
 
 
 def place_at_entry(model: ContactModel, points: Floats) -> ContactModel:
-    """Return the model with its base at the entry, looking along the path."""
-    steps = np.diff(points, axis=0)
-    steps = steps[np.linalg.norm(steps, axis=1) > 0.0]
-    tangents = steps / np.linalg.norm(steps, axis=1, keepdims=True)
-    robot = dataclasses.replace(
-        model.robot, base_position=tuple(points[0]), base_rotation=carry_frames(tangents)[0]
-    )
-    radius = robot.sections[-1].radius
+    """Return the model with its base at the entry, looking along the beginning of the path.
+
+    Its x is the world's axis most across that, as the planner's.
+    """
+    radius = model.robot.sections[-1].radius
+    first = measure_arc_length(points) <= ENTRY_RADII * radius
+    first[1] = True
+    way = points[first].mean(axis=0) - points[0]
+    frame = carry_frames(way[None] / np.linalg.norm(way))[0]
+    robot = dataclasses.replace(model.robot, base_position=tuple(points[0]), base_rotation=frame)
     for wall in model.walls:
         gap = float(wall.measure(points[:1], np.array([radius]))[0])
         if gap < 0.0:
@@ -458,8 +463,8 @@ class _Insertion:
         if not self.reason and math.isfinite(self.buckled[0]):
             place = ", ".join(f"{value:.4g}" for value in self.buckled[1])
             self.reason = (
-                f"at {self.buckled[0]:.4g} mm: the body buckles, it jumps to another shape, most at "
-                f"({place}) mm"
+                f"at {self.buckled[0]:.4g} mm: the body buckles: it jumps to another shape, most "
+                f"at ({place}) mm"
             )
         return InsertionResult(
             robot=self.model.robot,

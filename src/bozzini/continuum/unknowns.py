@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, cast
+from typing import Any, Literal, TypeAlias, cast
 
 import numpy as np
 
@@ -24,6 +24,9 @@ WIDEST = 6.0
 """Largest logarithm of the factor of a stiffness."""
 WIDEST_LENGTH = 1.0
 """Largest logarithm of the factor of a length."""
+
+WIDEST_ZERO_MM = 20.0
+"""Largest change of a tendon's zero [mm]."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +63,7 @@ FIELDS: dict[Group, dict[str, Known]] = {
         "stiffness": _factor("N", 2.0 * WIDEST),
         "pretension": Known("shift", "N", begin=0.1),
         "friction": Known("shift", "", begin=0.05),
-        "zero": Known("shift", "mm"),
+        "zero": Known("shift", "mm", -WIDEST_ZERO_MM, WIDEST_ZERO_MM),
     },
     "markers": {
         "arc_length": Known("shift", "mm"),
@@ -292,7 +295,7 @@ def _check_field(name: str, group: Group, field: str) -> None:
         raise _refuse(name, FIELDS[group])
 
 
-def _refuse(name: str, legal: Any) -> InputError:
+def _refuse(name: str, legal: Iterable[str]) -> InputError:
     return InputError(f"'{name}' cannot be fitted: use {', '.join(legal)}")
 
 
@@ -416,20 +419,23 @@ def _interpolate(before: Floats, after: Floats) -> Callable[[float], float]:
     return lambda place: float(np.interp(place, *ends))
 
 
-def _scale(profile: Any, factor: float) -> Any:
+_Profile: TypeAlias = "float | Sequence[Sequence[float]] | None"
+
+
+def _scale(profile: _Profile, factor: float) -> _Profile:
     """Return a number or knots with values times a factor."""
     if profile is None or isinstance(profile, (int, float)):
         return None if profile is None else profile * factor
     return tuple((knot[0], *(value * factor for value in knot[1:])) for knot in profile)
 
 
-def _shift(profile: Any, step: float) -> Any:
-    if isinstance(profile, (int, float)):
-        return profile + step
+def _shift(profile: _Profile, step: float) -> _Profile:
+    if profile is None or isinstance(profile, (int, float)):
+        return None if profile is None else profile + step
     return tuple((place, value + step) for place, value in profile)
 
 
-def _move_knots(profile: Any, stretch: Callable[[float], float]) -> Any:
+def _move_knots(profile: _Profile, stretch: Callable[[float], float]) -> _Profile:
     if profile is None or isinstance(profile, (int, float)):
         return profile
     return tuple((stretch(knot[0]), *knot[1:]) for knot in profile)
@@ -447,7 +453,7 @@ def _change_tendon(
         fields["path"] = tuple((p, c * x - s * y, s * x + c * y) for p, x, y in tendon.path)
     else:
         fields["offset"] = _scale(tendon.offset, factor)
-        fields["angle"] = _shift(tendon.angle, own.get("angle", 0.0))
+        fields["angle"] = _shift(cast("_Profile", tendon.angle), own.get("angle", 0.0))
     if stretch is not None:
         fields = {name: _move_knots(value, stretch) for name, value in fields.items()}
         fields["end"] = stretch(cast("float", tendon.end))
