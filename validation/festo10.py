@@ -171,10 +171,10 @@ def format_text(data: Measurements, lengths: list[float], fitted: RankedModel) -
         f"{max(lengths):.0f} mm long, held at four contractions, three times, inflating and "
         "deflating. Fitted is the force. Each length is left out in turn and nothing is fitted to "
         "it; the constants are shared by the others. Given of it are the rest length and, in the "
-        "forms with an offset from the free length, its length without load at 620 kPa. Errors are "
-        "root mean squares over all rows [N]; the last columns have those of each length when it is "
-        "left out, both directions. Published: 17 to 23 N for laws of three constants, and 63 to "
-        "144 N for earlier laws (Bolen et al.). `none`: no answer at a length left out.",
+        "forms with an offset from the free length, its length without load at 620 kPa. Errors "
+        "are root mean squares over all rows [N]; the last columns have those of each length when "
+        "it is left out, both directions. Published: 17 to 23 N for laws of three constants, and "
+        "63 to 144 N for earlier laws (Bolen et al.). `none`: no answer at a length left out.",
         "",
         "The last form but one predicts a length from its rest length alone. On all four lengths "
         f"it has a braid angle of {np.degrees(known['braid_angle']):.1f} deg, a modulus of "

@@ -365,11 +365,10 @@ class Quantity:
 
     def is_legal(self, value: float, item: Any) -> bool:
         """Whether a float is a legal value, the other fields of a dataclass being as they are."""
-        low, high = (end(item) if callable(end) else end for end in (self.low, self.high))
-        inside = low < value if self.low_open else low <= value
-        return bool(inside and value <= high and not (self.words or self.whole)) and (
-            math.isfinite(value)
-        )
+        low = self.low(item) if callable(self.low) else self.low
+        high = self.high(item) if callable(self.high) else self.high
+        inside = (low < value if self.low_open else low <= value) and value <= high
+        return inside and math.isfinite(value) and not (self.words or self.whole)
 
     def check(self, name: str, value: Any, item: Any = None) -> float:
         """Return a legal value as a plain number, or raise `InputError`.

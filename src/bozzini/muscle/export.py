@@ -185,6 +185,7 @@ class _Law:
             "OFFSET": ends.offset,
             "COMPLIANCE": ends.compliance,
             "SLACK_FORCE": -math.inf if ends.slack_force is None else ends.slack_force,
+            "GOLDEN": 0.5 * (math.sqrt(5.0) - 1.0),
         }
 
 
@@ -584,6 +585,8 @@ double muscle_pressure(double force, double length)
 {{
     const double own = LENGTH - length - OFFSET + COMPLIANCE * force;
     double near = LEAST_PRESSURE, step = 0.02, left = miss_pressure(near, force, own);
+    double low = near, high = near, best = left;
+    int k;
     if (left == 0.0)
         return near;
     while (near < MOST_PRESSURE) {{
@@ -591,9 +594,32 @@ double muscle_pressure(double force, double length)
         const double right = miss_pressure(far, force, own);
         if (left * right <= 0.0)
             return find_root(miss_pressure, force, own, near, far);
+        if (high == near)
+            high = far;
+        if (fabs(right) < fabs(best) || isnan(best)) {{
+            low = near;
+            high = far;
+            best = right;
+        }}
         near = far;
         left = right;
         step *= 2.0;
+    }}
+    /* The force may pass twice in one step: golden sections about the nearest one tried. */
+    for (k = 0; k < 60 && !isnan(miss_pressure(low, force, own)); ++k) {{
+        const double one = high - GOLDEN * (high - low), other = low + GOLDEN * (high - low);
+        const double less = miss_pressure(one, force, own);
+        const double more = miss_pressure(other, force, own);
+        if (less * best <= 0.0)
+            return find_root(miss_pressure, force, own, low, one);
+        if (more * best <= 0.0)
+            return find_root(miss_pressure, force, own, low, other);
+        if (isnan(less + more))
+            break;
+        if (fabs(less) < fabs(more))
+            high = other;
+        else
+            low = one;
     }}
     return NAN;
 }}
@@ -706,6 +732,7 @@ def muscle_pressure(force, length):
         near = np.full(force.shape, LEAST_PRESSURE)
         left = excess(near)
         lowest, far, step, at = left == 0.0, np.full(force.shape, np.nan), 0.02, LEAST_PRESSURE
+        tried, values = np.array([at]), np.array([left])
         while at < MOST_PRESSURE:
             at = min(LEAST_PRESSURE + step, MOST_PRESSURE)
             right = excess(np.full(force.shape, at))
@@ -713,5 +740,24 @@ def muscle_pressure(force, length):
             far = np.where(crossed, at, far)
             near = np.where(np.isnan(far), at, near)
             left, step = right, 2.0 * step
+            tried, values = np.append(tried, at), np.concatenate([values, [right]])
+        # The force may pass twice in one step: golden sections about the nearest one tried.
+        place = np.argmin(np.where(np.isnan(values), np.inf, np.abs(values)), axis=0)
+        best = np.take_along_axis(values, np.expand_dims(place, 0), axis=0)[0]
+        low = tried[np.maximum(place - 1, 0)]
+        high = tried[np.minimum(place + 1, len(tried) - 1)]
+        lost = ~lowest & np.isnan(far) & ~np.isnan(excess(low))
+        for _ in range(60):
+            if not np.any(lost):
+                break
+            one, other = high - GOLDEN * (high - low), low + GOLDEN * (high - low)
+            less, more = excess(one), excess(other)
+            passed = np.where(more * best <= 0.0, other, np.nan)
+            passed = np.where(less * best <= 0.0, one, passed)
+            new = lost & ~np.isnan(passed)
+            near, far = np.where(new, low, near), np.where(new, passed, far)
+            lost &= np.isnan(passed) & ~np.isnan(less + more)
+            down = np.abs(less) < np.abs(more)
+            high, low = np.where(lost & down, other, high), np.where(lost & ~down, one, low)
         return np.where(lowest, LEAST_PRESSURE, _find_root(excess, near, far))[()]
 '''

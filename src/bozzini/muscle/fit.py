@@ -157,6 +157,9 @@ EVALUATIONS = 200
 _FIRST = 15  # evaluations from each start for constants
 _KEPT = 2  # how many of those searches, the best, go on
 _SECOND = 65  # evaluations that each of these has then; the best of them has the rest
+_CAUGHT = 1e-3  # relative decrease that the gradient promises: more where a search was caught
+_SIMPLEXES = 0.02, 0.002  # of the residuals: by how much the corners of a simplex change them
+_TRIED = 30  # trials of a simplex for each unknown
 _EXACT = 1e-11  # of the span: with a root mean square below no other start is tried
 _BETTER = 1e-9  # relative decrease of the sum of squares that counts as one
 
@@ -203,7 +206,52 @@ def find_constants(starts: Sequence[Problem]) -> tuple[OptimizeResult, Problem]:
     ends = [_go_on(*search, limit=_SECOND) for search in tries[:_KEPT]]
     found, begun = _go_on(*min(ends, key=_judge), limit=EVALUATIONS - _FIRST - _SECOND)
     found.nfev += sum(search.nfev for search, one in (*ends, *tries[_KEPT:]) if one is not begun)
-    return found, begun
+    return release(found, begun), begun
+
+
+def release(found: OptimizeResult, problem: Problem) -> OptimizeResult:
+    """Return a search taken further that was caught at an edge of the sum of squares.
+
+    At the edge a row has no answer any more, or a muscle goes slack: the gradient points over it,
+    and no step along the gradient helps. A simplex finds along it (Nelder and Mead, Computer
+    Journal 7, 1965, 308-313), and the search goes on from there.
+    """
+    from scipy.optimize import minimize
+
+    low, high = problem.bounds.T / problem.scales
+    for share in _SIMPLEXES:
+        free = found.active_mask == 0
+        table, rest = found.jac[:, free], found.fun
+        if problem.clock.is_over or found.status <= 0 or not free.any():
+            break
+        gain = float(np.sum((table @ np.linalg.lstsq(table, rest, rcond=None)[0]) ** 2))
+        if gain <= _CAUGHT * float(rest @ rest):
+            break
+        sizes = share * np.linalg.norm(rest) / np.maximum(np.linalg.norm(table, axis=0), 1e-12)
+        sizes = np.minimum(sizes, 0.1 * (high - low)[free])
+        begin = found.x[free]
+        sizes = np.where(begin + sizes <= high[free], sizes, -sizes)
+
+        def fill(part: Floats, free: NDArray[np.bool_] = free, point: Floats = found.x) -> Floats:
+            full = point.copy()
+            full[free] = part
+            return full
+
+        moved = minimize(
+            lambda part, fill=fill: problem.measure_cost(fill(part)),
+            begin,
+            method="Nelder-Mead",
+            bounds=list(zip(low[free], high[free], strict=True)),
+            options={
+                "maxfev": _TRIED * len(begin),
+                "initial_simplex": np.vstack([begin, begin + np.diag(sizes)]),
+            },
+        )
+        if moved.fun < (1.0 - _BETTER) * 2.0 * found.cost:
+            more = find_minimum(problem, fill(moved.x), limit=_SECOND)
+            more.nfev += found.nfev + int(moved.nfev)
+            found = more
+    return found
 
 
 def _go_on(

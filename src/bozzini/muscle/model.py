@@ -332,7 +332,9 @@ class MuscleModel(ABC):
         """Return the pressure [MPa] of a force [N] at a length [mm], and where there is one.
 
         Pressures are tried from the lowest, in steps that double; the first step in which the
-        force passes the one asked for is refined to the last digits.
+        force passes the one asked for is refined to the last digits. Where it passes in none, it
+        may do so twice in one, about a largest or smallest force: that is searched for about the
+        pressure tried whose force is nearest.
 
         Raises
         ------
@@ -356,12 +358,16 @@ class MuscleModel(ABC):
         low, high = self.pressure_limits
         near = np.full(wanted.shape, low)
         near_excess = excess(every, near)
+        tried, left_over = [low], [near_excess.copy()]
         far, far_excess = near.copy(), near_excess.copy()
         found = near_excess == 0.0
         rest, step = every[~found], _FIRST_PRESSURE
         while rest.size:
             at = np.full(rest.shape, min(low + step, high))
             value = excess(rest, at)
+            tried.append(float(at[0]))
+            left_over.append(np.full(wanted.shape, np.nan))
+            left_over[-1][rest] = value
             crossed = near_excess[rest] * value <= 0.0
             found[rest[crossed]] = True
             far[rest], far_excess[rest] = at, value
@@ -369,6 +375,15 @@ class MuscleModel(ABC):
             near[left], near_excess[left] = at[~crossed], value[~crossed]
             rest = left if at[0] < high else left[:0]
             step *= 2.0
+        lost = every[~found]
+        if lost.size and len(tried) > 1:
+            table = np.array(left_over)[:, lost]
+            missed = roots.find_dip(lambda k, x: excess(lost[k], x), np.array(tried), table)
+            passed = lost[missed[2]]
+            found[passed] = True
+            (near[passed], near_excess[passed]), (far[passed], far_excess[passed]) = (
+                (at[missed[2]], value[missed[2]]) for at, value in missed[:2]
+            )
         inside = every[found & (near_excess != 0.0)]
         answer = near
         if inside.size:

@@ -121,14 +121,25 @@ class Prediction(Result):
         return {name: x.tolist() if isinstance(x, np.ndarray) else x for name, x in values.items()}
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the prediction over the pressure with its band, and return the axes."""
-        task = self.task
+        """Draw the prediction with its band over the pressure, and return the axes.
+
+        Specimens are apart, and so is what was measured if the response is not 0 throughout.
+        """
+        task, pressure = self.task, self.task.states.pressure
         axes = take_axes(ax, x="pressure [MPa]", y=f"{task.response} [{task.unit}]")
-        rows = self.answered
-        axes.errorbar(
-            task.states.pressure[rows], self.predicted[rows], self.prediction[rows],
-            fmt="o", markersize=3.0, linewidth=0.8, label=f"{100.0 * self.level:g} % of readings",
-        )  # fmt: skip
+        for name in task.data.list_specimens():
+            every = task.data.specimen == name
+            rows = every & self.answered
+            words = f"{name}: " if name else ""
+            bars = axes.errorbar(
+                pressure[rows], self.predicted[rows], self.prediction[rows], fmt="o", markersize=3.0,
+                linewidth=0.8, label=f"{words}{100.0 * self.level:g} % of readings",
+            )  # fmt: skip
+            if task.measured.any():
+                axes.plot(
+                    pressure[every], task.measured[every], "x", color=bars.lines[0].get_color(),
+                    markersize=5.0, label=f"{words}measured",
+                )  # fmt: skip
         axes.legend()
         return axes
 

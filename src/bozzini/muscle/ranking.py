@@ -23,7 +23,7 @@ from ..progress import Progress, no_progress
 from ..results import Json, Result, take_axes, to_plain
 from .data import Measurements
 from .design import Muscle, check_muscle, preset
-from .fit import Calibration, FitOptions, conclude, find_minimum, find_poor, fit_task
+from .fit import Calibration, FitOptions, conclude, find_minimum, find_poor, fit_task, release
 from .model import MuscleModel
 from .models import MODELS
 from .problem import (
@@ -1067,7 +1067,7 @@ def _is_of(label: str, name: str) -> bool:
 def _refit(unknowns: Unknowns, start: Mapping[str, float], task: Task, clock: Clock) -> Calibration:
     """Return the fit to all rows from a start alone."""
     problem = _make_problem(unknowns, task, start, clock)
-    found = find_minimum(problem, problem.choose_start())
+    found = release(find_minimum(problem, problem.choose_start()), problem)
     return conclude(problem, found, held={}, options=FitOptions())
 
 

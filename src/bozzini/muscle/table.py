@@ -486,7 +486,8 @@ def _take_column(place: int, title: str, word: str, unit: str, given: str) -> _C
         return _Column(place, title)
     if not unit:
         raise UnitError(
-            f"column '{title}' has no unit: write '{word} [{EXAMPLES[kind]}]', or give the unit"
+            f"column '{title}' has no unit: write '{word} [{EXAMPLES[kind]}]', or give it by "
+            f"--unit {word}={EXAMPLES[kind]}"
         )
     factor = _find_factor(title, kind, unit, is_load=is_load)
     return _Column(place, title, 0.5 * factor if word in DIAMETERS else factor)

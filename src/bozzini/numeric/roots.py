@@ -20,6 +20,9 @@ Excess = Callable[[NDArray[np.intp], Floats], Floats]
 MAX_ITERATIONS = 100
 """Steps that an element may take."""
 
+_GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
+_SECTIONS = 60  # golden sections of a search: they leave a share of 1e-12
+
 TOLERANCE = 4.0 * float(np.finfo(np.float64).eps)
 """Half the width of a bracket at which a root is found, relative to it."""
 
@@ -50,6 +53,51 @@ def find_between(excess: Excess, one: Floats, other: Floats) -> Floats:
     points[index], _, taken = polish(excess, index, *ends)
     points[index[taken >= MAX_ITERATIONS]] = np.nan
     return points
+
+
+def find_dip(excess: Excess, tried: Floats, values: Floats) -> tuple[Ends, Ends, NDArray[np.bool_]]:
+    """Return brackets of roots between points tried at which `excess` has one sign, and where.
+
+    The smallest `excess`, without sign, is searched for by golden sections between the neighbours
+    of the smallest one tried, until one has the other sign. The bracket is from the lower
+    neighbour, or from the last point below with the old sign.
+
+    Parameters
+    ----------
+    excess : callable
+    tried : ndarray, shape (m,)
+        Points, increasing.
+    values : ndarray, shape (m, k)
+        Their values; NaN where there is none.
+    """
+    every = np.arange(values.shape[1])
+    size = np.where(np.isfinite(values), np.abs(values), np.inf)
+    place = np.argmin(size, axis=0)
+    low, high = tried[np.maximum(place - 1, 0)], tried[np.minimum(place + 1, len(tried) - 1)]
+    sign = np.sign(values[place, every])
+    low_value = values[np.maximum(place - 1, 0), every]
+    far, far_value = low.copy(), low_value.copy()
+    found = np.zeros(every.size, dtype=np.bool_)
+    one, other = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
+    rest = every[np.isfinite(low_value) & np.isfinite(values[place, every])]
+    ends = np.full((2, every.size), np.nan)
+    ends[:, rest] = excess(rest, one[rest]), excess(rest, other[rest])
+    for _ in range(_SECTIONS):
+        for at, value in ((other, ends[1]), (one, ends[0])):  # the lower one last
+            passed = rest[value[rest] * sign[rest] <= 0.0]
+            far[passed], far_value[passed], found[passed] = at[passed], value[passed], True
+        rest = rest[~found[rest] & np.isfinite(ends[:, rest]).all(axis=0)]
+        if not rest.size:
+            break
+        lower = np.abs(ends[0, rest]) < np.abs(ends[1, rest])
+        down, up = rest[lower], rest[~lower]
+        high[down], other[down], ends[1, down] = other[down], one[down], ends[0, down]
+        low[up], low_value[up] = one[up], ends[0, up]
+        one[up], ends[0, up] = other[up], ends[1, up]
+        one[down] = high[down] - _GOLDEN * (high[down] - low[down])
+        other[up] = low[up] + _GOLDEN * (high[up] - low[up])
+        ends[0, down], ends[1, up] = excess(down, one[down]), excess(up, other[up])
+    return (low, low_value), (far, far_value), found
 
 
 def polish(

@@ -450,6 +450,10 @@ def _draw_errors(axes: Axes, ranking: Ranking, colors: dict[str, str]) -> None:
     axes.set_ylim(len(ranking.models) - 0.4, -1.6)
     axes.set_xscale("log")
     axes.xaxis.set_major_formatter("{x:g}")
+    from matplotlib.ticker import LogLocator
+
+    axes.xaxis.set_minor_locator(LogLocator(subs=(2.0, 5.0)))
+    axes.xaxis.set_minor_formatter("{x:g}")
     axes.set_xlabel(f"root mean square [% of the largest {ranking.task.response}]")
     words = {"aicc": "AICc", "bic": "BIC", "cv": "the rows left out"}[ranking.criterion]
     axes.set_title(f"ranked by {words}; number of constants fitted", fontsize=10, loc="left")

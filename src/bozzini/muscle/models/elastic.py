@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from abc import abstractmethod
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -465,6 +466,7 @@ class Ogden(HyperelasticModel):
 
 
 _NEAR_LOCKING = 1.0 - 1e-9
+_TABLE = 129  # lengths between which a free length is bracketed
 _TUBE_STATE = ("axial stretch", "pressure [MPa]")
 _WANG = "Wang, Wereley and Pillsbury (2015)"
 
@@ -560,19 +562,42 @@ class Trivedi(HyperelasticModel):
         return -share if self.as_printed else share
 
     def _pull_energy(self, pressure: Floats, length: Floats) -> Floats:
-        ideal = pull_ideal(self.braid, self._gas_share() * pressure, length)
-        return np.asanyarray(ideal + self._pull_wall(length))
+        return np.asanyarray(self._pull_gas(pressure, length) + self._pull_wall(length))
+
+    def _pull_gas(self, pressure: Floats, length: Floats) -> Floats:
+        return pull_ideal(self.braid, self._gas_share() * pressure, length)
 
     def _find_free_length(self, pressure: Floats) -> Floats:
-        """Length without load [mm]; NaN where there is none."""
-        flat = pressure.ravel()
+        """Length without load [mm]; NaN where there is none.
+
+        The last answer is kept: a fit asks for many contractions at the same pressures.
+        """
+        key = pressure.tobytes()
+        if key not in self._last:
+            self._last.clear()
+            self._last[key] = self._solve_free_length(pressure.ravel())
+        return self._last[key].reshape(pressure.shape)
+
+    @cached_property
+    def _last(self) -> dict[bytes, Floats]:
+        """The last answer of `_find_free_length`, by its pressures."""
+        return {}
+
+    def _solve_free_length(self, flat: Floats) -> Floats:
+        """Return the lengths without load at pressures (n,) [mm], computed anew."""
         low, high = self.braid.locking_length, self._base_lengths()[1]
 
         def excess(index: NDArray[np.intp], lengths: Floats) -> Floats:
             return self._pull_energy(flat[index], lengths)
 
+        at = np.linspace(low, min(high, 1.001 * self.braid.length), _TABLE)
+        with np.errstate(all="ignore"):
+            over = -self._pull_wall(at) / self._pull_gas(np.ones(at.shape), at)
         ends = np.full(flat.shape, low), np.full(flat.shape, high)
-        return find_between(excess, *ends).reshape(pressure.shape)
+        if (np.diff(over[1:]) < 0.0).all():  # a pressure of each length: near by is a bracket
+            place = np.searchsorted(-over[1:], -flat)
+            ends = at[place], np.append(at, high)[place + 1]
+        return find_between(excess, *ends)
 
     def _pull(self, pressure: Floats, length: Floats) -> Floats:
         if self.keywords["force"] == "energy":
