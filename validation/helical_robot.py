@@ -119,9 +119,9 @@ def validate(folder: Path, images: Path) -> Section:
             f"{found.cameras.rms:.2f} px, {baseline:.2f} mm apart (the source has {BASELINE_MM} "
             f"mm, {100.0 * (baseline / BASELINE_MM - 1.0):+.1f} %). Two markers of the tip "
             f"disc are triangulated at {len(steps)} steps of one tendon; they are 21.7 to 22.2 mm "
-            f"apart in all of them. Of {len(loop)} rows of the loop {swapped} have markers that "
-            "are elsewhere, most of them with places exchanged in one picture: they are left out "
-            "of everything. Errors are root mean square distances [mm].",
+            f"apart in all of them. In {swapped} of {len(loop)} rows of the loop they are not "
+            "(places exchanged, or a wrong pixel); the loop is not fitted, as its pulls are not "
+            "known. Errors are root mean square distances [mm].",
             "",
             *rows,
             "",
@@ -129,7 +129,7 @@ def validate(folder: Path, images: Path) -> Section:
             f"scripts, the least error is with {pull:.2f} mm; friction, weight, and the few discs "
             "that guide the tendons in place of channels are left out of the model, and any of "
             "them could be what the factor stands for. Eleven steps of one tendon hardly determine "
-            "the base: lines of its position and its rotation cannot be distinguished, as the fit "
+            "the base: its position and its rotation cannot be distinguished, as the fit "
             "warns. So this compares the form of the path of the tip disc, not its place.",
         ),
         bounds=(Bound(f"two markers, {len(best.estimates)} constants", best.rms, 1.0, "mm"),),

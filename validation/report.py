@@ -22,7 +22,14 @@ PAGE = ROOT / "docs" / "validation.md"
 IMAGES = ROOT / "docs" / "images"
 DATA = Path(os.environ.get("BOZZINI_DATA", ROOT.parent / "shared" / "data"))
 
-SETS = ("festo10", "three_section_robot", "three_cable_robot", "tentacle", "helical_robot")
+SETS = (
+    "festo10",
+    "three_section_robot",
+    "three_cable_robot",
+    "tentacle",
+    "helical_robot",
+    "sorosim_statics",
+)
 """Folders of the sets, and modules here: each has `validate(folder, images)`, a `Section`.
 
 A set is added by its module, its name here and a pair of marks in the page.

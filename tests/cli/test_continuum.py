@@ -321,14 +321,14 @@ def test_compare_without_any_shape_is_a_negative_answer(run):
     assert not Path("no.png").exists()
 
 
-def test_compare_gives_loads_to_the_rod_alone(ask):
+def test_compare_gives_loads_to_models_of_forces(ask):
     free, loaded = (
         ask("compare", TWO, "--displacement", BENT, *more)
         for more in ((), ("--tip-force", "0,0.05N,0", *WIRE))
     )
     assert loaded["models"]["arc"]["tip_mm"] == free["models"]["arc"]["tip_mm"]
     assert loaded["models"]["arc"]["tip_from_rod_mm"] > 0.1
-    assert "only the rod bears the load" in loaded["notes"][0]
+    assert "the energy and the rod model bear the load" in loaded["notes"][0]
     assert "tendons stretch" in loaded["notes"][1]
 
 

@@ -454,7 +454,7 @@ def pose_command(
         raise InputError("pose takes --displacement or --tension: give one of them")
     robot = read_robot(robot_file)
     given = {**given, "loads": tuple(map(parse_load, load)) or None}
-    name = model_name or ("rod" if tension is not None else robot.choose_model(given))
+    name = model_name or robot.choose_model(given, pulled=tension is not None)
     settings_given = {**given, **parse_settings(name, settings)}
     model = make_model(name, robot, settings_given, pulled=tension is not None)
     if tension is not None:
@@ -748,8 +748,8 @@ def compare_command(
 ) -> None:
     """Compare all models on one robot under one set of displacements.
 
-    Tips are compared with that of the rod, the reference. Loads go to the rod alone: the others
-    have none. Times are of one call after the first, the median of several.
+    Tips are compared with that of the rod, the reference. Loads go to the energy and the rod model:
+    the others have none. Times are of one call after the first, the median of several.
 
     Exit code 0: every model that takes this robot has a shape; 1: one has none, with the reason;
     2: bad input.
@@ -779,7 +779,7 @@ def compare_command(
         raise GeometryError(str(rows[REFERENCE_MODEL]["reason"]))
     _add_differences(rows, shapes)
     if any(given.get(name) is not None for name in LOADS):
-        notes.append("only the rod bears the load: the others are without")
+        notes.append("the energy and the rod model bear the load: the others are without")
     if robot.tendon_friction.any():
         notes.append("only the rod has the friction of the tendons: the others are without")
     if given["tendon_stiffness"] is not None:

@@ -347,8 +347,8 @@ class Coupling:
         if amount > 0.0:
             return (
                 f"tendon '{names[worst]}' is pulled {amount:.4g} mm more than the nearest shape "
-                "gives way: it would have to stretch (let out those on the other side; "
-                f"{advise_contradiction(self.tolerance)}, in the energy or rod model)"
+                "gives way: it would have to stretch (let out those on the other side); "
+                f"{advise_contradiction(self.tolerance)}, in the energy or rod model"
             )
         return (
             f"rod '{names[worst]}' is pushed {-amount:.4g} mm more than the nearest shape gives "

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..checks import check_integer, check_number
 from ..errors import InputError
 from .checks import Floats, check_values
-from .inverse import ContinuumInverse
+from .inverse import ContinuumInverse, InverseOptions
 from .model import ContinuumModel
 from .robot import RobotDesign
 from .shape import Shape
@@ -394,7 +394,7 @@ class ElasticSearch:
 
 
 def solve_elastic(
-    model: ContinuumModel, target: Floats, axes: Floats, options: dict[str, object]
+    model: ContinuumModel, target: Floats, axes: Floats, options: InverseOptions
 ) -> ContinuumInverse:
     """Bring the tip to a place (3,) with axes (0, 1 or 3, 3) by a model of tensions.
 

@@ -957,11 +957,11 @@ def _measure_spread(search: _Search, found: _Found) -> tuple[Floats, int]:
     jacobian, seen = found.jacobian, search.seen
     rows, count = len(seen), jacobian.shape[1]
     misfit = search.miss(found.observed)
-    weight = _weigh(misfit / search.scale, search.loss)
+    weight, rate = _weigh(misfit / search.scale, search.loss)
     runs = min(rows, CLUSTERS) if search.observation.data.is_ordered else rows
     run = (np.arange(rows) * runs) // rows
     group = np.broadcast_to(run[:, None, None], seen.shape)[seen]
-    inverse = determine(jacobian * np.sqrt(weight)[:, None]).sound_inverse
+    inverse = determine(jacobian * np.sqrt(rate)[:, None]).sound_inverse
     scores = np.stack([
         np.bincount(group, weight * misfit * jacobian[:, k], minlength=runs) for k in range(count)
     ], axis=1)  # fmt: skip
@@ -975,10 +975,15 @@ def _measure_spread(search: _Search, found: _Found) -> tuple[Floats, int]:
     return np.sqrt(np.maximum(np.diag(covariance), 0.0)), freedom
 
 
-def _weigh(misfit: Floats, loss: Loss) -> Floats:
-    """Return the derivative of the loss by the square of a misfit over its scale."""
+def _weigh(misfit: Floats, loss: Loss) -> tuple[Floats, Floats]:
+    """Return the influence of a misfit over its scale by the misfit, and the slope of it.
+
+    The influence is the derivative of the loss by the misfit (Huber 1981, *Robust Statistics*).
+    """
     if loss == "soft_l1":
-        return np.asarray(1.0 / np.sqrt(1.0 + misfit**2))
+        square = 1.0 + misfit**2
+        return 1.0 / np.sqrt(square), square**-1.5
     if loss == "huber":
-        return np.asarray(1.0 / np.maximum(np.abs(misfit), 1.0))
-    return np.ones(len(misfit))
+        size = np.abs(misfit)
+        return 1.0 / np.maximum(size, 1.0), (size <= 1.0).astype(np.float64)
+    return np.ones(len(misfit)), np.ones(len(misfit))

@@ -100,7 +100,7 @@ class ContinuumRobot(RobotDesign):
         if (displacements is None) == (tensions is None):
             raise InputError("forward takes either displacements or tensions: give one of them")
         if tensions is not None:
-            name = "rod" if model is None else model
+            name = self.choose_model(options, pulled=True) if model is None else model
             return self.model(name, **options).find_shape_under_tensions(
                 self._take("tensions", tensions, self.order_tensions)
             )
@@ -153,7 +153,7 @@ class ContinuumRobot(RobotDesign):
             chosen = self.model(model) if isinstance(model, str) else model
             pose = shape == (4, 4) and direction is None
             goal = check_pose_target(tip) if pose else check_tip_target(tip, direction)
-            return solve_elastic(chosen, *goal, dict(options))
+            return solve_elastic(chosen, *goal, options)
         if shape == (3,):
             return solve_tip(self, tip, direction=direction, **options)
         if shape != (4, 4) and (len(shape) != 2 or shape[1] != 3):
@@ -192,10 +192,13 @@ class ContinuumRobot(RobotDesign):
                 raise InputError(f"the {name} model has no option '{option}': it has {listed}")
         return kind(self, **options)
 
-    def choose_model(self, options: Mapping[str, object]) -> str:
-        """Return the model that suits this robot: by loads, what it has, and routing."""
+    def choose_model(self, options: Mapping[str, object], *, pulled: bool = False) -> str:
+        """Return the model that suits this robot: by loads, what it has, and routing.
+
+        Whether its tendons are `pulled` by tensions, which arcs do not take.
+        """
         loaded = any(options.get(load) is not None for load in LOADS)
-        if loaded or self.tendon_friction.any():
+        if pulled or loaded or self.tendon_friction.any():
             return "rod"
         features = set(list_features(self))
         names = ["energy"] if find_crooked(self) else ["arc", "energy"]

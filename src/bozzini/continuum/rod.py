@@ -7,21 +7,31 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_points, quantity
+from ..checks import check_points, check_word, quantity
 from ..errors import InputError
 from ..numeric.kernels.linear_algebra import solve_bounded
 from .checks import Floats
 from .coupling import check_displacements
 from .energy import place_stations
 from .friction import Bending, Channels, Drive, FrictionState, Sliding
+from .gradients import Held, ShapeJacobian
 from .history import TendonHistory
 from .kernels import shooting
-from .kernels.rod import BEND, LENGTHS, MOMENT, TURN, integrate_rod, measure_unloaded
+from .kernels.rod import (
+    BEND,
+    BY_LENGTHS,
+    FORCE,
+    LENGTHS,
+    MOMENT,
+    TURN,
+    integrate_rod,
+    measure_unloaded,
+)
 from .kernels.shooting import BUCKLING, FOUND, HELD, SMALL_JUMP, UNSTABLE
 from .kernels.stability import measure_stability
 from .loads import BODY, Load, PackedLoads, check_loads, pack_loads
@@ -246,6 +256,12 @@ class Target:
         shooting.miss_lengths(self.aim(share, loose), lengths, tensions, gaps)
         return gaps
 
+    def find_taut(self, states: Floats, tensions: Floats, share: float) -> NDArray[np.bool_]:
+        """Return which tendons hold a length, (t,), in states under a share of the command."""
+        aim = self.aim(share, 0.0)
+        found = shooting.find_taut(aim, states[-1, LENGTHS:], tensions, self.tolerance)
+        return np.asarray(found)
+
     def share(self, give: Floats, tensions: Floats, ridge: float) -> Floats:
         """Return the least tensions that do the same, where redundant tendons leave them open.
 
@@ -408,24 +424,20 @@ class Rod:
         made.__dict__.update(few_cuts=self.many_cuts, many_cuts=self.many_cuts)
         return made
 
-    def rest(self, tendons: int) -> Shot:
+    def rest(self) -> Shot:
         """Return the rod under none of its command."""
+        return self._at_rest.copy()
+
+    @cached_property
+    def _at_rest(self) -> Shot:
+        tendons = self.many.guides.shape[2]
         states = np.zeros((len(self.many.places), LENGTHS + tendons))
         states[:, TURN] = 1.0
-        none = np.zeros((0, 0))
-        integrate_rod(
-            0,
-            len(states) - 1,
-            self.packed_many,
-            0.0,
-            np.zeros(tendons),
-            states,
-            none,
-            shooting.NO_SECTIONS,
-            EMPTY,
-        )
+        tensions, slopes = np.zeros(tendons), np.zeros((0, 0))
+        sections, last = shooting.NO_SECTIONS, len(states) - 1
+        integrate_rod(0, last, self.packed_many, 0.0, tensions, states, slopes, sections, EMPTY)
         return Shot(
-            tensions=np.zeros(tendons),
+            tensions=tensions,
             turns=states[self.many_cuts[:-1], TURN : TURN + 4].copy(),
             moments=np.zeros((self.pieces, 3)),
             forces=np.zeros((self.pieces, 3)),
@@ -470,7 +482,8 @@ class Rod:
             steps += count
         reason, stability = "", 1.0
         if code == FOUND or code == UNSTABLE:
-            taut = target.holds & (shot.tensions != 0.0)
+            share = 1.0 if code == FOUND else failed
+            taut = target.find_taut(few_states, shot.tensions, share)
             stability = measure_stability(form, target.compliances, taut)
         what = "command and loads" if self.load > 0.0 else "the command"
         if code == UNSTABLE:
@@ -559,7 +572,7 @@ SHARING = 1e-8
 def improve_unloaded(
     grid: Packed, target: Target, share: float, loose: float, tensions: Floats
 ) -> tuple[Floats, int, str]:
-    """Return tensions for a `share` of the command, from others on, steps, and why there are none."""
+    """Return tensions for a `share` of the command, steps, and why there are none."""
     low, high = target.bounds[1:]
     limit = target.goals(share, loose)
     if not target.holds.any():
@@ -617,10 +630,10 @@ def _measure(
 
 def follow_unloaded(rod: Rod, target: Target, first: float) -> Shot:
     """Return the state of a rod without loads as the command is raised."""
-    shot = rod.rest(len(target.names))
+    shot = rod.rest()
     kept, reached, part, steps, reason = shot.tensions, 0.0, first, 0, ""
     # As commanded to round-off; with the tolerance, and in parts, only where that cannot be.
-    loose = 1e-3 * target.tolerance
+    loose = shooting.ROUND_OFF * target.tolerance
     while reached < 1.0:
         share = min(1.0, reached + part)
         share = 1.0 if share > 1.0 - 1e-9 else share
@@ -644,9 +657,9 @@ def settle(rod: Rod, target: Target, shot: Shot) -> Shot:
     """Return a state of the rod with its places and its stability."""
     form = make_form(rod.many, len(shot.tensions))
     if not rod.trace(shot, form):
-        rest = rod.rest(len(shot.tensions))
+        rest = rod.rest()
         return dataclasses.replace(rest, reason="no curvature was found")
-    taut = target.holds & (shot.tensions != 0.0)
+    taut = target.find_taut(shot.states, shot.tensions, shot.share)
     return dataclasses.replace(shot, stability=measure_stability(form, target.compliances, taut))
 
 
@@ -685,14 +698,42 @@ def follow(rod: Rod, target: Target, *, convex: bool, start: Shot | None = None)
         first = min(first, PUSH_STEP / max(turn, PUSH_STEP))
     if rod.load == 0.0 and not rod.shears:
         return follow_unloaded(rod, target, first)
-    found = rod.follow(target, rod.rest(len(target.names)), first=first)
+    if target.is_rigid:
+        # Few steps are not as exact as tendons that do not stretch ask for.
+        rod = rod.with_changes(rod.changes)
+    found = rod.follow(target, rod.rest(), first=first)
+    if found.reason and target.is_rigid:
+        found = stiffen(rod, target, found, first)
+        if not found.reason:
+            return found
     if found.reason:
         if not rod.trace(found, EMPTY):
-            found = dataclasses.replace(rod.rest(len(target.names)), reason=found.reason)
+            found = dataclasses.replace(rod.rest(), reason=found.reason)
         return found
     if target.is_rigid:
         found = share_tensions(rod, target, found)
         found = dataclasses.replace(found, reason=find_play(rod, target, found))
+    return found
+
+
+STRETCHES = 10.0 ** np.array([-2.0, -3.0, -4.0, -5.0, -6.0, -6.25, -6.5, -6.75, -7.0, -8.0])
+"""Compliances of tendons on the way to stiff ones, against the rod's own."""
+
+
+def stiffen(rod: Rod, target: Target, found: Shot, first: float) -> Shot:
+    """Return the state by way of tendons that stretch less and less; `found` where there is none.
+
+    Tendons that lock a twist are almost redundant: which of them are taut is open without.
+    """
+    give = 1.0 / (rod.unit_tension * rod.unit_tension / rod.unit)
+    shot = rod.rest()
+    for index, part in enumerate(STRETCHES):
+        soft = dataclasses.replace(target, compliances=np.full(len(target.names), part * give))
+        shot = rod.follow(soft, shot, first=first if index == 0 else 1.0)
+        if shot.reason:
+            return found
+        if float(np.abs(soft.compliances * shot.tensions).max()) <= 0.9 * target.tolerance:
+            return shot
     return found
 
 
@@ -709,7 +750,7 @@ def share_tensions(rod: Rod, target: Target, found: Shot) -> Shot:
     shared = found.copy()
     shared.tensions[:] = target.share(found.known[-1], found.tensions, SHARING)
     # The same to first order only: it must hold of the lengths and joints themselves.
-    loose = 1e-3 * target.tolerance
+    loose = shooting.ROUND_OFF * target.tolerance
     gaps = target.gaps(found.states[-1, LENGTHS:], found.tensions, 1.0, loose)
     most = max(loose, float(np.abs(gaps).max(initial=0.0)))
     aim = shared.tensions.copy(), np.zeros(len(gaps), dtype=np.bool_), *target.bounds
@@ -734,7 +775,7 @@ def find_play(rod: Rod, target: Target, found: Shot) -> str:
     Parallel tendons that do not stretch hold the twist so that it grows with the root of what
     they have too much: then the tolerance decides where the tip is, not the loads.
     """
-    loose = 1e-3 * target.tolerance
+    loose = shooting.ROUND_OFF * target.tolerance
     gaps = target.gaps(found.states[-1, LENGTHS:], found.tensions, 1.0, loose)
     needed = float(np.abs(gaps).max(initial=0.0)) > 2.0 * loose
     # Where most of the tolerance was needed, without it.
@@ -779,7 +820,7 @@ def follow_sliding(
     rod: Rod, target: Target, channels: Channels, before: FrictionState, start: Shot | None
 ) -> Shot:
     """Find the rod's state after another one; `start` is a rod near to it."""
-    found = rod.rest(len(target.names)) if start is None else start
+    found = rod.rest() if start is None else start
     alone = rod.with_changes(np.zeros((0, 3, 0)))
 
     def bend(profile: Floats, rough: bool) -> Bending:
@@ -812,7 +853,7 @@ def follow_sliding(
         trial = None if start is None else pulled.follow(given, start, first=1.0, passes=True)
         if trial is None or trial.reason:
             step = min(1.0, LOAD_STEP / max(rod.load, 1e-9))
-            trial = pulled.follow(given, rod.rest(len(first)), first=step, passes=True)
+            trial = pulled.follow(given, rod.rest(), first=step, passes=True)
         if trial.reason:
             return Bending(reason=trial.reason)
         pulled.trace(trial, EMPTY)
@@ -869,11 +910,14 @@ ZERO: Vector = (0.0, 0.0, 0.0)
 PIECES = 0.5
 """Pieces of the shooting by the root of the loads, beside the first."""
 
-FEW_STEPS = 40
+FEW_STEPS = 24
 """Steps on which a state is looked for."""
 
 STRONGEST = 1e4
 """Tension at which a command counts as impossible, against one that bends the robot by 1 rad."""
+
+REDUNDANT = 1e-9
+"""Share of the largest flexibility below which tendons are redundant."""
 
 EDGE = 1e-9
 """Distance at which a place counts as a step's end [mm]."""
@@ -1013,7 +1057,7 @@ class RodModel(ContinuumModel):
                 "stretches is true, and tendons have friction: it must be false for such a robot"
             )
 
-    @property
+    @cached_property
     def arc_length(self) -> Floats:
         """Stations: base, discs, tendon ends and points between [mm], shape (k,)."""
         return place_stations(self.robot, self.between)
@@ -1092,6 +1136,96 @@ class RodModel(ContinuumModel):
         shots = self._trace(initial, self._drive(commands))
         shapes = self._answer(commands, self._drive(commands), shots)
         return TendonHistory(shapes=shapes, given="displacements")
+
+    def jacobian(self, shape: Shape, *, held: Held = "displacements") -> ShapeJacobian:
+        """Return how the frames of shapes change: the linearised rod, integrated along it.
+
+        Parameters
+        ----------
+        shape : Shape
+            Shapes of this model that have converged.
+        held : {"displacements", "tensions"}
+            What of the tendons stays where a load or a stiffness changes; displacements hold the
+            tendons that have a tension, and the others follow.
+
+        Raises
+        ------
+        InputError
+            If the shape is not one of this model, or tendons have friction: derivatives then
+            depend on the direction.
+        GeometryError
+            If a shape has not converged.
+        """
+        check_word("held", held, get_args(Held))
+        if self._channels is not None:
+            raise InputError("tendons have friction: derivatives depend on the direction then")
+        self._take_states(shape, ())
+        if shape.model != self.name or shape.frames.shape[-3] != len(self.arc_length):
+            raise InputError(f"shape is of the {shape.model} model: it must be one of this model")
+        shape.require()
+        batch = shape.frames.shape[:-3]
+        rows = [self._differentiate(shape, index, held) for index in np.ndindex(batch)]
+        parts = {
+            name: np.stack([row[name] for row in rows]).reshape(*batch, *rows[0][name].shape)
+            for name in rows[0]
+        }
+        return ShapeJacobian(arc_length=self.arc_length, held=held, **parts)
+
+    def _differentiate(self, shape: Shape, index: tuple[int, ...], held: Held) -> dict[str, Floats]:
+        """Derivatives of one shape."""
+        rod, tendons = self._rod, len(self.robot.tendons)
+        parts = len(self.robot.sections)
+        tensions = shape.tensions[index]
+        start = self._start_at(shape, index)
+        if rod.load > 0.0 or rod.shears:
+            start = rod.follow(self._aim(np.full(tendons, math.nan), tensions), start, first=1.0)
+        owners = self.robot.section_at(rod.many.inner_places[:, 1])
+        slopes = np.zeros((12 + tendons, 9 + tendons + 2 * parts))
+        slopes[3:9, 3:9] = np.eye(6)
+        states = np.zeros_like(start.states)
+        states[0, TURN] = 1.0
+        states[0, FORCE:MOMENT] = start.states[0, FORCE:MOMENT]
+        states[0, MOMENT : MOMENT + 3] = start.moments[0]
+        found = np.zeros((len(self.arc_length), 6, slopes.shape[1]))
+        stops = np.searchsorted(rod.many.places, self.arc_length - EDGE)
+        for station, (first, last) in enumerate(zip(stops[:-1], stops[1:], strict=True), start=1):
+            integrate_rod(
+                first,
+                last,
+                rod.packed_many,
+                1.0,
+                tensions,
+                states,
+                slopes,
+                (owners, parts),
+                EMPTY,
+            )
+            found[station, :3], found[station, 3:] = slopes[:3], slopes[-3:]
+        # The loads on the tip fix moment and force at the base.
+        ends, lengths = slopes[3:9], slopes[BY_LENGTHS : BY_LENGTHS + tendons]
+        solved = np.linalg.solve(ends[:, 3:9], np.hstack([np.eye(6), -ends[:, 9:]]))
+        moved = found[..., 3:9] @ solved
+        moved[..., 6:] += found[..., 9:]
+        longer = lengths[:, 3:9] @ solved
+        longer[:, 6:] += lengths[:, 9:]
+        by_tension, give = moved[..., 6 : 6 + tendons], longer[:, 6 : 6 + tendons]
+        others = [*range(6), *range(6 + tendons, moved.shape[-1])]
+        by_others = moved[..., others]
+        taut = np.flatnonzero((tensions != 0.0) | self.robot.pushes)
+        stiffening = np.zeros((tendons, tendons))
+        own = np.ix_(taut, taut)
+        stiffening[own] = np.linalg.pinv(
+            np.diag(self._compliances[taut]) - give[own], rcond=REDUNDANT
+        )
+        if held == "displacements":
+            by_others = by_others + by_tension @ (stiffening @ longer[:, others])
+        return {
+            "by_displacement": by_tension @ stiffening,
+            "by_tension": by_tension,
+            "by_tip_wrench": by_others[..., :6],
+            "by_stiffness": by_others[..., 6:].reshape(len(found), 6, parts, 2),
+            "tensions_by_displacement": stiffening,
+        }
 
     def _check_tensions(self, tensions: ArrayLike) -> Floats:
         count = len(self.robot.tendons)
@@ -1286,7 +1420,8 @@ class RodModel(ContinuumModel):
             displacements = np.where(np.isnan(_rows(commands)), followed, _rows(commands))
             shares = np.array([shot.share for shot in shots]).reshape(-1, 1)
             limits = self.natural_lengths - shares * (displacements + slack_at_rest)
-            slack = ~self.robot.pushes & (lengths < limits - self.tolerance) & (tensions == 0.0)
+            loose = (lengths < limits - self.tolerance) | np.isnan(_rows(commands))
+            slack = ~self.robot.pushes & loose & (tensions == 0.0)
             asked = self.natural_lengths - displacements - slack_at_rest + stretched
         residual = np.abs(np.where(slack, 0.0, lengths - asked)).max(axis=1, initial=0.0)
         words = [f"{s.reason}{explain_contrast(self.robot)}" if s.reason else "" for s in shots]
@@ -1331,7 +1466,7 @@ class RodModel(ContinuumModel):
         )
         own = at[:, :2] + np.einsum("nij,nkj->nki", matrices, at[:, 2:])
         centres = 0.5 * (points[1:] + points[:-1])
-        start = rod.rest(len(self.robot.tendons))
+        start = rod.rest()
         start.tensions[:] = initial.tensions[index]
         for piece, first in enumerate(rod.many_cuts[:-1]):
             here = points[first]

@@ -453,7 +453,7 @@ def _change_tendon(
         fields["path"] = tuple((p, c * x - s * y, s * x + c * y) for p, x, y in tendon.path)
     else:
         fields["offset"] = _scale(tendon.offset, factor)
-        fields["angle"] = _shift(tendon.angle, own.get("angle", 0.0))
+        fields["angle"] = _shift(cast("_Profile", tendon.angle), own.get("angle", 0.0))
     if stretch is not None:
         fields = {name: _move_knots(value, stretch) for name, value in fields.items()}
         fields["end"] = stretch(cast("float", tendon.end))

@@ -50,7 +50,7 @@ SMALLEST_PART = 1e-6
 THIN = 1e-6
 """Part of the rod's stiffness that must be left of it where tendons push."""
 
-SETTLED = 1e-9
+SETTLED = 3e-8
 """Newton step, against the curvature, after which there is only round-off."""
 
 ROUGH = 1e-7
@@ -408,7 +408,7 @@ def fill_flexibility(section, pulls, strain, frame, give, ways, work):
 
 
 @njit(cache=True)
-def fill_flow(state, rates, frame, line, give, ways, others, flow, work):
+def fill_flow(state, rates, frame, line, give, ways, others, free, flow, work):
     """Fill rates of derivatives: ``flow`` (12 + k, 9 + k + m) by turn, moment, force and sources.
 
     Sources are the tensions, and ``others`` (m, 6): forces and moments that strains take up.
@@ -420,6 +420,8 @@ def fill_flow(state, rates, frame, line, give, ways, others, flow, work):
     strains[:] = 0.0
     fill_cross(state[7], state[8], state[9], 1.0, cross)
     for c in range(columns):
+        if free == 6 and c >= 6 and c < 9:
+            continue
         for i in range(first, 6):
             total = 0.0
             if c < 3:
@@ -509,6 +511,7 @@ def integrate_rod(first, last, rod, share, tensions, states, slopes, sections, f
     count, k = states.shape[1], tensions.size
     pulls, line = tensions.copy(), np.empty((2, 3))
     strain = np.zeros(6 if shears else 3)
+    start, rise, before = strain.copy(), strain.copy(), 0.0
     work, frame = np.zeros((12, strain.size)), np.empty((3, 3))
     rates, trial = np.empty((4, count)), np.empty(count)
     known = slopes.size > 0
@@ -533,6 +536,15 @@ def integrate_rod(first, last, rod, share, tensions, states, slopes, sections, f
             if changes.size > 0:
                 for m in range(k):
                     pulls[m] = tensions[m] + changes[n, row, m]
+            # As the step before went on: Newton's method then takes a step or two.
+            if stage == 1:
+                for i in range(strain.size):
+                    rise[i] = 0.5 * h / before * (strain[i] - start[i]) if before > 0.0 else 0.0
+                    start[i] = strain[i]
+                before = h
+            if stage == 1 or stage == 3:
+                for i in range(strain.size):
+                    strain[i] += rise[i]
             section = stiffness[n, row], rest[n, row], guides[n, row], present[n]
             if not fill_rates(trial, section, line, pulls, strain, frame, rates[stage], work):
                 return False
@@ -547,7 +559,7 @@ def integrate_rod(first, last, rod, share, tensions, states, slopes, sections, f
                     own *= strain[strain.size - 3 + m] - rest[n, row, m]
                     for i in range(3):
                         others[2 * owners[n] + m // 2, 3 + i] += frame[i, m] * own
-            fill_flow(trial, rates[stage], frame, line, give, ways, others, flow, room)
+            fill_flow(trial, rates[stage], frame, line, give, ways, others, free, flow, room)
             if stage == 0:
                 carry(flow, slopes, free, moves[0])
             else:

@@ -46,6 +46,9 @@ RIDGE = 1e-8
 SLOW = 0.3
 """Factor by which jumps must fall where derivatives are those of another grid."""
 
+ROUND_OFF = 1e-2
+"""Part of the tolerance of lengths that is let through unless more is needed."""
+
 SMALLEST_PART = 1.0 / 64.0
 """Smallest part, of the first one, by which a command is raised where more of it fails."""
 
@@ -197,6 +200,17 @@ def miss_lengths(aim, lengths, tensions, gaps):
 
 
 @njit(cache=True)
+def find_taut(aim, lengths, tensions, tolerance):
+    """Which tendons hold a length: those with tension, and those that are about to have one."""
+    goals, holds, compliances, low, high = aim
+    taut = np.zeros(tensions.size, dtype=np.bool_)
+    for m in range(tensions.size):
+        gap = lengths[m] - compliances[m] * tensions[m] - goals[m]
+        taut[m] = holds[m] and (tensions[m] != 0.0 or gap > -2.0 * tolerance)
+    return taut
+
+
+@njit(cache=True)
 def pull(aim, give, gaps, tensions, wanted):
     """Tensions for which lengths would be as asked, by how they give way to tension (k, k).
 
@@ -253,6 +267,12 @@ def pull(aim, give, gaps, tensions, wanted):
             return HELD
     if not definite or odd > 1e-6 * largest:
         # A moment of fixed direction has no potential: then the problem is not symmetric.
+        for a in range(size):
+            short = vector[a]
+            for b in range(size):
+                short += exact[a, b] * found[b]
+            if found[a] <= least[a] and short < 0.0:
+                found[a] = least[a] + 1e-9 * (most[a] - least[a])
         for _ in range(size + 1):
             taut = np.flatnonzero((found > least) & (found < most))
             if taut.size == 0:
@@ -279,8 +299,6 @@ def pull(aim, give, gaps, tensions, wanted):
             if worst < 0:
                 for a in range(taut.size):
                     found[taut[a]] = change[a, 0]
-                break
-            if definite:
                 break
             found[taut[worst]] = least[taut[worst]]
     for a in range(size):
@@ -402,12 +420,13 @@ def follow(rods, unit, command, bounds, state, known, forms, way):
     one = few[0][0].size == many[0][0].size
     reached, part, smallest, steps, code = 0.0, first, SMALLEST_PART * first, 0, FOUND
     failed = 1.0
-    loose = 1e-3 * tolerance
+    loose = ROUND_OFF * tolerance
+    cables = (holds & (low == 0.0)).astype(np.float64)
     while reached < 1.0:
         share = min(1.0, reached + part)
         if share > 1.0 - 1e-9:
             share = 1.0
-        aim = rest + share * change, holds, compliances, low, high
+        aim = rest + share * change + loose * cables, holds, compliances, low, high
         last = share == 1.0
         jump = (SMALL_JUMP if one else FAIR_JUMP) if last else ROUGH_JUMP
         fits = max(loose, (0.0 if last and one else 1e-2 * jump * few[0][0][-1]))
@@ -416,7 +435,7 @@ def follow(rods, unit, command, bounds, state, known, forms, way):
         )
         steps += count
         if code == FOUND and not passes:
-            taut = holds & (tensions != 0.0)
+            taut = find_taut(aim, few_states[-1, LENGTHS:], tensions, tolerance)
             if count_negative(form, compliances, taut, 0.0) > 0:
                 code = UNSTABLE
         if code == FOUND:
@@ -434,7 +453,7 @@ def follow(rods, unit, command, bounds, state, known, forms, way):
             break
     if reached == 1.0 and not one:
         trial = tensions, turns, moments, forces, many_states
-        aim = rest + change, holds, compliances, low, high
+        aim = rest + change + loose * cables, holds, compliances, low, high
         code, count = improve(
             many, many_cuts, unit, 1.0, aim, trial, known, none, (SMALL_JUMP, loose, 6)
         )

@@ -90,7 +90,7 @@ def count_negative(form, compliances, taut, shift):
     return negative
 
 
-MOST_HALVINGS = 24
+MOST_HALVINGS = 16
 """Steps of the search for the least eigenvalue."""
 
 LOWEST = 1e6

@@ -1,0 +1,284 @@
+"""The rod under loads of every kind: weight, followers, stretch, buckling, and derivatives."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+from scipy.spatial.transform import Rotation
+from scipy.special import ellipe, ellipk
+
+from bozzini.continuum import (
+    ContinuumRobot,
+    EnergyModel,
+    LineLoad,
+    PointLoad,
+    RodModel,
+    Section,
+    Tendon,
+    Wire,
+)
+from bozzini.errors import GeometryError, InputError
+from tests.continuum.rods import (
+    BENDING,
+    LENGTH,
+    ROUTINGS,
+    cross_tendons,
+    draw_robot,
+    helix,
+    integrate_published,
+    make_robot,
+    taper,
+)
+
+EULER = math.pi**2 * BENDING / (4.0 * LENGTH**2)
+"""Buckling load of the cantilever without tension [N]."""
+
+PAIR = [helix("a", 0.4), taper("b", 2.0)]
+SOFT = {"stretch_stiffness": 2000.0, "shear_stiffness": 500.0}
+LOADS = (
+    PointLoad(arc_length=60.0, force=(0.03, 0.02, 0.0), moment=(0.5, 0.0, 1.0), frame="body"),
+    LineLoad(force=(0.0, 1e-3, 0.0), frame="body", start=20.0, end=70.0),
+    LineLoad(force=(5e-4, 0.0, -1e-3)),
+)
+
+
+def bare(**fields) -> ContinuumRobot:
+    """A robot without tendons."""
+    return ContinuumRobot((Section(length=LENGTH, radius=5.0, **fields),))
+
+
+# Loads and what the rod is made of.
+
+
+@pytest.mark.parametrize("name", ["taper pair", "full-turn helix"])
+def test_shear_and_stretch_are_those_of_the_published_equations(name) -> None:
+    tendons, tensions = ROUTINGS[name]
+    robot = make_robot(tendons, **SOFT)
+    shape = RodModel(robot, stretches=True).shape_under_tensions(tensions).require()
+    zero = np.zeros(3)
+    tip, _, _ = integrate_published(tendons, tensions, zero, zero, zero, axial=2e3, shear=500.0)
+    assert shape.tip == pytest.approx(tip, abs=2e-3)
+    assert np.linalg.norm(shape.tip - RodModel(robot).shape_under_tensions(tensions).tip) > 0.1
+
+
+def test_a_hanging_rod_is_longer_by_its_weight() -> None:
+    wire = Wire(diameter=2.0, modulus=10.0, density=1e5)
+    weight = bare(wire=wire).weight_at(1.0)
+    robot = ContinuumRobot(bare(wire=wire).sections, base_rotation=(math.pi, 0.0, 0.0))
+    shape = RodModel(robot, stretches=True).shape_under_tensions([]).require()
+    area = math.pi
+    longer = weight * LENGTH**2 / (2.0 * 10.0 * area)
+    assert shape.tip[2] - LENGTH == pytest.approx(longer, rel=1e-6)
+
+
+def test_weight_is_a_line_load_and_discs_are_points() -> None:
+    robot = ContinuumRobot(
+        bare(bending_stiffness=BENDING, line_weight=1e-4, disc_weight=0.002, discs=5).sections,
+        base_rotation=(0.0, math.pi / 2.0, 0.0),
+    )
+    loads = [LineLoad(force=(1e-4, 0.0, 0.0))]
+    loads += [PointLoad(arc_length=20.0 * k, force=(0.002, 0.0, 0.0)) for k in range(1, 6)]
+    plain = bare(bending_stiffness=BENDING, discs=5)
+    shapes = [
+        model.shape_under_tensions([]).require()
+        for model in (RodModel(robot), RodModel(plain, loads=loads))
+    ]
+    assert shapes[0].points == pytest.approx(shapes[1].points, abs=1e-9)
+
+
+def test_a_follower_at_the_tip_bends_as_its_direction_there() -> None:
+    robot = bare(bending_stiffness=BENDING)
+    force = (0.1, 0.0, 0.0)
+    turned = RodModel(robot, loads=[PointLoad(force=force, frame="body")])
+    shape = turned.shape_under_tensions([]).require()
+    dead = tuple(shape.tip_frame[:3, :3] @ force)
+    again = RodModel(robot, tip_force=dead).shape_under_tensions([]).require()
+    assert again.points == pytest.approx(shape.points, abs=1e-7)
+
+
+def test_curvature_at_rest_is_the_shape_without_loads() -> None:
+    u = (0.004, 0.0, 0.02)
+    shape = RodModel(bare(bending_stiffness=BENDING, curvature=u)).shape_under_tensions([])
+    turn = Rotation.from_rotvec(np.multiply(LENGTH, u)).as_matrix()
+    assert shape.tip_frame[:3, :3] == pytest.approx(turn, abs=1e-8)
+
+
+def test_a_tapered_rod_is_many_even_ones() -> None:
+    knots = ((0.0, 2000.0), (LENGTH, 500.0))
+    parts = 50
+    pieces = tuple(
+        Section(
+            length=LENGTH / parts,
+            radius=5.0,
+            discs=1,
+            bending_stiffness=2000.0 - 1500.0 * (k + 0.5) / parts,
+        )
+        for k in range(parts)
+    )
+    tips = [
+        RodModel(robot, tip_force=(0.3, 0.0, 0.0)).shape_under_tensions([]).require().tip
+        for robot in (bare(bending_stiffness=knots), ContinuumRobot(pieces))
+    ]
+    assert tips[0] == pytest.approx(tips[1], abs=5e-3)
+
+
+def test_a_tendon_without_a_command_follows() -> None:
+    robot = make_robot(cross_tendons(2))
+    model = RodModel(robot, tip_force=(0.01, 0.0, -0.02))
+    shape = model.shape([2.0, math.nan]).require()
+    assert shape.slack[1] and shape.tensions[1] == 0.0
+    assert shape.displacements[1] < -1.5
+    pulled = make_robot(
+        [dataclasses.replace(t, stiffness=1e4, pretension=0.5) for t in cross_tendons(2)]
+    )
+    shape = RodModel(pulled, tip_force=(0.01, 0.0, -0.02)).shape([2.0, math.nan]).require()
+    assert shape.tensions[1] == pytest.approx(0.5)
+    both = RodModel(pulled, tip_force=(0.01, 0.0, -0.02)).shape(shape.displacements).require()
+    assert both.points == pytest.approx(shape.points, abs=1e-5)
+
+
+# Stability.
+
+
+@pytest.mark.parametrize("share", [0.5, 0.98])
+def test_stability_falls_to_zero_at_eulers_load(share) -> None:
+    model = RodModel(make_robot(cross_tendons()), tip_force=(0.0, 0.0, -share * EULER))
+    shape = model.shape_under_tensions(np.zeros(4)).require()
+    assert shape.stability == pytest.approx(1.0 - share, abs=2e-3)
+    beyond = dataclasses.replace(model, tip_force=(0.0, 0.0, -EULER / share))
+    shape = beyond.shape_under_tensions(np.zeros(4))
+    assert not shape.converged and not shape.stable
+    assert "unstable: the robot buckles at" in str(shape.reason)
+
+
+def test_a_buckled_rod_is_the_elastica() -> None:
+    load = 2.0 * EULER
+    robot = make_robot(cross_tendons(2))
+    near = RodModel(robot, tip_force=(0.02, 0.0, -load)).shape_under_tensions([0.0, 0.0])
+    model = RodModel(robot, tip_force=(0.0, 0.0, -load))
+    shape = model.shape_under_tensions([0.0, 0.0], initial=near).require()
+    k = brentq(lambda k: ellipk(k * k) - 0.5 * math.pi * math.sqrt(2.0), 0.1, 0.999, xtol=1e-14)
+    rate = math.sqrt(load / BENDING)
+    tip = [2.0 * k / rate, 0.0, (2.0 * ellipe(k * k) - ellipk(k * k)) / rate]
+    assert shape.tip == pytest.approx(tip, abs=1e-6)
+    assert shape.stability > 0.0
+
+
+def test_beyond_buckling_it_leans_with_the_force_across() -> None:
+    model = RodModel(make_robot(cross_tendons(2)), tip_force=(1e-4, 0.0, -1.0))
+    shape = model.shape_under_tensions([0.0, 0.0])
+    assert not shape.converged or (shape.tip[0] > 10.0 and shape.stable)
+
+
+def test_lengths_that_are_held_carry_more_than_eulers_load() -> None:
+    robot = make_robot(cross_tendons(), stiffness=(200.0, 154.0))
+    model = RodModel(robot, tip_force=(0.0, 0.0, -0.07), tendon_stiffness=1e4)
+    shape = model.shape([3.0, 0.0, -3.0, 0.0]).require()
+    assert shape.tip == pytest.approx([49.03, 0.0, 83.90], abs=0.02)
+    assert shape.stability > 0.0
+
+
+@pytest.mark.slow
+def test_its_verdict_is_that_of_the_energy() -> None:
+    rng = np.random.default_rng(0)
+    both = 0
+    for _ in range(40):
+        robot = draw_robot(rng, 0.0)
+        stiffness = min(section.bending_stiffness for section in robot.sections)
+        force = rng.normal(size=3) * stiffness / robot.length**2 * rng.choice([0.3, 1.0, 3.0])
+        pulls = rng.uniform(0.0, 0.2, len(robot.tendons)) * stiffness / robot.length
+        rod = RodModel(robot, tip_force=tuple(force)).shape_under_tensions(pulls)
+        energy = EnergyModel(robot, segment="channel", between=2, tip_force=tuple(force))
+        other = energy.shape_under_tensions(pulls)
+        if not (rod.converged and other.converged):
+            continue
+        both += 1
+        assert np.linalg.norm(rod.tip - other.tip) < 0.01 * robot.length
+        assert rod.stability == pytest.approx(float(other.stability), abs=0.02)
+    assert both > 25
+
+
+# Derivatives.
+
+
+def difference(shapes, step):
+    """Derivative of frames (k, 6) from two shapes either side."""
+    one, other = shapes
+    turns = one.frames[:, :3, :3] @ np.swapaxes(other.frames[:, :3, :3], 1, 2)
+    turned = Rotation.from_matrix(turns).as_rotvec()
+    return np.concatenate([turned, one.points - other.points], axis=1) / (2.0 * step)
+
+
+@pytest.mark.parametrize("held", ["tensions", "displacements"])
+@pytest.mark.parametrize("stretches", [False, True])
+def test_derivatives_are_differences(held, stretches) -> None:
+    robot = make_robot(PAIR, discs=4, **SOFT)
+    model = RodModel(
+        robot,
+        tip_force=(0.05, 0.03, -0.05),
+        loads=LOADS,
+        stretches=stretches,
+        tendon_stiffness=1e3,
+        steps=100,
+    )
+    command = np.array([4.0, 6.0])
+
+    def solve(model, change=0.0):
+        solver = model.shape_under_tensions if held == "tensions" else model.shape
+        return solver(command + change).require()
+
+    shape = solve(model)
+    found = model.jacobian(shape, held=held)
+    step = 1e-3
+    by_command = found.by_tension if held == "tensions" else found.by_displacement
+    for k in range(2):
+        change = step * np.eye(2)[k]
+        wanted = difference((solve(model, change), solve(model, -change)), step)
+        assert by_command[..., k] == pytest.approx(wanted, abs=1e-4 * np.abs(wanted).max() + 1e-6)
+    for k in range(3):
+        pair = [
+            solve(dataclasses.replace(model, tip_force=tuple(model.tip_force + way)))
+            for way in (step * np.eye(3)[k], -step * np.eye(3)[k])
+        ]
+        wanted = difference(pair, step)
+        rows = found.by_tip_wrench[..., 3 + k]
+        assert rows == pytest.approx(wanted, abs=1e-4 * np.abs(wanted).max() + 1e-6)
+    for k, name in enumerate(("bending_stiffness", "torsional_stiffness")):
+        pair = []
+        for sign in (1.0, -1.0):
+            section = robot.sections[0]
+            value = getattr(section, name) * (1.0 + sign * step)
+            changed = ContinuumRobot((dataclasses.replace(section, **{name: value}),))
+            pair.append(solve(dataclasses.replace(model, robot=changed)))
+        wanted = difference(pair, step)
+        rows = found.by_stiffness[..., 0, k]
+        assert rows == pytest.approx(wanted, abs=1e-4 * np.abs(wanted).max() + 1e-6)
+
+
+def test_compliance_is_symmetric_where_loads_have_a_potential() -> None:
+    model = RodModel(make_robot(PAIR), tip_force=(0.05, 0.03, -0.05), tendon_stiffness=1e4)
+    for held in ("tensions", "displacements"):
+        tip = model.jacobian(model.shape([2.0, 1.5]).require(), held=held).by_tip_wrench[-1]
+        assert tip == pytest.approx(tip.T, abs=1e-5 * np.abs(tip).max())
+
+
+# Refusals.
+
+
+def test_what_the_rod_does_not_take_is_refused() -> None:
+    rubbed = make_robot([Tendon(name="a", offset=4.0, friction=0.1)])
+    with pytest.raises(InputError, match="stretches is true, and tendons have friction"):
+        RodModel(rubbed, stretches=True)
+    with pytest.raises(InputError, match="derivatives depend on the direction"):
+        model = RodModel(rubbed)
+        model.jacobian(model.shape_under_tensions([1.0]))
+    model = RodModel(make_robot(cross_tendons(2)))
+    with pytest.raises(GeometryError, match="would have to stretch"):
+        model.jacobian(model.shape([3.0, 1.0]))
+    tense = make_robot([Tendon(name="a", offset=4.0, pretension=1.0)])
+    with pytest.raises(InputError, match="'a' has a pretension, and does not stretch"):
+        RodModel(tense).shape([1.0])
