@@ -132,8 +132,8 @@ class Prediction(Result):
             rows = every & self.answered
             words = f"{name}: " if name else ""
             bars = axes.errorbar(
-                pressure[rows], self.predicted[rows], self.prediction[rows], fmt="o", markersize=3.0,
-                linewidth=0.8, label=f"{words}{100.0 * self.level:g} % of readings",
+                pressure[rows], self.predicted[rows], self.prediction[rows], fmt="o",
+                markersize=3.0, linewidth=0.8, label=f"{words}{100.0 * self.level:g} % of readings",
             )  # fmt: skip
             if task.measured.any():
                 axes.plot(

@@ -912,16 +912,16 @@ def _differentiate_mounted(
             table[~taut, column] = 1.0
             continue
         else:
-            trials = []
+            trials: list[Answers] = []
             for x in (low, high):
                 if x == values[name]:
                     trials.append((force, np.ones(len(force), np.bool_)))
                     continue
                 try:
-                    trials.append(pull(build({**values, name: x})))  # type: ignore[arg-type]
+                    trials.append(pull(build({**values, name: x})))
                 except BozziniError:  # such a value is not legal
                     trials.append((force, np.zeros(len(force), np.bool_)))
-            change = differ(*trials, (low - values[name], high - values[name]))
+            change = differ(trials[0], trials[1], (low - values[name], high - values[name]))
         with np.errstate(all="ignore"):
             table[taut, column] = change / (1.0 - mounted.ends.compliance * slope)
     return table
