@@ -158,8 +158,10 @@ _FIRST = 15  # evaluations from each start for constants
 _KEPT = 2  # how many of those searches, the best, go on
 _SECOND = 65  # evaluations that each of these has then; the best of them has the rest
 _CAUGHT = 1e-3  # relative decrease that the gradient promises: more where a search was caught
-_SIMPLEXES = 0.02, 0.002  # of the residuals: by how much the corners of a simplex change them
-_TRIED = 30  # trials of a simplex for each unknown
+_RELEASES = 1  # times that a search that was caught is taken further
+_MOST_CORNERS = 8  # unknowns: with more a simplex takes too long
+_SIMPLEX = 0.02  # of the residuals: by how much the corners of a simplex change them
+_TRIED = 20  # trials of a simplex for each unknown
 _EXACT = 1e-11  # of the span: with a root mean square below no other start is tried
 _BETTER = 1e-9  # relative decrease of the sum of squares that counts as one
 
@@ -219,7 +221,7 @@ def release(found: OptimizeResult, problem: Problem) -> OptimizeResult:
     from scipy.optimize import minimize
 
     low, high = problem.bounds.T / problem.scales
-    for share in _SIMPLEXES:
+    for _ in range(_RELEASES if len(problem.unknowns) <= _MOST_CORNERS else 0):
         free = found.active_mask == 0
         table, rest = found.jac[:, free], found.fun
         if problem.clock.is_over or found.status <= 0 or not free.any():
@@ -227,7 +229,7 @@ def release(found: OptimizeResult, problem: Problem) -> OptimizeResult:
         gain = float(np.sum((table @ np.linalg.lstsq(table, rest, rcond=None)[0]) ** 2))
         if gain <= _CAUGHT * float(rest @ rest):
             break
-        sizes = share * np.linalg.norm(rest) / np.maximum(np.linalg.norm(table, axis=0), 1e-12)
+        sizes = _SIMPLEX * np.linalg.norm(rest) / np.maximum(np.linalg.norm(table, axis=0), 1e-12)
         sizes = np.minimum(sizes, 0.1 * (high - low)[free])
         begin = found.x[free]
         sizes = np.where(begin + sizes <= high[free], sizes, -sizes)

@@ -565,6 +565,7 @@ class Trivedi(HyperelasticModel):
         return np.asanyarray(self._pull_gas(pressure, length) + self._pull_wall(length))
 
     def _pull_gas(self, pressure: Floats, length: Floats) -> Floats:
+        """Pull of the gas alone [N]."""
         return pull_ideal(self.braid, self._gas_share() * pressure, length)
 
     def _find_free_length(self, pressure: Floats) -> Floats:
