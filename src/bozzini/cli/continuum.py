@@ -186,7 +186,7 @@ def parse_load(text: str) -> PointLoad | LineLoad:
             )
     if not (along or "force" in given or "moment" in given):
         raise InputError(f"--load is '{text}': it has no force, moment or line")
-    fields: dict[str, Any] = {"frame": given.get("frame", "base")}
+    fields: Json = {"frame": given.get("frame", "base")}
     for name, field, kind in (
         ("at", "arc_length", "length"),
         ("from", "start", "length"),
@@ -335,7 +335,7 @@ def format_bends(robot: RobotDesign, rows: list[Json]) -> str:
     return format_rows(["section", "bend [deg]", "towards [deg]"], lines)
 
 
-def format_shape(robot: ContinuumRobot, shape: Mapping[str, Any]) -> str:
+def format_shape(robot: ContinuumRobot, shape: Json) -> str:
     """Return a shape, as of `Shape.to_dict`, for people: tip, sections, tendons."""
     x, y, z = shape["tip_direction"]
     aside = math.degrees(math.atan2(math.hypot(x, y), z))
@@ -437,7 +437,7 @@ def pose_command(
     load: tuple[str, ...],
     history: tuple[str, ...],
     model_name: str | None,
-    given: Mapping[str, Any],
+    given: Json,
     settings: tuple[str, ...],
     answer: Answer,
 ) -> None:
@@ -543,7 +543,7 @@ def jacobian_command(
     load: tuple[str, ...],
     place: float | None,
     model_name: str,
-    given: Mapping[str, Any],
+    given: Json,
     answer: Answer,
 ) -> None:
     """Differentiate a shape: how the tip moves and turns with tendons and with loads on the tip.
@@ -587,7 +587,7 @@ def jacobian_command(
     lines = [
         f"at {found.arc_length[index]:.6g} mm, turns in rad and moves in mm, {found.held} held"
     ]
-    table: dict[str, Any] = {"row": MOTION_ROWS}
+    table: Json = {"row": MOTION_ROWS}
     for name, unit, columns in blocks:
         rows = zip(MOTION_ROWS, *columns.values(), strict=True)
         cells = [[row, *(f"{value:.4g}" for value in values)] for row, *values in rows]
@@ -650,7 +650,7 @@ def reach_command(
     direction: tuple[float, ...] | None,
     model_name: str,
     load: tuple[str, ...],
-    given: Mapping[str, Any],
+    given: Json,
     starts: int | None,
     smallest_bends: bool,
     answer: Answer,
@@ -743,9 +743,7 @@ def _format_reach(found: ContinuumInverse, reason: str) -> str:
     quiet=False,
     help="A picture of the backbones over each other, or the table (.csv).",
 )
-def compare_command(
-    robot_file: Path, displacement: str, given: Mapping[str, Any], answer: Answer
-) -> None:
+def compare_command(robot_file: Path, displacement: str, given: Json, answer: Answer) -> None:
     """Compare all models on one robot under one set of displacements.
 
     Tips are compared with that of the rod, the reference. Loads go to the energy and the rod model:
@@ -843,7 +841,7 @@ def _add_differences(rows: Mapping[str, Json], shapes: Mapping[str, Shape]) -> N
             row["direction_from_rod_rad"] = math.atan2(aside, float(ours[:3, 2] @ theirs[:3, 2]))
 
 
-def _list_columns(rows: Mapping[str, Json], shapes: Mapping[str, Shape]) -> dict[str, list[Any]]:
+def _list_columns(rows: Mapping[str, Json], shapes: Mapping[str, Shape]) -> dict[str, list[object]]:
     fields = ("tip_from_rod_mm", "direction_from_rod_rad", "time_s", "residual_mm", "iterations")
     places = zip(*(rows[name]["tip_mm"] for name in shapes), strict=True)
     tips = {f"tip_{axis}_mm": list(place) for axis, place in zip("xyz", places, strict=True)}

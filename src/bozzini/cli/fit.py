@@ -25,12 +25,15 @@ from .common import (
 )
 
 if TYPE_CHECKING:
+    from ..checks import Quantity
+    from ..continuum import ContinuumModel
     from ..continuum.fit import RobotFitOptions
     from ..continuum.measured import Marker, RobotMeasurements
     from ..continuum.unknowns import RobotSetup
+    from ..registry import Registry
 
 
-def _list_models() -> Any:
+def _list_models() -> Registry[ContinuumModel]:
     from ..continuum import CONTINUUM_MODELS
 
     return CONTINUUM_MODELS
@@ -111,7 +114,7 @@ def _make_options(**values: Any) -> RobotFitOptions:
 def _parse_setting(model: str, name: str, value: str) -> object:
     """Return an option of a model as its class takes it."""
     kinds = [_list_models()[model]] if model else list(_list_models().own.values())
-    known: Mapping[str, Any] = {
+    known: Mapping[str, Quantity | None] = {
         item.name: item.metadata["quantity"] if "quantity" in item.metadata else None
         for kind in kinds
         for item in dataclasses.fields(kind)

@@ -6,11 +6,12 @@ import dataclasses
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, TypeAlias, cast
+from typing import Literal, TypeAlias, cast
 
 import numpy as np
 
 from ..errors import InputError
+from ..results import Json
 from .checks import Floats
 from .kinematics import ContinuumRobot
 from .measured import Marker
@@ -446,7 +447,7 @@ def _change_tendon(
 ) -> Tendon:
     if not own and stretch is None:
         return tendon
-    fields: dict[str, Any] = {"offset": tendon.offset, "angle": tendon.angle, "path": tendon.path}
+    fields: Json = {"offset": tendon.offset, "angle": tendon.angle, "path": tendon.path}
     factor = math.exp(own.get("offset", 0.0))
     if tendon.path is not None:
         c, s = math.cos(own.get("angle", 0.0)) * factor, math.sin(own.get("angle", 0.0)) * factor
@@ -468,7 +469,7 @@ def _change_tendon(
 def _change_section(
     section: Section, own: Mapping[str, float], tendons: tuple[Tendon, ...]
 ) -> Section:
-    fields: dict[str, Any] = {"tendons": tendons}
+    fields: Json = {"tendons": tendons}
     if section.wire is not None and any(name in own for name in STIFFNESSES):
         raise InputError("the stiffnesses follow from the wire: fit sections.*.modulus")
     by_modulus = own.get("modulus", 0.0)
