@@ -702,10 +702,6 @@ def follow(rod: Rod, target: Target, *, convex: bool, start: Shot | None = None)
         # Few steps are not as exact as tendons that do not stretch ask for.
         rod = rod.with_changes(rod.changes)
     found = rod.follow(target, rod.rest(), first=first)
-    if found.reason and target.is_rigid:
-        found = stiffen(rod, target, found, first)
-        if not found.reason:
-            return found
     if found.reason:
         if not rod.trace(found, EMPTY):
             found = dataclasses.replace(rod.rest(), reason=found.reason)
@@ -713,27 +709,6 @@ def follow(rod: Rod, target: Target, *, convex: bool, start: Shot | None = None)
     if target.is_rigid:
         found = share_tensions(rod, target, found)
         found = dataclasses.replace(found, reason=find_play(rod, target, found))
-    return found
-
-
-STRETCHES = 10.0 ** np.array([-2.0, -3.0, -4.0, -5.0, -6.0, -6.25, -6.5, -6.75, -7.0, -8.0])
-"""Compliances of tendons on the way to stiff ones, against the rod's own."""
-
-
-def stiffen(rod: Rod, target: Target, found: Shot, first: float) -> Shot:
-    """Return the state by way of tendons that stretch less and less; `found` where there is none.
-
-    Tendons that lock a twist are almost redundant: which of them are taut is open without.
-    """
-    give = 1.0 / (rod.unit_tension * rod.unit_tension / rod.unit)
-    shot = rod.rest()
-    for index, part in enumerate(STRETCHES):
-        soft = dataclasses.replace(target, compliances=np.full(len(target.names), part * give))
-        shot = rod.follow(soft, shot, first=first if index == 0 else 1.0)
-        if shot.reason:
-            return found
-        if float(np.abs(soft.compliances * shot.tensions).max()) <= 0.9 * target.tolerance:
-            return shot
     return found
 
 

@@ -14,7 +14,12 @@ import math
 import numpy as np
 from numba import njit
 
-from ...numeric.kernels.linear_algebra import factor_lu, solve_bounded, solve_lu
+from ...numeric.kernels.linear_algebra import (
+    factor_lu,
+    solve_bounded,
+    solve_complementary,
+    solve_lu,
+)
 from ...numeric.kernels.rotations import find_turn, turn_quaternion
 from .rod import BY_LENGTHS, FORCE, LENGTHS, MOMENT, TURN, integrate_rod
 from .stability import count_negative
@@ -46,7 +51,7 @@ RIDGE = 1e-8
 SLOW = 0.3
 """Factor by which jumps must fall where derivatives are those of another grid."""
 
-ROUND_OFF = 1e-2
+ROUND_OFF = 1e-3
 """Part of the tolerance of lengths that is let through unless more is needed."""
 
 SMALLEST_PART = 1.0 / 64.0
@@ -226,84 +231,43 @@ def pull(aim, give, gaps, tensions, wanted):
         return FOUND
     exact, even = np.empty((size, size)), np.empty((size, size))
     vector, least, most = np.empty(size), np.empty(size), np.empty(size)
-    found = np.empty(size)
-    largest, odd = 0.0, 0.0
+    now, found = np.empty(size), np.empty(size)
+    largest = 0.0
     for a in range(size):
         i = held[a]
-        vector[a], least[a], most[a], found[a] = -gaps[i], low[i], high[i], tensions[i]
+        vector[a], least[a], most[a], now[a] = -gaps[i], low[i], high[i], tensions[i]
         for j in range(k):
-            if holds[j]:
-                vector[a] -= give[i, j] * tensions[j]
-            else:
+            if not holds[j]:
                 vector[a] += give[i, j] * (goals[j] - tensions[j])
         for b in range(size):
             exact[a, b] = give[i, held[b]]
             even[a, b] = 0.5 * (give[i, held[b]] + give[held[b], i])
-            odd = max(odd, abs(exact[a, b] - even[a, b]))
         largest = max(largest, abs(even[a, a]))
-    ridge = RIDGE * largest
+    # By the change of tensions, so that neither the ridge nor the symmetry is left in the answer.
+    found[:] = now
     for a in range(size):
-        even[a, a] += ridge
-    right = vector.copy()
-    definite = True
-    for _ in range(2):
-        # The second pass takes out what the ridge did to the first.
-        if not solve_bounded(even, right, least, most, found):
-            definite = False
-            break
-        for a in range(size):
-            right[a] = vector[a] - ridge * found[a]
+        even[a, a] += RIDGE * largest
+        if compliances[held[a]] == 0.0:
+            exact[a, a] += RIDGE * largest
+    definite = solve_bounded(even, vector - even @ now, least, most, found)
     if not definite:
         # Buckled but for its tendons: those that pull, or are too long, are taken to be taut.
         for a in range(size):
-            i = held[a]
-            found[a] = tensions[i]
-            if least[a] == 0.0 and tensions[i] == 0.0 and gaps[i] > 0.0:
+            found[a] = now[a]
+            if least[a] == 0.0 and now[a] == 0.0 and vector[a] < 0.0:
                 found[a] = 1e-9 * most[a]
-    for a in range(size):
-        if abs(found[a]) >= most[a]:
-            for b in range(size):
-                wanted[held[b]] = found[b]
-            return HELD
-    if not definite or odd > 1e-6 * largest:
-        # A moment of fixed direction has no potential: then the problem is not symmetric.
-        for a in range(size):
-            short = vector[a]
-            for b in range(size):
-                short += exact[a, b] * found[b]
-            if found[a] <= least[a] and short < 0.0:
-                found[a] = least[a] + 1e-9 * (most[a] - least[a])
-        for _ in range(size + 1):
-            taut = np.flatnonzero((found > least) & (found < most))
-            if taut.size == 0:
-                break
-            block, order = np.empty((taut.size, taut.size)), np.empty(taut.size, dtype=np.int64)
-            change = np.empty((taut.size, 1))
-            for a in range(taut.size):
-                change[a, 0] = -vector[taut[a]]
-                for b in range(size):
-                    if not (found[b] > least[b] and found[b] < most[b]):
-                        change[a, 0] -= exact[taut[a], b] * found[b]
-                for b in range(taut.size):
-                    block[a, b] = exact[taut[a], taut[b]]
-                if compliances[held[taut[a]]] == 0.0:
-                    block[a, a] += ridge
-                    change[a, 0] += ridge * found[taut[a]]
-            if not factor_lu(block, order):
-                return STOPPED
-            solve_lu(block, order, change)
-            worst = -1
-            for a in range(taut.size):
-                if change[a, 0] < least[taut[a]] and (worst < 0 or change[a, 0] < change[worst, 0]):
-                    worst = a
-            if worst < 0:
-                for a in range(taut.size):
-                    found[taut[a]] = change[a, 0]
-                break
-            found[taut[worst]] = least[taut[worst]]
+    # A moment of fixed direction has no potential: then the problem is not symmetric.
+    even[0] = found
+    if not solve_complementary(exact, vector - exact @ now, least, most, found):
+        if not definite:
+            return STOPPED
+        found[:] = even[0]
+    code = FOUND
     for a in range(size):
         wanted[held[a]] = found[a]
-    return FOUND
+        if abs(found[a]) >= most[a]:
+            code = HELD
+    return code
 
 
 @njit(cache=True)

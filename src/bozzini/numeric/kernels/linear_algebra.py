@@ -99,6 +99,10 @@ def solve_lu(factors, order, right):
             right[i, c] /= factors[i, i]
 
 
+BLOCKS = 3
+"""Exchanges of all wrong bounds at once that may fail to make them fewer."""
+
+
 @njit(cache=True)
 def solve_bounded(matrix, vector, low, high, values):
     """Minimise ``1/2 T A T + b T`` over ``low <= T <= high`` by an active-set method.
@@ -177,6 +181,66 @@ def solve_bounded(matrix, vector, low, high, values):
         if worst < 0:
             return True
         state[worst] = 0
+    return False
+
+
+@njit(cache=True)
+def solve_complementary(matrix, vector, low, high, values):
+    """Find ``low <= T <= high`` with ``A T + b`` 0 where inside, and outward on the bounds.
+
+    ``A`` need not be symmetric: where its symmetric part is positive definite there is one answer.
+    Block principal pivoting, one bound at a time where that does not get on (Judice and Pires
+    1994). Fills ``values`` (k,) from the bounds where they stand; False if it did not end.
+    """
+    size = vector.size
+    state = np.zeros(size, dtype=np.int8)  # 0 free, -1 at the lower bound, 1 at the upper
+    wanted = np.zeros(size, dtype=np.int8)
+    for k in range(size):
+        state[k] = -1 if values[k] <= low[k] else (1 if values[k] >= high[k] else 0)
+    fewest, patience = size + 1, BLOCKS
+    for _ in range(20 * size + 20):
+        for k in range(size):
+            if state[k] != 0:
+                values[k] = low[k] if state[k] < 0 else high[k]
+        free = np.flatnonzero(state == 0)
+        square, order = np.empty((free.size, free.size)), np.empty(free.size, dtype=np.int64)
+        right = np.empty((free.size, 1))
+        for i in range(free.size):
+            right[i, 0] = -vector[free[i]]
+            for k in range(size):
+                if state[k] != 0:
+                    right[i, 0] -= matrix[free[i], k] * values[k]
+            for k in range(free.size):
+                square[i, k] = matrix[free[i], free[k]]
+        if not factor_lu(square, order):
+            return False
+        solve_lu(square, order, right)
+        for i in range(free.size):
+            values[free[i]] = right[i, 0]
+        wrong, last = 0, -1
+        for k in range(size):
+            wanted[k] = state[k]
+            if state[k] == 0:
+                wanted[k] = -1 if values[k] < low[k] else (1 if values[k] > high[k] else 0)
+            else:
+                total, reach = vector[k], abs(vector[k])
+                for i in range(size):
+                    total += matrix[k, i] * values[i]
+                    reach = max(reach, abs(matrix[k, i] * values[i]))
+                if state[k] * total > 1e-14 * reach:
+                    wanted[k] = 0
+            if wanted[k] != state[k]:
+                wrong, last = wrong + 1, k
+        if wrong == 0:
+            return True
+        if wrong < fewest:
+            fewest, patience = wrong, BLOCKS
+        else:
+            patience -= 1
+        if patience >= 0:
+            state[:] = wanted
+        else:
+            state[last] = wanted[last]
     return False
 
 
