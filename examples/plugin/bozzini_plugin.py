@@ -122,9 +122,7 @@ class RigidDiscModel(ParallelModel):
             ahead[..., :3, 3] = piece * turn[..., :, 2]
             ahead[..., 3, 3] = 1.0
             frames.append(frames[-1] @ ahead)
-        return self.answer(
-            displacements, found, arc_length=stations, frames=np.stack(frames, axis=-3)
-        )
+        return self.answer(found, arc_length=stations, frames=np.stack(frames, axis=-3))
 
 
 def _turn(bend):

@@ -363,7 +363,7 @@ class Quantity:
         """The unit, empty for none."""
         return INTERNAL_UNITS.get(self.kind, "")
 
-    def is_legal(self, value: float, item: Any) -> bool:
+    def is_legal(self, value: float, item: object) -> bool:
         """Whether a float is a legal value, the other fields of a dataclass being as they are."""
         low = self.low(item) if callable(self.low) else self.low
         high = self.high(item) if callable(self.high) else self.high

@@ -483,8 +483,10 @@ def test_a_bad_field_of_a_robot_is_named(run, tmp_path):
 
 def test_the_file_format_in_the_guide_is_read(run, tmp_path):
     page = (EXAMPLES.parent / "docs" / "guide" / "continuum.md").read_text(encoding="utf-8")
-    (text,) = re.findall(r"^```yaml\n(.*?)^```", page, re.M | re.S)
-    (tmp_path / "guide.yaml").write_text(text, encoding="utf-8")
+    text, elastic = re.findall(r"^```yaml\n(.*?)^```", page, re.M | re.S)
+    for name, block in (("guide.yaml", text), ("elastic.yaml", elastic)):
+        (tmp_path / name).write_text(block, encoding="utf-8")
+    assert ContinuumRobot.from_yaml(tmp_path / "elastic.yaml").weight_at([0.0]) > 0.0
     robot = ContinuumRobot.from_yaml(tmp_path / "guide.yaml")
     plain = robot.to_dict()
     told = {key for section in plain["sections"] for key in section}

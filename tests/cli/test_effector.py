@@ -282,7 +282,9 @@ def test_sweep_lists_what_does_not_work(ask, run, tmp_path):
 
 
 def test_sweep_of_angles_and_of_muscles(ask):
-    said = ask("study", "sweep", "--quiet", "--vary", "angles=0deg/120deg/240deg,307.5/219/75")
+    said = ask(
+        "study", "sweep", "--quiet", "--vary", "angles=0deg/120deg/240deg,307.5deg/219deg/75deg"
+    )
     assert said["columns"]["angles_deg"][0] == "0/120/240"
     said = ask("study", "sweep", "--quiet", "--vary", "muscle.braid-angle=34deg,38deg")
     assert said["columns"]["muscle.braid_angle_rad"] == pytest.approx(np.radians([34.0, 38.0]))

@@ -9,7 +9,7 @@ import dataclasses
 import math
 import statistics
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -100,9 +100,9 @@ DISPLACEMENT_HELP = (
 LOAD_EXAMPLE = "at=30mm,force=0:0:-1N,frame=body"
 
 
-def _list_options() -> dict[str, tuple[dataclasses.Field[Any], list[str]]]:
+def _list_options() -> dict[str, tuple[dataclasses.Field[object], list[str]]]:
     """Return the options of this package's models, each with the names of those that have it."""
-    found: dict[str, tuple[dataclasses.Field[Any], list[str]]] = {}
+    found: dict[str, tuple[dataclasses.Field[object], list[str]]] = {}
     for name, kind in CONTINUUM_MODELS.own.items():
         for item in dataclasses.fields(kind):
             if "quantity" in item.metadata:
@@ -320,7 +320,7 @@ def describe_robot(robot: ContinuumRobot) -> Json:
     return {"length_mm": robot.length, "radius_mm": robot.radius, **robot.to_dict()}
 
 
-def format_place(place: Any) -> str:
+def format_place(place: Iterable[float]) -> str:
     """Return a place for people [mm]."""
     return ", ".join(f"{value:z.3f}" for value in place)
 

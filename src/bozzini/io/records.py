@@ -148,7 +148,7 @@ def _is_legal(known: Quantity | None, plain: object, record: object) -> bool:
     return True
 
 
-def _spell_turns(plain: Any) -> Any:
+def _spell_turns(plain: object) -> object:
     """Return angles, or knots of arc length and angles, with their unit beyond a full turn."""
     if not isinstance(plain, list):
         turned = isinstance(plain, (int, float)) and abs(plain) > FULL_TURN_RAD
