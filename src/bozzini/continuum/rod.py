@@ -671,7 +671,7 @@ LOAD_STEP = 2.0
 PLAY = 1e-4
 """Displacement of the tip that the tolerance may always make, against the rod's length."""
 
-TIGHT = 0.1
+TIGHT = 0.01
 """Part of the tolerance that is left."""
 
 LEVERS = 10.0
