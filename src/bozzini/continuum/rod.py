@@ -7,7 +7,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, get_args
+from typing import get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -32,7 +32,7 @@ from .kernels.rod import (
     integrate_rod,
     measure_unloaded,
 )
-from .kernels.shooting import BUCKLING, FOUND, HELD, SMALL_JUMP, UNSTABLE
+from .kernels.shooting import BUCKLING, FEW_MORE, FOUND, HELD, MOST_STEPS, SMALL_JUMP, UNSTABLE
 from .kernels.stability import measure_stability
 from .loads import BODY, Load, PackedLoads, check_loads, pack_loads
 from .model import (
@@ -58,6 +58,17 @@ RIGID = 1e10
 """Stiffness that stands for an infinite one, against bending stiffness by the length's square."""
 
 Packed = tuple[Floats, Floats, Floats, Floats, NDArray[np.bool_]]
+PackedRod = tuple[Packed, tuple[Floats, Floats, Floats], bool]
+Aim = tuple[Floats, NDArray[np.bool_], Floats, Floats, Floats]
+Known = tuple[Floats, NDArray[np.int64], Floats, Floats, Floats]
+
+NOTHING_KNOWN: Known = (
+    np.zeros((0, 0)),
+    np.zeros(0, dtype=np.int64),
+    np.zeros((0, 0)),
+    np.zeros((0, 0)),
+    np.zeros((0, 0)),
+)
 
 
 @dataclass(frozen=True)
@@ -153,7 +164,7 @@ class RodGrid:
 def _unique(places: Floats) -> Floats:
     """Return sorted places, those that differ by round-off once."""
     ordered = np.unique(places)
-    return ordered[np.concatenate([[True], np.diff(ordered) > ROUND_OFF_MM])]
+    return np.asarray(ordered[np.concatenate([[True], np.diff(ordered) > ROUND_OFF_MM])])
 
 
 def list_breaks(robot: RobotDesign, loads: PackedLoads) -> Floats:
@@ -246,7 +257,7 @@ class Target:
         """Return what is asked for a share of the command; cables may be longer by `loose`."""
         return np.asarray(self.rest + share * self.change + loose * (self.holds & ~self.pushes))
 
-    def aim(self, share: float, loose: float) -> tuple[Any, ...]:
+    def aim(self, share: float, loose: float) -> Aim:
         """Return what the kernels take for a share of the command, see `miss_lengths`."""
         return self.goals(share, loose), self.holds, *self.bounds
 
@@ -322,7 +333,7 @@ class Shot:
     iterations: int = 0
     reason: str = ""
     friction: FrictionState | None = None
-    known: tuple[NDArray[Any], ...] = ()
+    known: Known = NOTHING_KNOWN
     stability: float = 1.0
 
     @property
@@ -405,12 +416,12 @@ class Rod:
         return np.searchsorted(self.many.places, self.few.places[self.few_cuts] - EDGE)
 
     @cached_property
-    def packed_few(self) -> tuple[Any, ...]:
+    def packed_few(self) -> PackedRod:
         """What the kernels take of the few steps, see `integrate_rod`."""
         return self.few.packed, (*self._place_loads(self.few), np.zeros((0, 3, 0))), self.shears
 
     @cached_property
-    def packed_many(self) -> tuple[Any, ...]:
+    def packed_many(self) -> PackedRod:
         """What the kernels take of the many steps."""
         return self.many.packed, (*self._place_loads(self.many), self.changes), self.shears
 
@@ -477,7 +488,7 @@ class Rod:
                 (*shot.unknowns, shot.states),
                 known,
                 form,
-                (SMALL_JUMP, loose, shooting.MOST_STEPS),
+                (SMALL_JUMP, loose, MOST_STEPS),
             )
             steps += count
         reason, stability = "", 1.0
@@ -514,7 +525,7 @@ class Rod:
             )
         )
 
-    def make_known(self, tendons: int) -> tuple[NDArray[Any], ...]:
+    def make_known(self, tendons: int) -> Known:
         """Return arrays for `improve`: factors of derivatives."""
         size = (9 if self.follows else 6) * self.pieces - 3
         return (
@@ -671,7 +682,7 @@ LOAD_STEP = 2.0
 PLAY = 1e-4
 """Displacement of the tip that the tolerance may always make, against the rod's length."""
 
-TIGHT = 0.1
+TIGHT = 0.01
 """Part of the tolerance that is left."""
 
 LEVERS = 10.0
@@ -738,7 +749,7 @@ def share_tensions(rod: Rod, target: Target, found: Shot) -> Shot:
         (*shared.unknowns, shared.states),
         found.known,
         EMPTY,
-        (SMALL_JUMP, math.inf, 6),
+        (SMALL_JUMP, math.inf, FEW_MORE),
     )
     gaps = target.gaps(shared.states[-1, LENGTHS:], shared.tensions, 1.0, loose)
     return shared if code == FOUND and np.abs(gaps).max(initial=0.0) <= most else found
@@ -769,7 +780,7 @@ def find_play(rod: Rod, target: Target, found: Shot) -> str:
         (*other.unknowns, other.states),
         known,
         form,
-        (SMALL_JUMP, other_loose, shooting.MOST_STEPS),
+        (SMALL_JUMP, other_loose, MOST_STEPS),
     )
     what = (
         "tendons that do not stretch leave the shape open under these loads: for displacements "
@@ -807,7 +818,7 @@ def follow_sliding(
         if rod.load == 0.0:
             return Bending(moments=np.zeros((*profile.shape[:2], 3)))
         pulled = alone.with_changes(profile - first)
-        if start is not None and start.known:
+        if start is not None and start.known[1].size:
             near = dataclasses.replace(start.copy(), share=1.0)
             code, _ = shooting.improve(
                 pulled.packed_many,
@@ -818,7 +829,7 @@ def follow_sliding(
                 (*near.unknowns, near.states),
                 near.known,
                 EMPTY,
-                (ROUGH_JUMP if rough else SMALL_JUMP, 0.0, 20),
+                (ROUGH_JUMP if rough else SMALL_JUMP, 0.0, MOST_STEPS),
             )
             if code == FOUND:
                 found = start = near

@@ -27,8 +27,8 @@ from .stability import count_negative
 FOUND, STOPPED, BROKEN, BUCKLING, HELD, UNSTABLE = range(6)
 """Codes: found; no equilibrium; no derivative; singular; tendons as tight as can be; a saddle."""
 
-MOST_STEPS = 25
-"""Newton steps for one part of a command."""
+MOST_STEPS, FEW_MORE = 25.0, 6.0
+"""Newton steps for one part of a command, and with derivatives that are known."""
 
 SMALL_JUMP, ROUGH_JUMP = 1e-10, 1e-3
 """Jumps between pieces that are none, in the end and on the way there [rad], or of moments."""
@@ -90,7 +90,8 @@ def shoot(rod, cuts, unit, share, state, jumps, system, form):
     free = 6 if jumps.size == 6 * pieces - 3 else 9
     length = rod[0][0][-1]
     wants = len(form[0]) > 0
-    none = np.zeros(0, dtype=np.int64), 0
+    owners = np.zeros(0, dtype=np.int64)
+    none = owners, owners.size
     slopes = np.zeros((BY_LENGTHS + k, free + k) if wants else (0, 0))
     turn = np.empty(3)
     sizes = np.ones(9)
@@ -419,7 +420,7 @@ def follow(rods, unit, command, bounds, state, known, forms, way):
         trial = tensions, turns, moments, forces, many_states
         aim = rest + change + loose * cables, holds, compliances, low, high
         code, count = improve(
-            many, many_cuts, unit, 1.0, aim, trial, known, none, (SMALL_JUMP, loose, 6)
+            many, many_cuts, unit, 1.0, aim, trial, known, none, (SMALL_JUMP, loose, FEW_MORE)
         )
         steps += count
     return code, steps, reached, failed, loose
