@@ -13,6 +13,7 @@ from bozzini.numeric.kernels.linear_algebra import (
     factor_cholesky,
     invert_three,
     solve_bounded,
+    solve_complementary,
     solve_lower,
     solve_three,
     solve_upper,
@@ -69,6 +70,23 @@ def test_bounded_problem_has_the_minimum_of_scipy(seed: int, size: int) -> None:
     cost = [0.5 * x @ matrix @ x + vector @ x for x in (found, wanted)]
     assert cost[0] <= cost[1] + 1e-9 * (1.0 + abs(cost[1]))
     assert np.all((found >= low) & (found <= high))
+
+
+@given(seed=seeds, size=st.integers(1, 8), odd=st.floats(0.0, 10.0))
+def test_what_is_not_symmetric_is_solved_between_bounds(seed: int, size: int, odd: float) -> None:
+    matrix, vector = draw(seed, size)
+    random = np.random.default_rng(seed + 1)
+    part = random.normal(size=(size, size))
+    matrix = matrix + odd * (part - part.T)
+    low, high = -random.uniform(0.0, 1.0, size), random.uniform(0.0, 1.0, size)
+    # There is one answer, wherever it starts.
+    found, other = low.copy(), high.copy()
+    assert solve_complementary(matrix, vector, low, high, found)
+    assert solve_complementary(matrix, vector, low, high, other)
+    assert found == pytest.approx(other, abs=1e-9)
+    rest = matrix @ found + vector
+    assert np.all((found >= low) & (found <= high))
+    assert np.all(rest[found > low] <= 1e-9) and np.all(rest[found < high] >= -1e-9)
 
 
 @given(seed=seeds)
