@@ -198,7 +198,7 @@ def solve_complementary(matrix, vector, low, high, values):
     for k in range(size):
         state[k] = -1 if values[k] <= low[k] else (1 if values[k] >= high[k] else 0)
     fewest, patience = size + 1, BLOCKS
-    for _ in range(20 * size + 20):
+    for _ in range(100 * size + 100):
         for k in range(size):
             if state[k] != 0:
                 values[k] = low[k] if state[k] < 0 else high[k]
