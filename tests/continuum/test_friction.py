@@ -299,6 +299,16 @@ def test_a_loaded_rod_with_stretching_tendons_takes_both() -> None:
     assert found.tip == pytest.approx(given.tip, abs=1e-3)
 
 
+@pytest.mark.parametrize("force", [0.0, 0.02])
+def test_a_tendon_that_follows_is_one_let_out(force) -> None:
+    pair = [Tendon(name=name, offset=OFFSET, angle=k * math.pi) for k, name in enumerate("ab")]
+    model = RodModel(rub(pair), tip_force=(0.0, force, 0.0), tendon_stiffness=1e4)
+    follows, let_out = (model.shape([3.0, other]).require() for other in (math.nan, -20.0))
+    assert follows.points == pytest.approx(let_out.points, abs=1e-6)
+    assert follows.tensions == pytest.approx(let_out.tensions, abs=1e-6)
+    assert follows.displacements[1] == pytest.approx(-3.0, abs=0.05)
+
+
 def test_without_friction_nothing_changes() -> None:
     tendons = [helix("a", 0.5), taper("b", 2.0)]
     plain, none = RodModel(make_robot(tendons)), RodModel(rub(tendons, 0.0))

@@ -198,7 +198,7 @@ class Drive:
     limits : (t,) ndarray
         lengths of tendons without tension [mm].
     low, high : (t,) ndarray
-        Bounds of tensions that follow from lengths [N].
+        Bounds of tensions that follow from lengths [N]; equal where a tension is given.
     tolerance : float
         Error of a length [mm].
     """
@@ -213,7 +213,7 @@ class Drive:
         """Return how far lengths are from what is asked [mm]; 0 for slack cables."""
         if self.tensions is not None:
             return np.zeros(len(tensions))
-        gaps = lengths - self.limits
+        gaps = np.where(self.low < self.high, lengths - self.limits, 0.0)
         return np.where((self.low == 0.0) & (tensions == 0.0), np.maximum(gaps, 0.0), gaps)
 
     def go_half(self, state: FrictionState) -> Drive:

@@ -846,12 +846,13 @@ def follow_sliding(
         found = start = trial
         return Bending(moments=_list_moments(trial.states), lengths=trial.states[-1, LENGTHS:])
 
-    high = target.bounds[2]
+    goals = target.goals(1.0, 0.0)
+    _, low, high = target.bounds
     drive = Drive(
         tensions=None if target.holds.any() else target.change,
-        limits=target.goals(1.0, 0.0),
-        low=target.bounds[1],
-        high=high,
+        limits=goals,
+        low=np.where(target.holds, low, goals),
+        high=np.where(target.holds, high, goals),
         tolerance=0.1 * target.tolerance,
     )
     sliding = Sliding(channels=channels, before=before, bend=bend)
