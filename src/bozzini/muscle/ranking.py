@@ -1095,8 +1095,9 @@ def _validate(
     def fit(rows: Task) -> tuple[Callable[[Part], MuscleModel], bool]:
         if clock.is_over:
             raise OutOfTimeError(f"stopped: the time of {clock.limit:g} s is used up")
-        problem = replace(_make_problem(unknowns, rows, estimates, clock), rough=True)
+        problem = _make_problem(unknowns, rows, estimates, clock)
         again = find_minimum(problem, problem.choose_start(), limit=_EVALUATIONS)
+        again = release(again, problem)
         values = problem.name_values(again.x)
         if problem.unknowns == whole.unknowns:
             cost = whole.measure_cost(np.array(list(values.values())) / whole.scales)
