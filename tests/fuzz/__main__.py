@@ -114,7 +114,7 @@ LEGAL: dict[str, tuple[int, str]] = {
     "continuum rank": (1, "<plan --modes 4 --sections 4 --rounds 2"),
     "continuum contact": (3, "<robot <tract or shapes --displacement T1=1mm"),
     "continuum insert": (3, "<robot <tract or shapes --to 20mm --step 5mm"),
-    "continuum fit": (2, "<two sections <rows --folds 0 --free base.position"),
+    "continuum fit": (2, "<two_sections <rows --folds 0 --free base.position"),
     "continuum fabricate": (2, "<robot --out >"),
     "effector fabricate": (2, "--holder-diameter 11mm --out >"),
     "live": (2, "<tract --diameter 4mm --link 8mm --duration 0.1s --inserted 0.8"),
