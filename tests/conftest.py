@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -23,6 +24,24 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         if item.get_closest_marker("slow"):
             item.add_marker(pytest.mark.timeout(1800))
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> object:
+    """Let one process run all tests of continuum robots, so that only it compiles their kernels.
+
+    They take the longest to compile, and several processes that need a kernel at the same time
+    each compile it. Being the largest part it comes first; the other files are dealt out meanwhile.
+    """
+    if config.getoption("dist") != "loadfile":
+        return None  # the one that was asked for
+    from xdist.scheduler import LoadFileScheduling
+
+    class Scheduling(LoadFileScheduling):
+        def _split_scope(self, nodeid: str) -> str:
+            return "continuum" if "continuum" in nodeid else super()._split_scope(nodeid)
+
+    return Scheduling(config, log)
 
 
 def _find_data(name: str) -> Path:

@@ -26,6 +26,7 @@ def test_every_example_is_tested():
     assert {path.stem for path in EXAMPLES.glob("*.py")} == {
         "bicycle_chain",
         "breathing",
+        "contact_bulb",
         "duct_family",
         "continuum_compare",
         "effector_stick",
@@ -181,3 +182,22 @@ def test_fabricate_draws_closed_parts(tmp_path):
     meshes = load("fabricate").main(["--out", str(out)])
     assert out.read_bytes().startswith(PNG)
     assert all(mesh.is_volume for mesh in meshes)
+
+
+def test_a_soft_rod_coils_up_in_a_bulb_and_a_stiff_one_passes(tmp_path, capsys):
+    out = tmp_path / "bulb.png"
+    soft, middle, stiff = load("contact_bulb").main(["--out", str(out)])
+    assert not soft.converged and soft.looped_at < 100.0
+    # It coils up before the exit, and is pushed harder than what resists at the tip.
+    assert soft.tip_progress.max() < 70.0 and soft.push_force.max() > 0.1
+    for passed in (middle, stiff):
+        assert passed.converged, passed.reason
+        assert np.isnan(passed.looped_at) and np.isnan(passed.buckled_at)
+        assert passed.tip_progress[-1] == pytest.approx(140.0, abs=1.0)
+        # Loads, walls and base are in balance at each step.
+        for shape in passed.shapes:
+            total = shape.base_force + shape.resultant + shape.loads
+            np.testing.assert_allclose(total, 0.0, atol=1e-6 * 0.1)
+            np.testing.assert_allclose(shape.forces.sum(axis=0), shape.resultant, atol=1e-12)
+    assert len(capsys.readouterr().out.splitlines()) == 3
+    assert out.read_bytes()[:4] == PNG

@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from section import Bound, Section
+from section import Bound, Section, draw_axes, format_rows
 
 from bozzini.muscle import (
     MODELS,
@@ -115,11 +115,9 @@ def validate(folder: Path, images: Path) -> Section:
         form: (leave_out(data.select(data.direction == "inflating"), form), leave_out(data, form))
         for form in FORMS
     }
-    rows = [
-        f"| form | constants | left out: inflating | both | in the fit: both | "
-        f"{' | '.join(f'{length:.0f} mm' for length in lengths)} |",
-        "|---" * (5 + len(lengths)) + "|",
-    ]
+    head = ["form", "constants", "left out: inflating", "both", "in the fit: both"]
+    head += [f"{length:.0f} mm" for length in lengths]
+    rows = []
     for form, (inflating, both) in found.items():
         assert inflating.validation is not None and both.validation is not None
         cells = [
@@ -130,7 +128,7 @@ def validate(folder: Path, images: Path) -> Section:
             format_error(both.score.rmse, 1),
             *(format_error(error, 0) for error in both.validation.errors),
         ]
-        rows.append(f"| {' | '.join(cells)} |")
+        rows.append(cells)
     draw_errors(lengths, {form: found[form][1] for form in (ANCHORED, MEAN)}, images)
     bounds = []
     for form in (ANCHORED, MEAN):
@@ -149,7 +147,7 @@ def validate(folder: Path, images: Path) -> Section:
         text=(
             *format_text(data, lengths, found[MEAN][1]),
             "",
-            *rows,
+            *format_rows(head, rows),
             "",
             LIMITS,
             "",
@@ -226,18 +224,10 @@ def format_error(error: float, digits: int) -> str:
 
 def draw_errors(lengths: list[float], found: dict[Form, RankedModel], images: Path) -> None:
     """Draw the error of each form over the length left out."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    figure, axes = plt.subplots(figsize=(6.0, 3.2), layout="constrained")
-    for form, entry in found.items():
-        assert entry.validation is not None
-        words = "its free length" if form.anchored else "the mean of the others"
-        label = f"offset from {words}, {form.constants} constants"
-        axes.plot(lengths, entry.validation.errors, "o-", label=label)
-    axes.set(xlabel="rest length left out [mm]", ylabel="rms error [N]", ylim=(0.0, None))
-    axes.legend(fontsize="small")
-    figure.savefig(images / "validation_festo10.png", dpi=120, metadata={"Software": None})
-    plt.close(figure)
+    with draw_axes(images / "validation_festo10.png") as axes:
+        for form, entry in found.items():
+            assert entry.validation is not None
+            words = "its free length" if form.anchored else "the mean of the others"
+            label = f"offset from {words}, {form.constants} constants"
+            axes.plot(lengths, entry.validation.errors, "o-", label=label)
+        axes.set(xlabel="rest length left out [mm]", ylabel="rms error [N]", ylim=(0.0, None))

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from section import Bound, Section
+from section import Bound, Section, format_rows
 
 from bozzini.continuum import (
     ContinuumRobot,
@@ -36,6 +36,7 @@ BASELINE_MM = 72.99
 """Distance of the cameras as the source has it."""
 BARE = ("base", "markers.b.x", "markers.b.y")
 FORMS = (BARE, (*BARE, "commands.scale"))
+HEAD = ("tendons turn", "fitted", "constants", "left out", "in the fit")
 
 
 def read_points(path: Path, cameras: tuple[object, ...]) -> NDArray[np.float64]:
@@ -90,22 +91,18 @@ def validate(folder: Path, images: Path) -> Section:
     cameras, baseline = found.cameras.cameras, found.cameras.baseline
     steps = read_points(folder / "steps_tendon_1.csv", cameras)
     loop = read_points(folder / "loop_tendon_1.csv", cameras)
+    own = np.linalg.norm(steps[:, 0] - steps[:, 1], axis=-1)
     apart = np.linalg.norm(loop[:, 0] - loop[:, 1], axis=-1)
     swapped = int(np.sum(~(np.abs(apart - APART_MM) <= APART_TOLERANCE_MM)))
-    rows = [
-        "| tendons turn | fitted | constants | left out | in the fit |",
-        "|---" * 5 + "|",
-    ]
+    rows = []
     best: RobotFit | None = None
     for turns in (1.0 / 3.0, -1.0 / 3.0):
         for free in FORMS:
             fit = fit_points(steps, turns, free)
             assert fit.validation is not None
             words = ", ".join(f"`{name}`" for name in free)
-            rows.append(
-                f"| {360.0 * turns:+.0f} deg | {words} | {len(fit.estimates)} | "
-                f"{fit.validation.rms:.2f} | {fit.rms:.2f} |"
-            )
+            errors = f"{fit.validation.rms:.2f}", f"{fit.rms:.2f}"
+            rows.append([f"{360.0 * turns:+.0f} deg", words, str(len(fit.estimates)), *errors])
             best = fit if best is None or fit.rms < best.rms else best
     assert best is not None
     pull = STEP_MM * best.setup.scale
@@ -118,19 +115,20 @@ def validate(folder: Path, images: Path) -> Section:
             f"{len(views)} pairs of pictures of a checkerboard calibrate two cameras: "
             f"{found.cameras.rms:.2f} px, {baseline:.2f} mm apart (the source has {BASELINE_MM} "
             f"mm, {100.0 * (baseline / BASELINE_MM - 1.0):+.1f} %). Two markers of the tip "
-            f"disc are triangulated at {len(steps)} steps of one tendon; they are 21.7 to 22.2 mm "
-            f"apart in all of them. In {swapped} of {len(loop)} rows of the loop they are not "
-            "(places exchanged, or a wrong pixel); the loop is not fitted, as its pulls are not "
-            "known. Errors are root mean square distances [mm].",
+            f"disc are triangulated at {len(steps)} steps of one tendon; they are "
+            f"{own.min():.1f} to {own.max():.1f} mm apart in all of them. In {swapped} of "
+            f"{len(loop)} rows of the loop they are not (places exchanged, or a wrong pixel); the "
+            "loop is not fitted, as its pulls are not known. Errors are root mean square distances "
+            "[mm].",
             "",
-            *rows,
+            *format_rows(HEAD, rows),
             "",
-            "The pull of a step is not stated. If it was 0.75 mm, an inference from the source's "
-            f"scripts, the least error is with {pull:.2f} mm; friction, weight, and the few discs "
-            "that guide the tendons in place of channels are left out of the model, and any of "
-            "them could be what the factor stands for. Eleven steps of one tendon hardly determine "
-            "the base: its position and its rotation cannot be distinguished, as the fit "
-            "warns. So this compares the form of the path of the tip disc, not its place.",
+            f"The pull of a step is not stated. If it was {STEP_MM} mm, an inference from the "
+            f"source's scripts, the least error is with {pull:.2f} mm; friction, weight, and the "
+            "few discs that guide the tendons in place of channels are left out of the model, and "
+            "any of them could be what the factor stands for. One tendon hardly determines the "
+            "base: its position and its rotation cannot be distinguished, as the fit warns. So "
+            "this compares the form of the path of the tip disc, not its place.",
         ),
         bounds=(Bound(f"two markers, {len(best.estimates)} constants", best.rms, 1.0, "mm"),),
     )

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
-from section import Bound, Section
+import numpy as np
+from section import Bound, Section, draw_axes, format_rows
 
 from bozzini.continuum import (
     ContinuumRobot,
@@ -108,11 +109,7 @@ def validate(folder: Path, images: Path) -> Section:
         model_options={"stretches": True},
     )  # fmt: skip
     head = [marker.name.replace("_", " ") for marker in MARKERS]
-    rows = [
-        f"| fitted | constants | left out | in the fit | {' | '.join(head)} |",
-        "|---" * (4 + len(head)) + "|",
-        _row("nothing, 0.505 MPa", 0, "-", begun.rms, begun.rms_by_marker),
-    ]
+    rows = [_row(f"nothing, {START_MPA} MPa", 0, "-", begun.rms, begun.rms_by_marker)]
     for form, fit in (*found.items(), ((*CHOSEN[:2], "no stretch or shear"), stiff)):
         assert fit.validation is not None
         words = ", ".join(f"`{name}`" if "." in name else name for name in form)
@@ -126,7 +123,13 @@ def validate(folder: Path, images: Path) -> Section:
         title="Tapered tentacle, shape under tensions",
         source="tud-phi/soromox, commit 4f03054.",
         licence="MIT.",
-        text=(*describe(data, best), "", *rows, "", LIMITS),
+        text=(
+            *describe(data, best),
+            "",
+            *format_rows(("fitted", "constants", "left out", "in the fit", *head), rows),
+            "",
+            describe_limits(data, best, found[CHOSEN[:2]]),
+        ),
         bounds=(
             Bound(f"all markers, {len(best.estimates)} constants", best.rms, 12.5, "mm"),
             Bound("the same, poses left out", best.validation.rms, 15.0, "mm"),
@@ -134,9 +137,8 @@ def validate(folder: Path, images: Path) -> Section:
     )
 
 
-def _row(words: str, count: int, left_out: str, rms: float, markers: dict[str, float]) -> str:
-    cells = [words, str(count), left_out, f"{rms:.1f}", *(f"{x:.1f}" for x in markers.values())]
-    return f"| {' | '.join(cells)} |"
+def _row(words: str, count: int, left_out: str, rms: float, markers: dict[str, float]) -> list[str]:
+    return [words, str(count), left_out, f"{rms:.1f}", *(f"{x:.1f}" for x in markers.values())]
 
 
 def describe(data: RobotMeasurements, best: RobotFit) -> list[str]:
@@ -152,31 +154,30 @@ def describe(data: RobotMeasurements, best: RobotFit) -> list[str]:
         "",
         f"The last form: {known['sections.*.modulus']:.3f} MPa, tensions "
         f"{known['commands.scale']:.2f} times those stated, and the first marker at "
-        f"{known['markers.marker_1.arc_length']:.1f} mm in place of 129.1 mm.",
+        f"{known['markers.marker_1.arc_length']:.1f} mm in place of {MARKERS[0].arc_length} mm.",
         "",
         "![Error over the poses](images/validation_tentacle.png)",
     ]
 
 
-LIMITS = (
-    "What limits: the marker at the tip, up to 20 mm. The first marker, near the base where little "
-    "bends, lies 10 mm from where its stated place is, in all poses alike: so the third constant "
-    "moves it. A wrong arm, or a base that gives way, would do the same to the data. Eleven poses "
-    "are too few to choose between forms by their errors on the same poses."
-)
+def describe_limits(data: RobotMeasurements, best: RobotFit, two: RobotFit) -> str:
+    """Return what the errors are made of, by the fit of two constants and the best one."""
+    missed = two.prediction.predicted[:, 0] - two.prediction.measured[:, 0]
+    mean = np.linalg.norm(np.nanmean(missed, axis=0))
+    return (
+        "What limits: the marker at the tip, up to "
+        f"{np.nanmax(best.prediction.distances[:, 3]):.0f} mm. The first marker, near the "
+        "base where little bends, is missed by "
+        f"{two.prediction.rms_by_marker['marker_1']:.0f} mm with two constants, of which "
+        f"{mean:.0f} mm are the same in all poses: so the third constant moves it. A wrong arm, or "
+        f"a base that gives way, would do the same to the data. {len(data)} poses are too few to "
+        "choose between forms by their errors on the same poses."
+    )
 
 
 def draw_errors(fit: RobotFit, images: Path) -> None:
     """Draw the distance of each marker over the poses."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    figure, axes = plt.subplots(figsize=(6.0, 3.2), layout="constrained")
-    fit.plot(axes)
-    for line in axes.lines:
-        line.set_markersize(6)
-    axes.legend(fontsize="small")
-    figure.savefig(images / "validation_tentacle.png", dpi=120, metadata={"Software": None})
-    plt.close(figure)
+    with draw_axes(images / "validation_tentacle.png") as axes:
+        fit.plot(axes)
+        for line in axes.lines:
+            line.set_markersize(6)

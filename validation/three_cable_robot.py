@@ -6,7 +6,7 @@ import math
 from pathlib import Path
 
 import numpy as np
-from section import Bound, Section
+from section import Bound, Section, format_rows
 
 from bozzini.continuum import (
     ContinuumRobot,
@@ -79,10 +79,11 @@ def validate(folder: Path, images: Path) -> Section:
     setup = make_setup()
     data, others = read_rows(folder, setup.robot)
     found = {form: fit_form(data, setup, form) for form in FORMS}
-    rows = ["| form | constants | not fitted | in the fit |", "|---" * 4 + "|"]
     errors = {form: fit.predict(others).rms for form, fit in found.items()}
-    for form, fit in found.items():
-        rows.append(f"| {form} | {len(fit.estimates)} | {errors[form]:.2f} | {fit.rms:.2f} |")
+    rows = [
+        [form, str(len(fit.estimates)), f"{errors[form]:.2f}", f"{fit.rms:.2f}"]
+        for form, fit in found.items()
+    ]
     best = found[CHOSEN]
     known = {one.name: one.value for one in best.estimates}
     return Section(
@@ -98,7 +99,7 @@ def validate(folder: Path, images: Path) -> Section:
             "says nothing: the cables are taken as taut. In the order of the columns they stand "
             "clockwise. Errors are root mean square distances [mm].",
             "",
-            *rows,
+            *format_rows(("form", "constants", "not fitted", "in the fit"), rows),
             "",
             f"The second form: a link of {known['sections.1.length']:.0f} mm, and cables "
             f"{known['tendons.*.offset']:.2f} mm off the axis, if commands are what they say.",

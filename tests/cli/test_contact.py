@@ -7,10 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from bozzini.cli.main import main
-from bozzini.continuum import RobotDesign, Section, Tendon
+from bozzini.continuum import ContinuumRobot, RobotDesign, Section, Tendon
 from bozzini.duct import RoundCones, save
+from bozzini.motion.actuate import Actuation
+from bozzini.motion.actuate.executed import ArcCertificate
 
 LINE = np.array([[0.0, 0.0, -20.0], [0.0, 0.0, 60.0]])
 
@@ -18,7 +21,9 @@ LINE = np.array([[0.0, 0.0, -20.0], [0.0, 0.0, 60.0]])
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
-    tendons = tuple(Tendon(name=f"T{k}", offset=2.0, angle=k * np.pi / 2.0) for k in range(4))
+    tendons = tuple(
+        Tendon(name=f"T{k}", offset=2.0, angle=k * np.pi / 2.0, stiffness=5000.0) for k in range(4)
+    )
     section = Section(length=40.0, radius=3.0, tendons=tendons, bending_stiffness=300.0)
     RobotDesign((section,)).to_yaml("robot.yaml")
     save(RoundCones(LINE, np.array([5.0, 5.0])), "tube.yaml")
@@ -38,6 +43,19 @@ def test_contact_gives_the_forces_as_json_and_as_a_table(
     rows = (folder / "forces.csv").read_text().splitlines()
     assert rows[0].startswith("arc_length_mm,x_mm,y_mm,z_mm,gap_mm,normal_force_N")
     assert len(rows) == len(found["arc_length_mm"]) + 1
+
+
+def test_contact_converts_the_commands_of_a_calibrated_robot(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = Path("robot.yaml").read_text()
+    Path("fitted.yaml").write_text(f"{text}calibration: {{zeros: {{T0: 0.5}}, scale: 2}}\n")
+    tips = []
+    for file, pulled in (("fitted.yaml", "T0=0.25mm"), ("robot.yaml", "T0=1mm")):
+        words = ("contact", file, "tube.yaml", "--displacement", pulled, "--json")
+        assert main(["continuum", *words]) == 0
+        tips.append(json.loads(capsys.readouterr().out)["tip_mm"])
+    assert tips[0] == pytest.approx(tips[1], abs=1e-9)
 
 
 def test_insert_writes_force_and_contacts(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -70,6 +88,8 @@ def test_insert_writes_force_and_contacts(folder: Path, capsys: pytest.CaptureFi
             "contact takes --displacement or --tension: give one of them",
         ),
         (("insert", "robot.yaml", "tube.yaml", "--to", "90mm"), "must be at most 40 mm"),
+        (("contact", "robot.yaml", "tube.yaml", "--labels", "1"), "has no labels to select"),
+        (("insert", "robot.yaml", "tube.yaml", "--repair"), "--repair has no effect on a file"),
         (
             ("insert", "robot.yaml", "tube.yaml", "--friction", "3"),
             "friction is 3: it must lie in [0, 2]",
@@ -83,4 +103,61 @@ def test_wrong_input_is_one_line(
     error = capsys.readouterr().err
     assert said in error
     assert error.count("\n") == 1
+    assert sorted(path.name for path in folder.iterdir()) == ["robot.yaml", "tube.yaml"]
+
+
+def test_insert_stands_where_the_plan_of_the_drives_does(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    robot = ContinuumRobot.from_yaml("robot.yaml")
+    frame = np.eye(4)
+    frame[:3, :3] = Rotation.from_rotvec([0.0, 0.03, 0.4]).as_matrix()
+    frame[:3, 3] = 0.1, 0.0, -20.0
+    Path("plan").mkdir()
+    Path("plan/tendons.csv").write_text(
+        "base_advance_mm,T0_mm,T1_mm,T2_mm,T3_mm\n0,0,0,0,0\n5,0,0,0,0\n15,0,0,0,0\n"
+    )
+    words = ("insert", "robot.yaml", "tube.yaml", "--drives", "plan/tendons.csv", "--json")
+    assert main(["continuum", *words]) == 0
+    along_tube = json.loads(capsys.readouterr().out)["last"]
+    np.testing.assert_allclose(along_tube["tangents"][0], [0.0, 0.0, 1.0], atol=1e-9)
+    certificate = ArcCertificate(
+        step=0.0,
+        section=0,
+        arc_length=0.0,
+        place=np.zeros(3),
+        deviation=0.0,
+        resolved=True,
+        chords=1,
+        instants=1,
+        evaluations=1,
+        wall="",
+    )
+    Actuation(
+        robot=robot,
+        head_arc_length=np.array([0.0, 15.0]),
+        base_advance=np.array([0.0, 15.0]),
+        bends=np.zeros((2, 1, 2)),
+        displacements=np.zeros((2, 4)),
+        fit_rms=np.zeros(2),
+        fit_max=np.zeros(2),
+        clearance=np.zeros(2),
+        frame=frame,
+        certificate=certificate,
+        status="complete",
+    ).save("plan/robot.npz")
+    assert main(["continuum", *words]) == 0
+    placed = json.loads(capsys.readouterr().out)["last"]
+    np.testing.assert_allclose(placed["tangents"][0], frame[:3, 2], atol=1e-9)
+
+
+def test_nothing_is_left_of_an_insertion_that_is_stopped(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def stop(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("bozzini.continuum.insert_robot", stop)
+    words = ("insert", "robot.yaml", "tube.yaml", "--out", "force.csv", "--contacts", "all.csv")
+    assert main(["continuum", *words, "--quiet"]) == 130
     assert sorted(path.name for path in folder.iterdir()) == ["robot.yaml", "tube.yaml"]

@@ -580,6 +580,11 @@ def test_jacobian_is_the_library(ask, run):
         assert said["by_displacement"][name] == pytest.approx(
             found.by_displacement[-1, :, k].tolist(), rel=1e-3, abs=1e-6
         )
+        for column, what in enumerate(("by_offset", "by_clocking")):
+            rows = found.by_routing[-1, :, k, column].tolist()
+            assert said[what][name] == pytest.approx(rows, rel=1e-3, abs=1e-5)
+    for row, column in zip(said["rows"], found.by_base[-1].T, strict=True):
+        assert said["by_base"][row] == pytest.approx(column.tolist(), rel=1e-3, abs=1e-6)
     rows = list(csv.DictReader(Path("motion.csv").open()))
     assert [row["row"] for row in rows] == said["rows"]
     assert float(rows[4]["by_displacement_H1"]) == pytest.approx(said["by_displacement"]["H1"][4])

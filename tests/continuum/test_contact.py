@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import minimize
 
@@ -13,13 +16,16 @@ from bozzini.continuum import (
     ContactModel,
     ContactOptions,
     ContactShape,
+    ContinuumRobot,
+    EnergyModel,
     LineLoad,
     PointLoad,
     RobotDesign,
     Section,
     Tendon,
 )
-from bozzini.duct import Circles, Duct
+from bozzini.duct import Circles, Duct, SuperEllipses
+from bozzini.errors import InputError
 
 
 @dataclass(frozen=True, eq=False)
@@ -222,3 +228,367 @@ def test_around_a_circle_it_is_the_chain_of_the_thesis() -> None:
     np.testing.assert_allclose(shape.points[:, 2], 0.0, atol=1e-6)
     away = np.hypot(*(shape.points[:, :2] - circle[:2]).T) - circle[2] - 4.0
     assert away.min() == pytest.approx(0.0, abs=1e-4)
+
+
+def test_without_contact_it_is_the_shape_of_energy() -> None:
+    tendons = tuple(
+        Tendon(name=f"t{k}", offset=3.0, angle=0.5 * np.pi * k, stiffness=1e4) for k in range(4)
+    )
+    section = Section(
+        length=80.0,
+        radius=4.0,
+        discs=20,
+        tendons=tendons,
+        curvature=((0.0, 0.004, 0.0, 0.0), (80.0, 0.01, 0.005, 0.002)),
+        line_weight=1e-4,
+    )
+    robot = ContinuumRobot((section,), base_rotation=ALONG_X)
+    pulled = [2.0, 0.0, np.nan, np.nan]
+    free = EnergyModel(robot, segment="channel").shape(pulled).require()
+    found = ContactModel(robot, Tube(500.0), options=ContactOptions(segment_length=4.0))
+    shape = found.shape(pulled)
+    check_balance(shape)
+    np.testing.assert_allclose(shape.tip, free.world_points[-1], atol=1e-4)
+    np.testing.assert_allclose(shape.tensions, free.tensions, atol=1e-4)
+
+
+def make_tensed(**options: float) -> RobotDesign:
+    robot = make_cabled()
+    (section,) = robot.sections
+    tendons = tuple(replace(tendon, **options) for tendon in section.tendons)
+    return replace(robot, sections=(replace(section, tendons=tendons),))
+
+
+FAR = Circles(np.array([[1e3, 0.0]]), np.array([10.0]))
+PUSHED = (PointLoad(force=(0.02, 0.03, -0.02)),)
+COARSE = ContactOptions(segment_length=3.0)
+
+
+@pytest.mark.parametrize("pulled", [[np.nan] * 3, [0.4, np.nan, -0.1]])
+def test_pretension_is_that_of_energy(pulled: list[float]) -> None:
+    robot = make_tensed(stiffness=2e3, pretension=0.7)
+    free = EnergyModel(robot, segment="channel", loads=PUSHED).shape(pulled).require()
+    shape = ContactModel(robot, obstacles=(FAR,), loads=PUSHED, options=COARSE).shape(pulled)
+    check_balance(shape)
+    np.testing.assert_allclose(shape.tip, free.world_points[-1], atol=1e-5)
+    np.testing.assert_allclose(shape.tensions, free.tensions, atol=1e-5)
+    rigid = ContactModel(make_tensed(pretension=0.7), obstacles=(FAR,))
+    with pytest.raises(InputError, match="'T0' has a pretension, and does not stretch"):
+        rigid.shape([0.1, np.nan, np.nan])
+
+
+@pytest.mark.parametrize(
+    ("travel", "most", "reason"),
+    [
+        ((-1.0, 1.0), np.inf, "tendon 't0' is moved 2 mm: its travel is [-1, 1] mm"),
+        ((-np.inf, np.inf), 0.4, "its largest bend is"),
+    ],
+)
+def test_limits_of_drives_and_sections_hold_among_walls(travel, most, reason) -> None:
+    tendon = Tendon(name="t0", offset=3.0, angle=0.0, stiffness=1e4, travel=travel)
+    section = Section(
+        length=80.0, radius=4.0, tendons=(tendon,), bending_stiffness=300.0, max_bend=most
+    )
+    shape = ContactModel(RobotDesign((section,)), Floor(-200.0)).shape([2.0])
+    assert not shape.converged and shape.settled
+    assert reason in shape.reason
+
+
+def test_a_tension_beyond_its_limit_has_not_converged() -> None:
+    robot = make_tensed(tension_limit=1.0)
+    model = ContactModel(robot, obstacles=(FAR,), options=COARSE)
+    assert model.shape_under_tensions([1.0, 0.0, 0.0]).converged
+    over = model.shape_under_tensions([1.0, 1.2, 0.0])
+    assert not over.converged
+    free = EnergyModel(robot, segment="channel").shape_under_tensions([1.0, 1.2, 0.0])
+    assert over.reason == str(free.reason)
+
+
+@pytest.mark.parametrize(
+    "pulled", [[0.5, -0.5, 0.0], pytest.param([0.5, -0.25, -0.25], marks=pytest.mark.slow)]
+)
+def test_exact_lengths_of_all_tendons_take_the_least_tensions(pulled: list[float]) -> None:
+    robot = make_cabled()
+    free = EnergyModel(robot, segment="channel").shape(pulled).require()
+    shape = ContactModel(robot, obstacles=(FAR,), options=COARSE).shape(pulled)
+    check_balance(shape)
+    np.testing.assert_allclose(shape.tip, free.world_points[-1], atol=1e-4)
+    np.testing.assert_allclose(shape.tensions, free.tensions, atol=1e-4)
+    # Under a load that twists it there is no finite tension that holds them.
+    locked = ContactModel(robot, obstacles=(FAR,), loads=PUSHED, options=COARSE).shape(pulled)
+    assert not locked.converged
+    found = re.search(r"with a stiffness of (\S+) N", locked.reason)
+    assert found is not None
+    soft = make_tensed(stiffness=float(found[1]))
+    free = EnergyModel(soft, segment="channel", loads=PUSHED).shape(pulled).require()
+    shape = ContactModel(soft, obstacles=(FAR,), loads=PUSHED, options=COARSE).shape(pulled)
+    check_balance(shape)
+    np.testing.assert_allclose(shape.tip, free.world_points[-1], atol=1e-4)
+
+
+def solve_by_slsqp(
+    robot: RobotDesign, load: NDArray[np.float64], segments: int, radius: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Tip and the wall's force on it of a chain of arcs in a plane under a tip force, by SciPy.
+
+    Turns about z of arcs in the plane of x and y from a base that looks along x; each joint within
+    ``radius`` of the axis of x.
+    """
+    section = robot.sections[0]
+    span = section.length / segments
+    stiff = section.bending_stiffness / span
+
+    def place(turns: NDArray[np.float64]) -> NDArray[np.float64]:
+        before = np.concatenate([[0.0], np.cumsum(turns)[:-1]])
+        chord = span * np.sinc(0.5 * turns / np.pi)
+        ways = before + 0.5 * turns
+        return np.cumsum(chord[:, None] * np.stack([np.cos(ways), np.sin(ways)], axis=1), axis=0)
+
+    found = minimize(
+        lambda turns: 0.5 * stiff * float(turns @ turns) - float(load @ place(turns)[-1]),
+        np.zeros(segments),
+        method="SLSQP",
+        constraints=(
+            {"type": "ineq", "fun": lambda turns: radius - place(turns)[:, 1]},
+            {"type": "ineq", "fun": lambda turns: radius + place(turns)[:, 1]},
+        ),
+        options={"maxiter": 500, "ftol": 1e-13},
+    )
+    assert found.success, found.message
+    return found.x, place(found.x)
+
+
+def test_a_general_optimiser_finds_the_same_shape() -> None:
+    load, segments, gap = np.array([-0.02, 0.05]), 10, 3.0
+    robot = make_rod(60.0, 100.0)
+    force = PointLoad(force=(*load, 0.0), frame="world")
+    options = ContactOptions(segment_length=6.0, smoothing=1e-3)
+    shape = ContactModel(robot, Tube(gap + 1.0), loads=(force,), options=options).shape()
+    check_balance(shape)
+    turns, places = solve_by_slsqp(robot, load, segments, gap)
+    np.testing.assert_allclose(shape.points[1:, :2], places, atol=1e-4)
+    energy = 0.5 * 100.0 / 6.0 * float(turns @ turns)
+    assert shape.energy == pytest.approx(energy, rel=1e-4)
+    assert np.count_nonzero(shape.normal_forces) == np.count_nonzero(
+        np.abs(places[:, 1]) > gap - 1e-6
+    )
+
+
+FOLLOWERS = (
+    PointLoad(force=(0.03, 0.02, -0.02), moment=(1.0, 0.5, 0.7), frame="body"),
+    PointLoad(arc_length=33.0, moment=(0.0, 1.0, 0.0), frame="world"),
+    LineLoad(force=(0.0, 0.0005, 0.0), frame="body"),
+)
+"""Loads without a potential."""
+
+
+def make_cabled(stiffness: float = 200.0, length: float = 60.0) -> RobotDesign:
+    tendons = tuple(Tendon(name=f"T{k}", offset=0.8, angle=k * 2 * np.pi / 3) for k in range(3))
+    section = Section(
+        length=length, radius=1.0, tendons=tendons, bending_stiffness=stiffness, discs=20
+    )
+    return RobotDesign((section,), base_rotation=ALONG_X)
+
+
+@pytest.mark.parametrize("loads", [FOLLOWERS, (PointLoad(force=(0.05, 0.0, -0.1)),)])
+def test_far_from_walls_it_is_the_energy_model(loads: tuple[PointLoad | LineLoad, ...]) -> None:
+    robot = make_cabled()
+    far = Circles(np.array([[1e3, 0.0]]), np.array([10.0]))
+    options = ContactOptions(segment_length=3.0)
+    shape = ContactModel(robot, obstacles=(far,), loads=loads, options=options).shape({"T0": 1.0})
+    free = EnergyModel(robot, segment="channel", loads=loads).shape([np.nan] * 3)
+    pulled = EnergyModel(robot, segment="channel", loads=loads).shape([1.0, np.nan, np.nan])
+    check_balance(shape)
+    np.testing.assert_allclose(shape.tip, pulled.world_points[-1], atol=1e-5)
+    np.testing.assert_allclose(shape.tensions, pulled.tensions, atol=1e-4)
+    shape = ContactModel(robot, obstacles=(far,), loads=loads, options=options).shape()
+    np.testing.assert_allclose(shape.tip, free.world_points[-1], atol=1e-6)
+    assert shape.stability == pytest.approx(float(free.stability), rel=1e-5)
+
+
+def check_contact(shape: ContactShape, walls: tuple[Duct, ...], obstacles: bool) -> None:
+    """What holds of every shape that has converged on rigid walls without friction."""
+    check_balance(shape)
+    size = np.abs(shape.normal_forces).max(initial=0.0) + 1e-12
+    assert np.all(shape.gaps > -1e-6)
+    # Complementarity: a force only where there is no gap, and along the wall's normal.
+    assert np.all(shape.normal_forces * np.clip(shape.gaps, 0.0, 1.0) <= 1e-6 * size)
+    for wall in walls:
+        sign = 1.0 if obstacles else -1.0
+        distance = sign * wall.signed_distance(shape.points[:, : wall.dim]) - shape.robot.radius
+        assert np.all(distance > -0.1 * shape.robot.radius)
+        on = shape.normal_forces > 1e-3 * size
+        ahead = wall.signed_distance((shape.points + 1e-3 * shape.forces / size)[on][:, : wall.dim])
+        # It never pulls: along the force the wall gets farther away.
+        assert np.all(sign * ahead - shape.robot.radius > distance[on])
+    total = shape.base_force + shape.loads + shape.resultant
+    np.testing.assert_allclose(total, 0.0, atol=1e-6 * (size + np.abs(shape.loads).max()))
+
+
+def test_the_base_holds_the_moment_of_all_forces_as_it_is_bent() -> None:
+    # The moment by the forces' arms, and that by the backbone's bend in its first segment.
+    robot, step = make_rod(80.0, 150.0), 2.0
+    loads = (PointLoad(force=(0.01, 0.06, 0.02), moment=(0.0, 0.0, 1.0), frame="body"),)
+    options = ContactOptions(segment_length=step)
+    shape = ContactModel(robot, Tube(4.0), loads=loads, options=options).shape()
+    check_contact(shape, (Tube(4.0),), obstacles=False)
+    assert shape.normal_forces.max() > 0.01
+    arm = 0.5 * (shape.points[1] - shape.points[0])
+    moment = shape.base_moment - np.cross(arm, shape.base_force)
+    bend = np.cross(shape.tangents[0], shape.tangents[1]) * 150.0 / step
+    np.testing.assert_allclose(-moment[1:], bend[1:], atol=1e-2 * np.linalg.norm(bend))
+    # The tip's axis, about which the moment acts there, is almost that of the base.
+    assert abs(moment[0]) == pytest.approx(1.0, rel=1e-3)
+
+
+@settings(max_examples=4, derandomize=True, deadline=None)
+@given(
+    stiffness=st.floats(50.0, 500.0),
+    gap=st.floats(0.5, 4.0),
+    load=st.tuples(*[st.floats(-0.08, 0.08)] * 3),
+    pull=st.floats(0.0, 0.6),
+    follows=st.booleans(),
+)
+def test_no_shape_in_a_tube_that_has_converged_is_in_its_wall(
+    stiffness: float, gap: float, load: tuple[float, float, float], pull: float, follows: bool
+) -> None:
+    check_random_tube(stiffness, gap, load, pull, follows)
+
+
+def check_random_tube(
+    stiffness: float, gap: float, load: tuple[float, float, float], pull: float, follows: bool
+) -> None:
+    robot, tube = make_cabled(stiffness), Tube(1.0 + gap)
+    force = PointLoad(force=load, frame="body" if follows else "world")
+    options = ContactOptions(segment_length=3.0)
+    shape = ContactModel(robot, tube, loads=(force,), options=options).shape({"T1": pull})
+    if shape.converged:
+        check_contact(shape, (tube,), obstacles=False)
+    else:
+        assert shape.reason
+
+
+@pytest.mark.slow
+@settings(max_examples=60, derandomize=True, deadline=None)
+@given(
+    stiffness=st.floats(20.0, 1000.0),
+    gap=st.floats(0.2, 6.0),
+    load=st.tuples(*[st.floats(-0.3, 0.3)] * 3),
+    pull=st.floats(0.0, 1.5),
+    follows=st.booleans(),
+)
+def test_no_shape_in_any_tube_that_has_converged_is_in_its_wall(
+    stiffness: float, gap: float, load: tuple[float, float, float], pull: float, follows: bool
+) -> None:
+    check_random_tube(stiffness, gap, load, pull, follows)
+
+
+@pytest.mark.slow
+@settings(max_examples=30, derandomize=True, deadline=None)
+@given(
+    stiffness=st.floats(50.0, 500.0),
+    place=st.tuples(st.floats(15.0, 70.0), st.floats(4.0, 14.0)),
+    axes=st.tuples(st.floats(0.3, 8.0), st.floats(0.3, 8.0)),
+    pull=st.floats(0.0, 1.5),
+    segment=st.floats(1.0, 6.0),
+)
+def test_no_shape_about_a_super_ellipse_that_has_converged_is_in_it(
+    stiffness: float,
+    place: tuple[float, float],
+    axes: tuple[float, float],
+    pull: float,
+    segment: float,
+) -> None:
+    tendon = Tendon(name="T1", offset=0.8, angle=np.pi / 2.0)
+    section = Section(length=60.0, radius=1.0, tendons=(tendon,), bending_stiffness=stiffness)
+    robot = RobotDesign((section,), base_rotation=ALONG_X)
+    wall = SuperEllipses(
+        np.array([place]), np.array([axes]), powers=np.array([4.0]), angles=np.array([0.3])
+    )
+    if wall.signed_distance(np.zeros(2)) < 1.0:
+        return
+    options = ContactOptions(segment_length=segment)
+    shape = ContactModel(robot, obstacles=(wall,), options=options).shape({"T1": pull})
+    if shape.converged:
+        check_contact(shape, (wall,), obstacles=True)
+        assert shape.depth <= 0.1
+    else:
+        assert shape.reason
+
+
+def test_a_thin_wall_between_stations_is_not_passed_silently() -> None:
+    # A needle of 0.2 mm on the free shape, between two stations that are 6 mm apart.
+    robot, pull = make_rod(60.0, 100.0), PointLoad(force=(0.0, 0.02, 0.0), frame="world")
+
+    def meet(centre: NDArray[np.float64], step: float) -> ContactShape:
+        needle = Circles(centre[None], np.array([0.1]))
+        options = ContactOptions(segment_length=step)
+        return ContactModel(robot, obstacles=(needle,), loads=(pull,), options=options).shape()
+
+    free = meet(np.array([1e3, 0.0]), 6.0)
+    between = free.points[8:10, :2].mean(axis=0)
+    rough, fine = meet(between, 6.0), meet(between, 1.0)
+    assert fine.converged and fine.normal_forces.max() > 0.0 and fine.depth < 0.1
+    assert not rough.converged
+    assert rough.depth > 0.5 and "take a smaller segment_length" in rough.reason
+
+
+def test_friction_is_in_its_cone_and_against_the_slip() -> None:
+    robot, share = make_rod(60.0, 100.0), 0.3
+    options = ContactOptions(segment_length=3.0, friction=share)
+
+    def press(side: float, before: ContactShape | None) -> ContactShape:
+        load = PointLoad(force=(0.0, 0.08 - side, side), frame="world")
+        shape = ContactModel(robot, Tube(3.0), loads=(load,), options=options).shape(initial=before)
+        assert shape.converged, shape.reason
+        return shape
+
+    first = press(0.0, None)
+    second = press(0.05, first)
+    on = second.normal_forces > 0.0
+    assert on.any()
+    outward = second.points[on] * (0.0, 1.0, 1.0)
+    outward /= np.linalg.norm(outward, axis=1)[:, None]
+    normal = np.sum(second.forces[on] * outward, axis=1)
+    rub = second.forces[on] - normal[:, None] * outward
+    assert np.all(-normal > 0.0)
+    assert np.all(np.linalg.norm(rub, axis=1) <= share * -normal * (1.0 + 1e-3) + 1e-9)
+    slip = (second.points - first.points)[on]
+    slip -= np.sum(slip * outward, axis=1)[:, None] * outward
+    slides = np.linalg.norm(slip, axis=1) > options.slip
+    assert slides.any()
+    assert np.all(np.sum(rub * slip, axis=1) <= 0.0)
+    sizes = np.linalg.norm(rub[slides], axis=1) * np.linalg.norm(slip[slides], axis=1)
+    np.testing.assert_allclose(np.sum(rub * slip, axis=1)[slides], -sizes, rtol=1e-3)
+
+
+def test_a_wall_holds_a_rod_that_would_buckle() -> None:
+    # Clamped and free it buckles at 2.47 EI / L^2; on a wall that it is pressed against, its tip
+    # cannot leave that way, and the stability is that of the motions that are left.
+    stiffness, length = 100.0, 60.0
+    euler = 0.25 * np.pi**2 * stiffness / length**2
+    robot = make_rod(length, stiffness)
+    push = PointLoad(force=(-1.5 * euler, 0.0, 0.0), frame="world")
+    side = PointLoad(force=(0.0, 0.02, 0.0), frame="world")
+    options = ContactOptions(segment_length=3.0)
+    free, pushed = (
+        ContactModel(robot, Tube(2.0), loads=loads, options=options).shape()
+        for loads in ((side,), (side, push))
+    )
+    check_balance(free)
+    assert free.stable and pushed.stable == pushed.converged
+    # A bend alone, without load: as stiff as at rest. Pressed in, it is less.
+    assert free.stability > pushed.stability > 0.0
+
+
+def test_a_body_that_meets_itself_is_reported() -> None:
+    section = replace(make_rod(120.0, 50.0).sections[0], curvature=(0.06, 0.0, 0.0))
+    robot = RobotDesign((section,), base_rotation=ALONG_X)
+    options = ContactOptions(segment_length=4.0)
+    shape = ContactModel(robot, obstacles=(FAR,), options=options).shape()
+    assert shape.self_distance < 0.0
+    assert not shape.converged and "meets itself" in shape.reason
+    apart = np.linalg.norm(
+        np.diff([np.interp(shape.self_places, shape.arc_length, x) for x in shape.points.T], axis=1)
+    )
+    assert apart - 2.0 == pytest.approx(shape.self_distance, abs=1e-6)

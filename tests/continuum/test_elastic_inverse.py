@@ -73,9 +73,30 @@ def test_of_all_tensions_the_least_are_taken(wanted: np.ndarray) -> None:
     assert least == pytest.approx(found.tensions, abs=2e-3)
 
 
-def test_displacements_that_were_found_give_the_same_tip(wanted: np.ndarray) -> None:
-    found = ROBOT.inverse(wanted[:3, 3], model=LOADED)
-    again = LOADED.shape(found.displacements)
+def test_other_tensions_with_the_same_tip_are_larger(wanted: np.ndarray) -> None:
+    found = ROBOT.inverse(wanted[:3, 3], model=LOADED).require()
+    rng, count, moved = np.random.default_rng(7), len(PULLS), 0.0
+    for _ in range(6):
+        # Towards drawn tensions, along what leaves the tip where it is, by Newton's method.
+        pulls = found.tensions + rng.uniform(0.0, 0.6, count)
+        for _ in range(8):
+            shape = LOADED.shape_under_tensions(pulls).require()
+            slope = LOADED.jacobian(shape, held="tensions").by_tension[-1, 3:]
+            miss = wanted[:3, 3] - shape.tip
+            rows = np.concatenate([1e4 * slope, np.eye(count)])
+            sides = np.concatenate([1e4 * (slope @ pulls + miss), pulls])
+            pulls = np.maximum(lsq_linear(rows, sides, (0.0, np.inf), method="bvls").x, 0.0)
+        assert LOADED.shape_under_tensions(pulls).tip == pytest.approx(wanted[:3, 3], abs=1e-4)
+        assert np.linalg.norm(pulls) > np.linalg.norm(found.tensions)
+        moved = max(moved, float(np.abs(pulls - found.tensions).max()))
+    assert moved > 0.2
+
+
+@pytest.mark.parametrize("kind", [EnergyModel, pytest.param(RodModel, marks=pytest.mark.slow)])
+def test_displacements_that_were_found_give_the_same_tip(kind: type, wanted: np.ndarray) -> None:
+    model = kind(ROBOT, tip_force=LOADED.tip_force, tendon_stiffness=1e4)
+    found = ROBOT.inverse(wanted[:3, 3], model=model).require()
+    again = model.shape(found.displacements)
     assert again.tip == pytest.approx(wanted[:3, 3], abs=0.05)
 
 

@@ -138,6 +138,36 @@ def test_loaded_tendons_find_the_equilibrium_that_is_there() -> None:
     assert shape.tip == pytest.approx([49.03, 0.0, 83.90], abs=0.02)
 
 
+@pytest.mark.parametrize("kind", [EnergyModel, RodModel])
+def test_rigid_antagonists_are_refused_where_the_tolerance_would_decide(kind) -> None:
+    robot = make_robot(cross_tendons(), stiffness=(200.0, 154.0))
+    tips = []
+    for tolerance in (1e-4, 1e-3):
+        shape = kind(robot, tip_force=(0.0, 0.01, 0.0), tolerance=tolerance).shape(
+            [3.0, 0.0, -3.0, 0.0]
+        )
+        assert not shape.converged and "\n" not in str(shape.reason)
+        assert "leave the shape open" in str(shape.reason) and "stiffness" in str(shape.reason)
+        tips.append(shape.tip)
+    assert np.linalg.norm(tips[0] - tips[1]) > 0.1
+    # Along the plane of the bend there is nothing to twist, and loose ones do not lock.
+    for force, command in (
+        ((0.0, 0.0, -0.07), [3.0, 0.0, -3.0, 0.0]),
+        ((0.0, 0.01, 0.0), [3.0, math.nan, math.nan, math.nan]),
+    ):
+        assert kind(robot, tip_force=force).shape(command).converged
+
+
+def test_reason_has_the_stiffness_with_which_there_is_an_equilibrium() -> None:
+    robot = make_robot(cross_tendons(), stiffness=(200.0, 154.0))
+    command = [3.0, 0.0, -3.0, 0.0]
+    shape = EnergyModel(robot, tip_force=(0.0, 0.01, 0.0)).shape(command)
+    found = re.search(r"lock the backbone .*, with ([\d.e+]+) N there is", str(shape.reason))
+    assert not shape.converged and found
+    softer = EnergyModel(robot, tip_force=(0.0, 0.01, 0.0), tendon_stiffness=float(found[1]))
+    assert softer.shape(command).converged
+
+
 def test_displacements_and_tensions_lead_to_the_same_shape() -> None:
     tendons = [
         dataclasses.replace(tendon, stiffness=2e3, pretension=0.2) for tendon in cross_tendons()
@@ -152,6 +182,12 @@ def test_displacements_and_tensions_lead_to_the_same_shape() -> None:
     assert back.displacements[pulled] == pytest.approx(given.displacements[pulled], abs=1e-7)
     again = model.shape(given.displacements, initial=given)
     assert again.tip == pytest.approx(given.tip, abs=1e-7)
+
+
+def test_no_commands_have_no_shapes() -> None:
+    model = EnergyModel(make_robot(cross_tendons()), tip_force=(0.01, 0.0, 0.0))
+    for shapes in (model.shape(np.zeros((0, 4))), model.shape_under_tensions(np.zeros((0, 4)))):
+        assert shapes.tip.shape == (0, 3) and shapes.converged.shape == (0,)
 
 
 def test_rest_has_the_pretension() -> None:
@@ -230,6 +266,27 @@ def test_robot_of_natural_curvature_rests_in_it() -> None:
     moment = PointLoad(moment=tuple(-stiff * [0.0, 0.01, 0.002]), frame="body")
     undone = EnergyModel(bent, segment="channel", loads=[moment]).shape_under_tensions(NO_PULL)
     assert undone.tip == pytest.approx([0.0, 0.0, LENGTH], abs=1e-5)
+
+
+@pytest.mark.parametrize("pulled", [NO_PULL, (3.0, 0.0, -3.0, 0.0), (2.0, *[math.nan] * 3)])
+def test_displacements_count_from_the_shape_at_rest(pulled) -> None:
+    curvature = ((0.0, 0.0, 0.0, 0.0), (LENGTH, 0.01, 0.004, 0.002))
+    robots = [
+        make_robot(
+            [dataclasses.replace(t, friction=mu) for t in cross_tendons()], curvature=curvature
+        )
+        for mu in (0.0, 1e-7)
+    ]
+    found = EnergyModel(robots[0], segment="channel", tendon_stiffness=1e4, between=3).shape(pulled)
+    for robot in robots:
+        rod = RodModel(robot, tendon_stiffness=1e4).shape(pulled)
+        assert rod.converged
+        assert rod.tip == pytest.approx(found.tip, abs=5e-3)
+        assert rod.tensions == pytest.approx(found.tensions, abs=1e-3)
+    with pytest.raises(InputError, match=r"it must lie in \[0, 0.2\) rad/mm"):
+        dataclasses.replace(robots[0].sections[0], radius=5.0, curvature=(0.0, 0.3, 0.0))
+    with pytest.raises(InputError, match=r"turns a segment by 200 rad"):
+        EnergyModel(make_robot(cross_tendons(), discs=10, curvature=(0.0, 0.0, 20.0)))
 
 
 def test_limit_of_a_tension_is_named() -> None:

@@ -8,6 +8,8 @@ import math
 
 import numpy as np
 import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from bozzini.cli.main import main
@@ -82,6 +84,23 @@ def test_the_end_has_the_capstan_s_tension() -> None:
     assert shape.tendon_tensions[0] == pytest.approx(along, rel=1e-6)
     total = math.log1p(MU * PULL * OFFSET * LENGTH / BENDING) / MU
     assert turn_of_tip(shape) == pytest.approx(total, rel=1e-6)
+
+
+def test_constant_curvature_is_the_capstan() -> None:
+    # A stiff backbone that is curved at rest: what tendons do to it does not matter.
+    turn = 1.2
+    robot = rub(
+        Tendon(name="a", offset=OFFSET), stiffness=(1e8, 1e8), curvature=(0.0, turn / LENGTH, 0.0)
+    )
+    model = RodModel(robot, tendon_stiffness=1e3, between=3)
+    pulled = model.shape_under_tensions([PULL]).require()
+    along = PULL * np.exp(-MU * turn * pulled.arc_length / LENGTH)
+    assert pulled.tendon_tensions[0] == pytest.approx(along, rel=1e-5)
+    low = 0.5 * PULL * math.exp(-2.0 * MU * turn)
+    released = model.shape_under_tensions([low], initial=pulled).require()
+    along = low * np.exp(MU * turn * pulled.arc_length / LENGTH)
+    # Near its end it has hardly slid back.
+    assert released.tendon_tensions[0] == pytest.approx(along, rel=1e-3)
 
 
 def test_angles_are_of_second_order() -> None:
@@ -234,8 +253,7 @@ def test_tension_falls_the_way_a_tendon_slides() -> None:
     assert found.converged, found.reason
     state = found.shapes.friction
     lengths, tensions = (a.reshape(6, -1, 6) for a in (state.lengths, state.tensions))
-    slips = lengths[:-1] - lengths[1:]
-    slid = 0.5 * (slips[:, 1:] + slips[:, :-1])
+    slid = (lengths[:-1] - lengths[1:])[:, 1:]
     fall = -np.diff(tensions[1:], axis=1)
     for sign in (1.0, -1.0):
         here = sign * slid > 1e-3
@@ -245,6 +263,55 @@ def test_tension_falls_the_way_a_tendon_slides() -> None:
     signs = [{float(s) for s in np.sign(column[np.abs(column) > 1e-3])} for column in
              np.moveaxis(slid, 1, 2).reshape(-1, slid.shape[1])]  # fmt: skip
     assert {-1.0, 1.0} in signs
+
+
+def walk_fronts(history, friction, cells=800):
+    """Tip of a planar robot with one tendon, in cells of constant curvature and tension.
+
+    From the base on: a cell keeps its tension within what friction bears, else the tendon slides.
+    """
+    h, tensions, tips = LENGTH / cells, np.zeros(cells), []
+    for pull in history:
+        before = pull
+        for cell in range(cells):
+            # The capstan law from the cell before to this one, ``(1/T)' = +-mu r / EI``.
+            wide = friction * OFFSET * h / BENDING * (0.5 if cell == 0 else 1.0)
+            low, high = before / (1.0 + wide * before), before / (1.0 - wide * before)
+            before = tensions[cell] = min(max(tensions[cell], low), high)
+        turns = np.cumsum(tensions) * OFFSET * h / BENDING
+        angles = turns - 0.5 * tensions * OFFSET * h / BENDING
+        tips.append([h * np.sin(angles).sum(), 0.0, h * np.cos(angles).sum()])
+    return np.array(tips)
+
+
+@given(
+    history=st.lists(st.floats(0.1, 3.0), min_size=2, max_size=5),
+    steps=st.sampled_from([10, 40]),
+    parts=st.integers(1, 5),
+)
+@example(history=[1.0, 0.2, 3.0, 2.0], steps=10, parts=5)
+@settings(max_examples=5, deadline=None)
+def test_any_loop_is_that_of_slip_fronts(history, steps, parts) -> None:
+    ends = np.concatenate([[0.0], history])
+    way = np.interp(np.arange(1, parts * len(history) + 1) / parts, np.arange(len(ends)), ends)
+    found = RodModel(straight(0.25), steps=steps).trace_tensions(way[:, None])
+    assert found.converged, found.reason
+    assert found.shapes.tip[parts - 1 :: parts] == pytest.approx(
+        walk_fronts(history, 0.25), abs=0.02
+    )
+
+
+@pytest.mark.parametrize("stiffness", [math.inf, 1e4])
+def test_antagonists_settle(stiffness) -> None:
+    pair = [Tendon(name=name, offset=OFFSET, angle=k * math.pi) for k, name in enumerate("ab")]
+    options = {} if math.isinf(stiffness) else {"tendon_stiffness": stiffness}
+    model = RodModel(rub(pair), steps=50, **options)
+    for shift in (0.5, 4.0):
+        shape = model.shape([shift, -shift]).require()
+        alone = RodModel(straight(), steps=50, **options).shape([shift]).require()
+        assert shape.tip == pytest.approx(alone.tip, abs=1e-6)
+        assert shape.tensions == pytest.approx([alone.tensions[0], 0.0], abs=1e-6)
+        assert shape.iterations < 100
 
 
 @pytest.mark.parametrize("tendon", [taper("a"), helix("a", 1.0), CROSSING], ids=lambda t: t.name)
@@ -267,9 +334,9 @@ def test_work_is_elastic_energy_and_friction() -> None:
     energy = 0.5 * np.sum(stiff * turns**2 / np.diff(found.shapes.arc_length)[:, None])
     state = found.shapes.friction
     tensions, lengths = (a.reshape(len(way), -1, 2) for a in (state.tensions, state.lengths))
-    slid = -np.diff(lengths, axis=0)
+    slid = -np.diff(lengths, axis=0)[:, 1:]
     lost = -0.5 * (np.diff(tensions, axis=1)[1:] + np.diff(tensions, axis=1)[:-1])
-    heat = np.sum(lost * 0.5 * (slid[:, 1:] + slid[:, :-1]))
+    heat = np.sum(lost * slid)
     assert heat > 0.05 * energy
     assert found.work[-1] == pytest.approx(energy + heat, rel=5e-3)
 
@@ -288,13 +355,10 @@ def test_a_loaded_rod_with_stretching_tendons_takes_both() -> None:
     model = RodModel(robot, tip_force=(0.02, -0.03, -0.05), tendon_stiffness=1e4)
     pulls = np.array([2.0, 0.3, 0.5])
     given = model.shape_under_tensions(pulls).require()
-    command = given.displacements + np.array(
-        [
-            np.trapezoid(along, given.arc_length) / model.tendon_stiffness
-            for along in given.tendon_tensions
-        ]
-    )
-    found = model.shape(command).require()
+    stretches = np.trapezoid(given.tendon_tensions, given.arc_length) / model.tendon_stiffness
+    shortened = model.natural_lengths - given.tendon_lengths
+    assert given.displacements == pytest.approx(shortened + stretches, abs=1e-5)
+    found = model.shape(given.displacements).require()
     assert found.tensions == pytest.approx(pulls, rel=1e-2)
     assert found.tip == pytest.approx(given.tip, abs=1e-3)
 
@@ -447,3 +511,15 @@ def test_sections_of_two_stiffnesses() -> None:
     shape = RodModel(ContinuumRobot(sections)).shape_under_tensions([PULL]).require()
     wanted = PULL * math.exp(-MU * float(turn_of_tip(shape)))
     assert shape.end_tensions == pytest.approx([wanted], rel=1e-6)
+
+
+@pytest.mark.parametrize("share", [0.9, 1.5, 4.0])
+def test_friction_does_not_hold_a_straight_rod_beyond_eulers_load(share) -> None:
+    # A straight tendon presses on no channel, so nothing sticks.
+    euler = math.pi**2 * BENDING / (4.0 * LENGTH**2)
+    model = RodModel(
+        make_robot(cross_tendons(2, friction=0.1)), tip_force=(0.0, 0.0, -share * euler)
+    )
+    shape = model.shape_under_tensions([0.2, 0.2])
+    assert bool(shape.converged) == bool(shape.stable) == (share < 1.0)
+    assert str(shape.reason).startswith("unstable" if share > 1.0 else "")

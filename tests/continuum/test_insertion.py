@@ -116,6 +116,37 @@ def test_tendon_drives_of_a_planner_are_followed(tmp_path: Path) -> None:
         DriveTable.from_csv(file, robot)
 
 
+def test_rigid_tendons_that_are_all_commanded_go_in_or_name_a_stiffness() -> None:
+    tendons = tuple(Tendon(name=f"T{k}", offset=2.0, angle=k * 2 * np.pi / 3) for k in range(3))
+    section = Section(length=60.0, radius=3.0, tendons=tendons, bending_stiffness=300.0)
+    model = ContactModel(RobotDesign((section,)), TUBE, options=OPTIONS)
+    rows = np.array([[0.0, 0.0, 0.0], [0.4, -0.2, -0.2]])
+    drives = DriveTable(inserted=np.array([10.0, 45.0]), displacements=rows)
+    found = insert_robot(model, PATH, step=5.0, drives=drives)
+    assert found.converged, found.reason
+    np.testing.assert_allclose(found.last.displacements, rows[-1])
+    # Lengths that contradict each other end at once.
+    drives = DriveTable(inserted=np.array([10.0, 45.0]), displacements=rows + [0.0, 0.0, 0.5])
+    found = insert_robot(model, PATH, step=5.0, drives=drives)
+    assert not found.converged
+    assert "there is an equilibrium; state theirs" in found.reason
+    assert found.reason.startswith("at 10 mm: ")
+
+
+def test_rows_that_are_near_each_other_are_taken_together() -> None:
+    # In to 30 mm by rows a quarter of a millimetre apart, 10 mm back and in again.
+    there = np.concatenate([np.arange(0.0, 30.0, 0.25), np.arange(30.0, 20.0, -0.25), [28.0]])
+    pulled = np.column_stack([0.1 * there, np.full(len(there), np.nan)])
+    steps = list(DriveTable(inserted=there, displacements=pulled).list_steps(4.0, 3.0))
+    lengths = np.array([length for length, _ in steps])
+    assert np.abs(np.diff(lengths)).max() <= 3.0 + 1e-9
+    assert len(lengths) < 20
+    assert lengths.max() == 30.0 and lengths[-1] == 28.0
+    assert lengths[np.argmax(lengths) :].min() == 20.25
+    np.testing.assert_allclose([row[0] for _, row in steps], 0.1 * lengths, atol=1e-12)
+    assert np.isnan([row[1] for _, row in steps]).all()
+
+
 def test_results_are_tables_pictures_and_plain_values() -> None:
     model = ContactModel(make_robot(), TUBE, options=OPTIONS)
     found = insert_robot(model, PATH, step=20.0, drives=DriveTable.passive(model.robot, 50.0))

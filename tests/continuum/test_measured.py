@@ -93,3 +93,24 @@ def test_rows_in_the_order_of_time_are_known_as_such(tmp_path):
     assert read(tmp_path, "\n".join([HEAD, *lines])).is_ordered
     mixed = np.random.default_rng(0).permutation(lines).tolist()
     assert not read(tmp_path, "\n".join([HEAD, *mixed])).is_ordered
+
+
+TRACKED = """row,T1 displacement [mm],T2 displacement [mm],marker,x_mm,y_mm,z_mm,u_x_mm,status
+1,0.5,1,tip,5,6,7,0.1,ok
+1,0.5,1,m_1,1,2,3,0.1,ok
+2,0.7,1,tip,8,9,10,0.1,ok
+2,0.7,1,m_1,,,,,failed
+"""
+
+
+def test_a_table_with_a_row_for_each_point_is_one_with_a_row_for_each_moment(tmp_path):
+    data = read(tmp_path, TRACKED, markers=[M1])
+    wide = (
+        "T1 displacement [mm],T2 displacement [mm],tip x [mm],tip y [mm],tip z [mm],m_1 x [mm],"
+        "m_1 y [mm],m_1 z [mm]\n0.5,1,5,6,7,1,2,3\n0.7,1,8,9,10,,,\n"
+    )
+    same = read(tmp_path, wide, markers=[M1])
+    assert np.array_equal(data.points, same.points, equal_nan=True)
+    assert np.array_equal(data.commands, same.commands)
+    with pytest.raises(FileFormatError, match="marker 'tip' is in row 1 twice"):
+        read(tmp_path, TRACKED + "1,0.5,1,tip,5,6,7,0.1,ok\n", markers=[M1])

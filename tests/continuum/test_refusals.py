@@ -6,6 +6,7 @@ import dataclasses
 import math
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -44,7 +45,11 @@ OPPOSED = make_robot((0.0, 180.0))
 RODS = make_robot((0.0, 180.0), pushes=True)
 BARE = make_robot(())
 PLACE = (1.0, 2.0, 3.0)
-SHAPE = ArcModel(ROBOT).shape([[2.0, -1.0, -1.0]] * 2)
+
+
+@cache
+def shape():
+    return ArcModel(ROBOT).shape([[2.0, -1.0, -1.0]] * 2)
 
 
 def make_tendon(**fields: Any) -> Tendon:
@@ -361,9 +366,18 @@ REFUSALS: list[tuple[Callable[[], object], type[BozziniError], str, str]] = [
     (lambda: EnergyModel(ROBOT, tolerance=math.nan),
      InputError, "tolerance is nan mm", "(0, 1] mm"),
     (lambda: RodModel(ROBOT, tip_force=(1.0, 2.0)),
-     InputError, "tip_force has shape (2,)", "(..., 3)"),
+     InputError, "tip_force has shape (2,)", "(3,)"),
     (lambda: RodModel(ROBOT, distributed_force=(0.0, math.inf, 0.0)),
-     InputError, "distributed_force has 1 point(s) that are not finite (NaN or infinite)", ""),
+     InputError, "distributed_force has values that are not finite (NaN or infinite)", ""),
+    (lambda: EnergyModel(ROBOT).trace_path([0.0] * 3, varied="load"),
+     InputError, "varied is 'load'", "one of loads, command, both"),
+    (lambda: EnergyModel(ROBOT).trace_path([0.0] * 3, given="tension"),
+     InputError, "given is 'tension'", "one of displacements, tensions"),
+    (lambda: EnergyModel(ROBOT).trace_path([0.0] * 3, factors=(1.0,)),
+     InputError, "factors has shape (1,)", "(2,)"),
+    (lambda: RodModel(ROBOT).jacobian(3), InputError, "shape is 3", "a Shape"),
+    (lambda: RodModel(ROBOT).jacobian(RodModel(ROBOT).shape(np.zeros((0, 3)))),
+     InputError, "shape holds no shapes", "nothing to differentiate"),
     (lambda: RodModel(ROBOT, steps=3), InputError, "steps is 3", "[10, 100000]"),
     (lambda: RodModel(ROBOT, tendon_stiffness=-1.0),
      InputError, "tendon stiffness is -1 N", "(0, inf) N"),
@@ -392,17 +406,17 @@ REFUSALS: list[tuple[Callable[[], object], type[BozziniError], str, str]] = [
      InputError, "target has shape (4, 4)", "a direction goes with a place, (3,), only"),
     (lambda: ROBOT.forward(np.zeros((101, 3))).plot(),
      InputError, "the batch has 101 shapes", "at most 100 are drawn"),
-    (lambda: dataclasses.replace(SHAPE, frames=SHAPE.frames[:1]),
+    (lambda: dataclasses.replace(shape(), frames=shape().frames[:1]),
      InputError, "shape's frames has shape (1, 21, 4, 4)", "(2, 21, 4, 4)"),
-    (lambda: dataclasses.replace(SHAPE, slack=SHAPE.slack[:1]),
+    (lambda: dataclasses.replace(shape(), slack=shape().slack[:1]),
      InputError, "shape's slack has shape (1, 3)", "(2, 3)"),
-    (lambda: dataclasses.replace(SHAPE, residual=SHAPE.residual[:1]),
+    (lambda: dataclasses.replace(shape(), residual=shape().residual[:1]),
      InputError, "shape's residual has shape (1,)", "(2,)"),
-    (lambda: dataclasses.replace(SHAPE, reason=SHAPE.reason[:1]),
+    (lambda: dataclasses.replace(shape(), reason=shape().reason[:1]),
      InputError, "shape's reason has shape (1,)", "(2,)"),
-    (lambda: dataclasses.replace(SHAPE, tendon_lengths=SHAPE.tendon_lengths[:1]),
+    (lambda: dataclasses.replace(shape(), tendon_lengths=shape().tendon_lengths[:1]),
      InputError, "shape's tendon_lengths has shape (1, 3)", "(2, 3)"),
-    (lambda: dataclasses.replace(SHAPE, disc_arc_length=np.array([10.0, 12.3])),
+    (lambda: dataclasses.replace(shape(), disc_arc_length=np.array([10.0, 12.3])),
      InputError, "shape's arc_length has no station at the disc at 12.3 mm", ""),
     (lambda: arc_frames(ROBOT, [[0.1, 0.2]], arc_length=[0.0, 101.0]),
      InputError, "arc_length spans [0, 101] mm", "[0, 100] mm"),

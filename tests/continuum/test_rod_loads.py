@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
-from scipy.special import ellipe, ellipk
+from scipy.special import ellipe, ellipeinc, ellipk, ellipkinc
 
 from bozzini.continuum import (
     ContinuumRobot,
@@ -100,6 +102,82 @@ def test_a_follower_at_the_tip_bends_as_its_direction_there() -> None:
     assert again.points == pytest.approx(shape.points, abs=1e-7)
 
 
+@pytest.mark.parametrize("frame", ["base", "body"])
+def test_a_moment_on_the_tip_bends_to_a_circle_that_is_stable(frame) -> None:
+    # Given the loads on the tip there is one shape only: it cannot diverge.
+    bend = 1.2 * math.pi
+    moment = PointLoad(moment=(0.0, bend * BENDING / LENGTH, 0.0), frame=frame)
+    robot = make_robot(cross_tendons(2))
+    shape = RodModel(robot, loads=[moment]).shape_under_tensions([0.0, 0.0]).require()
+    radius = LENGTH / bend
+    circle = (radius * (1.0 - math.cos(bend)), 0.0, radius * math.sin(bend))
+    assert shape.tip == pytest.approx(circle, abs=1e-5)
+    assert shape.stability > 0.9
+
+
+def test_followers_bend_two_sections_as_from_the_tip() -> None:
+    # From the tip, where force and moment are known in its frame, back to the base.
+    stiffness = ((200.0, 200.0, 154.0), (90.0, 90.0, 60.0))
+    robot = ContinuumRobot(
+        tuple(
+            Section(length=long, radius=5.0, bending_stiffness=own[0], torsional_stiffness=own[2])
+            for long, own in zip((60.0, 40.0), stiffness, strict=True)
+        )
+    )
+    force, moment = (0.05, -0.04, -0.02), (1.0, 2.0, -1.5)
+    state = np.concatenate([force, moment, np.zeros(3), np.eye(3).ravel()])
+
+    def go_back(place, now, own):
+        axes, strain = now[9:].reshape(3, 3), now[3:6] / own
+        forces, moments = np.cross(strain, now[:3]), np.cross(strain, now[3:6])
+        moments += np.cross([0.0, 0.0, 1.0], now[:3])
+        return np.concatenate([forces, moments, -axes[:, 2], np.cross(strain, axes).ravel()])
+
+    for length, own in ((40.0, stiffness[1]), (60.0, stiffness[0])):
+        way = solve_ivp(go_back, (0.0, length), state, args=(own,), rtol=1e-10, atol=1e-11)
+        state = way.y[:, -1]
+    base = state[9:].reshape(3, 3).T
+    loads = [PointLoad(force=force, moment=moment, frame="body")]
+    shape = RodModel(robot, loads=loads).shape_under_tensions([]).require()
+    assert shape.tip == pytest.approx(-base @ state[6:9], abs=1e-5)
+    assert shape.tip_frame[:3, :3] == pytest.approx(base, abs=1e-7)
+
+
+@pytest.mark.parametrize("share", [0.5, 1.3])
+def test_stability_under_followers_is_that_of_energy(share) -> None:
+    robot = make_robot(cross_tendons(2, stiffness=2000.0), discs=30)
+    loads = [
+        PointLoad(force=(0.0, 0.01, -share * EULER)),
+        PointLoad(arc_length=60.0, force=(0.05, 0.0, 0.0), moment=(0.0, 0.0, 2.0), frame="body"),
+        LineLoad(force=(1e-3, 0.0, 0.0), frame="body"),
+    ]
+    models = RodModel(robot, loads=loads), EnergyModel(robot, loads=loads, segment="channel")
+    pulled = [model.shape_under_tensions([1.5, 0.0]).require() for model in models]
+    held = [model.shape([0.5, -0.4]).require() for model in models]
+    for shapes in (pulled, held):
+        stability = [float(shape.stability) for shape in shapes]
+        assert stability[0] == pytest.approx(stability[1], rel=0.02)
+
+
+@pytest.mark.parametrize("pull", [0.0, 0.6])
+def test_a_straight_rod_buckles_at_the_load_that_is_named(pull) -> None:
+    # A force P that pushes and a part of it that pulls along the tip, whose own direction holds it
+    # back: EI y'''' + (1 - pull) P y'' = 0, and EI y''' + P y' = 0 = y'' at the tip.
+    def miss(share):
+        push = share * EULER / BENDING
+        root = math.sqrt((1.0 - pull) * push)
+        c, s = math.cos(root * LENGTH), math.sin(root * LENGTH)
+        ends = (root**2 * s - push * s, push * (c - 1.0) - root**2 * c)
+        return c * ends[1] - s * ends[0]
+
+    load = 2.0 * EULER
+    loads = [PointLoad(force=(0.0, 0.0, -load))]
+    loads += [PointLoad(force=(0.0, 0.0, pull * load), frame="body")] if pull else []
+    model = RodModel(make_robot(cross_tendons(2)), loads=loads)
+    named = re.search(r"buckles at ([\d.]+) %", str(model.shape_under_tensions([0.0, 0.0]).reason))
+    assert 0.02 * float(named[1]) == pytest.approx(brentq(miss, 0.2, 1.9), rel=3e-3)
+
+
 def test_curvature_at_rest_is_the_shape_without_loads() -> None:
     u = (0.004, 0.0, 0.02)
     shape = RodModel(bare(bending_stiffness=BENDING, curvature=u)).shape_under_tensions([])
@@ -155,6 +233,22 @@ def test_stability_falls_to_zero_at_eulers_load(share) -> None:
     assert "unstable: the robot buckles at" in str(shape.reason)
 
 
+@pytest.mark.parametrize(
+    ("angles", "free"), [((0.0,), True), ((0.0, 0.5), True), ((0.0, 2 / 3, 4 / 3), False)]
+)
+def test_cables_without_tension_hold_only_what_lengthens_one(angles, free) -> None:
+    # One or two on one side let the rod buckle towards them, as without; three around do not:
+    # then its ends stay parallel, and it bears four times as much.
+    robot = make_robot([Tendon(name=f"t{a}", offset=4.0, angle=math.pi * a) for a in angles])
+    for share in (0.5, 2.0):
+        model = RodModel(robot, tip_force=(0.0, 0.0, -share * EULER))
+        shape = model.shape([0.0] * len(angles))
+        limit = 1.0 if free else 4.0
+        assert bool(shape.converged) == bool(shape.stable) == (share < limit), shape.reason
+        if shape.converged:
+            assert shape.stability == pytest.approx(1.0 - share / limit, abs=5e-3)
+
+
 def test_a_buckled_rod_is_the_elastica() -> None:
     load = 2.0 * EULER
     robot = make_robot(cross_tendons(2))
@@ -168,10 +262,32 @@ def test_a_buckled_rod_is_the_elastica() -> None:
     assert shape.stability > 0.0
 
 
-def test_beyond_buckling_it_leans_with_the_force_across() -> None:
-    model = RodModel(make_robot(cross_tendons(2)), tip_force=(1e-4, 0.0, -1.0))
-    shape = model.shape_under_tensions([0.0, 0.0])
-    assert not shape.converged or (shape.tip[0] > 10.0 and shape.stable)
+@pytest.mark.parametrize("across", [(1e-4, 0.0), (-1e-6, 0.0), (3e-3, -4e-3)])
+@pytest.mark.parametrize("load", [1.2, 4.0])
+def test_beyond_buckling_it_leans_with_the_force_across(load, across) -> None:
+    force = np.array([*across, -load * EULER])
+    model = RodModel(make_robot(cross_tendons(2)), tip_force=tuple(force))
+    shape = model.shape_under_tensions([0.0, 0.0]).require()
+    # The elastica by its angle from the force: sin(angle / 2) = k sin(phase).
+    rate = math.sqrt(np.linalg.norm(force) / BENDING)
+    tilt = math.atan2(math.hypot(*across), load * EULER)
+
+    def start(k):
+        return math.asin(min(1.0, math.sin(0.5 * tilt) / k))
+
+    k = brentq(
+        lambda k: ellipk(k * k) - ellipkinc(start(k), k * k) - rate * LENGTH,
+        math.sin(0.5 * tilt),
+        1.0 - 1e-12,
+        xtol=1e-15,
+    )
+    along = 2.0 * (ellipe(k * k) - ellipeinc(start(k), k * k)) / rate - LENGTH
+    aside = 2.0 * k * math.cos(start(k)) / rate
+    axial = math.cos(tilt) * along + math.sin(tilt) * aside
+    sideways = math.cos(tilt) * aside - math.sin(tilt) * along
+    way = np.array(across) / math.hypot(*across)
+    assert shape.tip == pytest.approx([*(sideways * way), axial], abs=1e-6)
+    assert shape.stability > 0.0
 
 
 def test_lengths_that_are_held_carry_more_than_eulers_load() -> None:
@@ -273,6 +389,8 @@ def test_what_the_rod_does_not_take_is_refused() -> None:
     rubbed = make_robot([Tendon(name="a", offset=4.0, friction=0.1)])
     with pytest.raises(InputError, match="stretches is true, and tendons have friction"):
         RodModel(rubbed, stretches=True)
+    with pytest.raises(InputError, match="no section has a finite stretch_stiffness"):
+        RodModel(make_robot(cross_tendons(2)), stretches=True)
     with pytest.raises(InputError, match="derivatives depend on the direction"):
         model = RodModel(rubbed)
         model.jacobian(model.shape_under_tensions([1.0]))

@@ -33,7 +33,8 @@ def test_a_wire_has_its_closed_forms() -> None:
 def test_a_thin_tube_has_half_its_area_in_shear() -> None:
     # Cowper: k goes to 2 (1 + nu) / (4 + 3 nu) as the wall gets thin.
     tube = Wire(diameter=1.0, modulus=1.0, inner_diameter=1.0 - 1e-6)
-    assert tube.shear_coefficient == pytest.approx(2.6 / 4.9, rel=1e-5)
+    across, _, along, *_ = tube.stiffness_at(0.0)
+    assert 2.6 * across / along == pytest.approx(2.6 / 4.9, rel=1e-5)
     wire, hole = Wire(diameter=2.0, modulus=3.0), Wire(diameter=1.0, modulus=3.0)
     both = Wire(diameter=2.0, modulus=3.0, inner_diameter=1.0).stiffness_at(0.0)
     whole = wire.stiffness_at(0.0) - hole.stiffness_at(0.0)

@@ -221,7 +221,7 @@ REFUSALS: list[tuple[Callable[[], object], type[InputError], str, str]] = [
     (lambda: STRIP.locate(-1, 0.5, across=0.5), InputError, "quad is -1", "[0, 0]"),
     (lambda: STRIP.locate(0.5, 0.5, across=0.5), InputError, "quad is 0.5", "[0, 0]"),
     (lambda: STRIP.locate(0, np.nan, across=0.5),
-     InputError, "along has values that are not finite", "all must be"),
+     InputError, "along is nan", "it must be finite"),
     (lambda: StitchedQuads([(0, 1), (4, 1), (8, -1)], [(0, -1), (4, -1), (8, 1)]),
      GeometryError, "quad 1 crosses itself", "its sides must not meet"),
     (lambda: StitchedQuads([(0, 1), (4, 1), (8, 1)], [(0, -1), (4, -1), (4.5, 0.8)]),

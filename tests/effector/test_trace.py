@@ -55,6 +55,7 @@ def test_a_line_that_leaves_the_workspace_says_where() -> None:
     assert inside[0] and not inside[-1]
     assert np.array_equal(inside, np.sort(inside)[::-1])  # once out, it stays out
     assert trace.error[inside].max() < 1e-9 < trace.error[~inside].min()
+    assert trace.reachable_error == trace.error[inside].max()
     assert trace.converged.tolist() == inside.tolist() and trace.settled.all()
     lost = f"{int((~inside).sum())} target(s) out of reach, by up to {trace.largest_error:.3g} mm"
     assert trace.reason == lost

@@ -39,7 +39,9 @@ TRACTS = (
     *("tube.nii.gz", "tube.nii.gz", "tube.nii.gz", "tube.nii", "tube.stl", "tube.stl", "tube.stl"),
     *("tube.ply", "tube.obj", "tube.glb", "tube.vtk", "tube.off"),
 )
-ROBOTS = ("two_sections.yaml", "two_sections.yaml", "helical.yaml", "gastroscope.yaml")
+EXAMPLE_ROBOTS = ("two_sections.yaml", "helical.yaml", "gastroscope.yaml")
+ROBOTS = ("two_sections.yaml", "two_sections.yaml", "helical.yaml", "gastroscope.yaml",
+          "elastic.yaml", "elastic.yaml")  # fmt: skip
 FILES = {
     "tract": TRACTS,
     "tract or shapes": (*TRACTS, *("shapes.json", "shapes.yaml") * 6),
@@ -63,6 +65,9 @@ FILES = {
     "loop": ("loop.csv",),
     "fitted loop": ("loop.yaml",),
     "fitted muscle": ("fit.yaml",),
+    "elastic": ("elastic.yaml",),
+    "drives": ("drives.csv",),
+    "obstacle": ("shapes.json", "shapes.yaml"),
 }
 LEGAL: dict[str, tuple[int, str]] = {
     # How often, and a command line that works; <kind is a file, >suffix an output.
@@ -106,14 +111,14 @@ LEGAL: dict[str, tuple[int, str]] = {
     "continuum models": (1, ""),
     "continuum new": (2, "--sections 2 --tendons 3 --out >.yaml"),
     "continuum pose": (8, "<robot --displacement T1=1mm"),
-    "continuum jacobian": (2, "<robot --displacement T1=1mm"),
+    "continuum jacobian": (2, "<robot --tension T1=1N"),
     "continuum reach": (4, "<robot --to 30mm,10mm,80mm --starts 4"),
     "continuum compare": (3, "<robot --displacement T1=1mm"),
     "continuum workspace": (3, "<robot --count 500"),
     "continuum design": (2, "<way --tendons 1 --out >.yaml"),
     "continuum rank": (1, "<plan --modes 4 --sections 4 --rounds 2"),
     "continuum contact": (3, "<robot <tract or shapes --displacement T1=1mm"),
-    "continuum insert": (3, "<robot <tract or shapes --to 20mm --step 5mm"),
+    "continuum insert": (3, "<elastic <tract or shapes --to 20mm --step 5mm"),
     "continuum fit": (2, "<two_sections <rows --folds 0 --free base.position"),
     "continuum fabricate": (2, "<robot --out >"),
     "effector fabricate": (2, "--holder-diameter 11mm --out >"),
@@ -137,8 +142,60 @@ UNITS = {
     "length": "mm", "force": "N", "pressure": "kPa", "angle": "deg", "time": "s", "rigidity":
     "Nmm^2", "stiffness": "N/mm", "line force": "N/mm", "compliance": "mm/N",
 }  # fmt: skip
+LOADS = ("at=30mm,force=0:0:-10mN,frame=body", "force=0:10mN:0", "moment=1Nmm:0:0,frame=world",
+         "line=0:0:-1N/m,from=10mm,to=30mm", "line=0:0:-1N/m,from=30mm,to=10mm", "force=1:2",
+         "at=-1mm,force=0:0:1N", "at=9m,force=0:0:1N", "force=nan:0:0", "force=1e30N:0:0", "at=1mm",
+         "force=0:0:-1,frame=moon", "force=1N:0:0,force=1N:0:0", "force=1psi:0:0")  # fmt: skip
+FREE = ("base", "base.position", "base.rotation.x", "sections.each.bending_stiffness",
+        "tendons.*.stiffness", "tendons.T1.zero", "sections.9.bending_stiffness", "markers.m1",
+        "commands.scale", "commands.backlash", "tendons.each.pretension", "base..x")  # fmt: skip
+CHOSEN: dict[str, Sequence[str]] = {
+    "--load": LOADS,
+    "--tension": ("T1=1N", "T1=0.5N,T2=1N", "T1=-1N", "T1=1mm", "T9=1N", "T1=1e9N", "T1=nanN"),
+    "--free": FREE,
+    "--marker": ("m1=30mm,0mm,0mm,5mm", "m1=-3mm,0,0,0", "m1=1mm,2mm", "tip=30mm,0,0,0"),
+    "--column": ("T1 tension [N]=T1 displacement [mm]", "a=b", "tip x [mm]=tip y [mm]"),
+    "--history": ("T1=1mm", "T1=-1mm,T2=2mm", "T1=nan"),
+}
+"""Values of options that are text with a form of its own."""
+FILE_OPTIONS = {
+    "--robot": "robot", "--over": "tract", "--drives": "drives", "--obstacle": "obstacle",
+    "--check": "rows",
+}  # fmt: skip
 PAIRS = ("T1=2mm", "T1=2mm,T2=-1mm", "H1=1mm", "R=300kPa", "R=0.5,G=0.1", "A=0deg,B=90deg",
          "offset=3mm:5mm:3", "segments=12,15", "modulus=0.1MPa:2MPa", "pressure=kPa")  # fmt: skip
+
+
+ELASTIC = """\
+name: elastic
+base_position: [0 mm, 0 mm, 5 mm]
+base_rotation: [0 deg, 10 deg, 0 deg]
+sections:
+  - length: 60 mm
+    radius: 3 mm
+    discs: 6
+    wire: {diameter: [[0 mm, 1 mm], [60 mm, 0.7 mm]], modulus: 60 GPa, density: 6450 kg/m^3}
+    curvature: [0.1 deg/mm, 0 deg/mm, 0 deg/mm]
+    line_weight: 0.02 N/m
+    disc_weight: 1 mN
+    tendons:
+      - {name: T1, offset: 2 mm, angle: 0 deg, stiffness: 10 kN, pretension: 0.2 N}
+      - {name: T2, offset: 2 mm, angle: 120 deg, stiffness: 10 kN, tension_limit: 20 N}
+      - {name: T3, offset: 2 mm, angle: {start: 4, turns: 0.2}, stiffness: 10 kN, friction: 0.1}
+  - length: 30 mm
+    radius: 3 mm
+    discs: 3
+    bending_stiffness: [[0 mm, 200 N mm^2], [30 mm, 100 N mm^2]]
+    torsional_stiffness: 150 N mm^2
+    stretch_stiffness: 10 kN
+    shear_stiffness: 4 kN
+    tendons:
+      - name: D1
+        path: [[0 mm, 2 mm, 0 mm], [45 mm, 0 mm, 2 mm], [90 mm, 1 mm, 1 mm]]
+        interpolation: cubic
+        stiffness: 10 kN
+"""
+"""A robot with all that elastic models heed."""
 
 
 @dataclass(frozen=True)
@@ -257,8 +314,12 @@ def make_originals(folder: Path) -> None:
     curve = np.column_stack([time, 600.0 * np.minimum(time, 1.0) * (2.0 - np.minimum(time, 1.0))])
     np.savetxt(folder / "curve.csv", curve, delimiter=",", header="time,pressure", comments="")
     savemat(folder / "curve.mat", {"data": curve})
-    for name in set(ROBOTS):
+    for name in EXAMPLE_ROBOTS:
         shutil.copy(EXAMPLES / name, folder / name)
+    (folder / "elastic.yaml").write_text(ELASTIC)
+    names = [*(f"T{k}_mm" for k in range(1, 7)), "D1_mm"]
+    rows = [f"{4 * n},{n / 10},{-n / 20},{-n / 20},0,0,0,0" for n in range(6)]
+    (folder / "drives.csv").write_text("\n".join([",".join(["base_advance_mm", *names]), *rows]))
     here = Path.cwd()
     os.chdir(folder)
     try:
@@ -374,10 +435,11 @@ def _add_option(
         value = rng.choice(["1", "3", "0", "-2", "1.5", *WORDS])
     elif flag in ("--duration", "--hold"):  # any other would be simulated, however long
         value = rng.choice(["0.1s", "30 ms", "0", "-1s", "1e9s", "5parsec", *WORDS])
-    elif flag == "--robot":
-        value = _take("robot", rng, originals, folder, damages, damaged=rng.random() < 0.7)
-    elif flag == "--over":
-        value = _take("tract", rng, originals, folder, damages, damaged=rng.random() < 0.7)
+    elif flag in FILE_OPTIONS:
+        damaged = rng.random() < 0.7
+        value = _take(FILE_OPTIONS[flag], rng, originals, folder, damages, damaged=damaged)
+    elif flag in CHOSEN and rng.random() < 0.8:
+        value = rng.choice(CHOSEN[flag])
     elif isinstance(kind, click.types.IntParamType):
         value = rng.choice([make_number(rng), "0", "1", "2", "3", "7", "20", "-1", "100000"])
     elif kind.name == "text" and rng.random() < 0.5:
@@ -529,15 +591,18 @@ def run_cases(
     jobs: int = 1,
     seconds: int = 30,
     sound: bool = True,
+    only: str = "",
 ) -> Iterator[Outcome]:
     """Run cases, `jobs` at a time, after every command on sound files if `sound`.
 
-    `seconds` is how much time of a processor each may take.
+    `seconds` is how much time of a processor each may take; `only` is how names of the commands
+    begin.
     """
     commands = find_commands()
     missing = sorted(set(commands) - set(LEGAL) - REAL_TIME)
     if missing:
         raise SystemExit(f"fuzz: no legal command line is known for: {', '.join(missing)}")
+    commands = {name: command for name, command in commands.items() if name.startswith(only)}
     originals = place / "originals"
     if not originals.exists():
         originals.mkdir(parents=True)
@@ -584,6 +649,7 @@ def main() -> int:
     )
     parser.add_argument("--count", type=int, default=500)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--only", default="", help='how commands begin, such as "continuum"')
     parser.add_argument("--case", type=int, help="repeat this one and show what it says")
     parser.add_argument("--jobs", type=int, default=min(os.cpu_count() or 1, 4))
     parser.add_argument("--keep", type=Path, default=Path("fuzz-failures"))
@@ -600,7 +666,13 @@ def main() -> int:
         place = Path(name).resolve()
         sound = given.case is None and not given.skip_sound
         for outcome in run_cases(
-            numbers, given.seed, place, jobs=given.jobs, seconds=given.seconds, sound=sound
+            numbers,
+            given.seed,
+            place,
+            jobs=given.jobs,
+            seconds=given.seconds,
+            sound=sound,
+            only=given.only,
         ):
             case = outcome.case
             done += 1

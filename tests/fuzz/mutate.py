@@ -67,9 +67,9 @@ def damage(path: Path, rng: random.Random) -> str:
     content = path.read_bytes()
     name = path.name
     if name.endswith((".yaml", ".json")):
-        ways += [_text, _text, _tree, _tree, _tree]
+        ways += [_text, _text, _tree, _tree, _tree, _scale, _scale, _scale]
     elif name.endswith((".csv", ".obj")) or content[:5] in (b"# vtk", b"solid"):
-        ways += [_text] * 4
+        ways += [_text] * 4 + [_scale] * 2
     elif name.endswith(".nii.gz"):
         ways += [_unzipped, _nifti, _nifti, _nifti]
     elif name.endswith(".nii"):
@@ -146,6 +146,17 @@ def _text(content: bytes, rng: random.Random) -> bytes:
             else:
                 lines.insert(rng.randrange(len(lines)), lines[at])
             text = "".join(lines)
+    return text.encode("utf-8", "surrogateescape")
+
+
+def _scale(content: bytes, rng: random.Random) -> bytes:
+    """Multiply a few numbers, units kept: most are legal still, and odd."""
+    text = content.decode("utf-8", "surrogateescape")
+    for _ in range(rng.choice([1, 1, 2, 4])):
+        found = list(re.finditer(r"(?<![\w.])-?[0-9]+\.?[0-9]*(?![\w.])", text))
+        match = rng.choice(found)
+        factor = rng.choice([-1.0, 0.0, 0.5, 0.9, 1.1, 2.0, 10.0 ** rng.uniform(-6.0, 6.0)])
+        text = f"{text[: match.start()]}{float(match.group()) * factor:.6g}{text[match.end() :]}"
     return text.encode("utf-8", "surrogateescape")
 
 

@@ -53,6 +53,20 @@ def test_equal_muscles_share_the_load():
     assert Bundle([ENERGY]).contraction(0.5, 1.0) == pytest.approx(ENERGY.contraction(0.5, 1.0))
 
 
+def test_a_joint_turns_until_a_muscle_is_as_long_as_it_can_be():
+    low, high = JOINT.angle_limits
+    assert low < 0.0 and low == pytest.approx(-high)
+    inside = 1e-6 * (high - low)
+    longest = JOINT.rest_contraction + JOINT.radius * low
+    assert np.isfinite(ENERGY.force(0.3, longest + inside))
+    assert np.isfinite(JOINT.torque([0.3, 0.3], [low + inside, high - inside])).all()
+    with pytest.raises(InputError, match="contraction is "):
+        ENERGY.force(0.3, longest - inside)
+    for angle in (low - inside, high + inside):
+        with pytest.raises(InputError, match="angle is "):
+            JOINT.torque([0.3, 0.3], angle)
+
+
 def test_different_muscles_meet_at_one_contraction():
     bundle = Bundle((ENERGY, BALANCE, BALANCE))
     pressure, load = np.array([0.3, 0.6])[:, None], np.array([0.0, 0.6, 2.0])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cache
 
 import numpy as np
 import pytest
@@ -33,7 +34,11 @@ def make_robot(sections=2, tendons=3):
 
 ROBOT = make_robot()
 PULLED = displacements_for(ROBOT, [[0.5, 0.4], [-0.2, 0.9]])
-SHAPE = ArcModel(ROBOT).shape(PULLED)
+
+
+@cache
+def arc_shape():
+    return ArcModel(ROBOT).shape(PULLED)
 
 
 def lines(axes, label):
@@ -46,26 +51,29 @@ def data(line):
 
 
 def test_shape_is_drawn_point_by_point(tmp_path):
-    figure = draw_shape(SHAPE)
+    figure = draw_shape(arc_shape())
     space, side, top = figure.axes
     (backbone,) = lines(space, "backbone")
-    assert data(backbone).T == pytest.approx(SHAPE.points)
+    assert data(backbone).T == pytest.approx(arc_shape().points)
     for k, name in enumerate(ROBOT.tendon_names):
         (line,) = lines(space, name)
-        assert data(line).T == pytest.approx(SHAPE.tendon_points[k])
+        assert data(line).T == pytest.approx(arc_shape().tendon_points[k])
         assert line.get_linestyle() == "-"
     drawn = [data(line) for line in top.lines]
-    assert any(d.shape[1] == len(SHAPE.points) and np.allclose(d.T, SHAPE.points[:, :2])
+    assert any(d.shape[1] == len(arc_shape().points) and np.allclose(d.T, arc_shape().points[:, :2])
                for d in drawn)  # fmt: skip
     heights = [data(line)[1] for line in side.lines]
-    assert any(len(h) == len(SHAPE.points) and np.allclose(h, SHAPE.points[:, 2]) for h in heights)
+    assert any(
+        len(h) == len(arc_shape().points) and np.allclose(h, arc_shape().points[:, 2])
+        for h in heights
+    )
     out = tmp_path / "shape.png"
     write_figure(figure, out)
     assert out.stat().st_size > 10_000
 
 
 def test_scales_are_true():
-    figure = draw_shape(SHAPE)
+    figure = draw_shape(arc_shape())
     space, *flat = figure.axes
     for axes in flat:
         assert axes.get_aspect() == 1.0
@@ -73,15 +81,15 @@ def test_scales_are_true():
     box = np.asarray(space._box_aspect)
     assert box / box[0] == pytest.approx(sides / sides[0], rel=1e-9)
     low = np.array([getattr(space, f"get_{name}lim")()[0] for name in "xyz"])
-    assert np.all(SHAPE.points >= low)
-    assert np.all(SHAPE.points <= low + sides)
+    assert np.all(arc_shape().points >= low)
+    assert np.all(arc_shape().points <= low + sides)
 
 
 def test_discs_stand_where_they_are_and_are_as_wide_as_the_body():
-    space = draw_shape(SHAPE).axes[0]
+    space = draw_shape(arc_shape()).axes[0]
     rings = [data(line).T for line in space.lines if data(line).shape[1] == 49]
-    centres = np.concatenate([[[0.0, 0.0, 0.0]], SHAPE.disc_frames[:, :3, 3]])
-    tangents = np.concatenate([[[0.0, 0.0, 1.0]], SHAPE.disc_frames[:, :3, 2]])
+    centres = np.concatenate([[[0.0, 0.0, 0.0]], arc_shape().disc_frames[:, :3, 3]])
+    tangents = np.concatenate([[[0.0, 0.0, 1.0]], arc_shape().disc_frames[:, :3, 2]])
     assert len(rings) == len(centres) == 9
     for ring, centre, tangent, radius in zip(
         rings, centres, tangents, [4.0] * 5 + [3.5] * 4, strict=True
@@ -112,7 +120,7 @@ def test_slack_tendons_are_dotted_and_named():
 
 
 def test_target_and_direction_are_marked():
-    top = draw_shape(SHAPE, target=[20.0, 5.0, 60.0], direction=[0.0, 3.0, 0.0]).axes[2]
+    top = draw_shape(arc_shape(), target=[20.0, 5.0, 60.0], direction=[0.0, 3.0, 0.0]).axes[2]
     (mark,) = lines(top, "target")
     assert data(mark).ravel() == pytest.approx([20.0, 5.0])
     arrow = data(top.lines[-1])
@@ -121,7 +129,7 @@ def test_target_and_direction_are_marked():
 
 @pytest.mark.parametrize("scale", [1e-300, 1e300])
 def test_the_length_of_a_direction_does_not_matter(scale):
-    top = draw_shape(SHAPE, direction=[0.0, scale, scale]).axes[2]
+    top = draw_shape(arc_shape(), direction=[0.0, scale, scale]).axes[2]
     arrow = data(top.lines[-1])
     assert np.hypot(*(arrow[:, 1] - arrow[:, 0])) == pytest.approx(
         0.15 * ROBOT.length * math.sqrt(0.5)
@@ -132,11 +140,11 @@ def test_many_tendons_get_no_legend():
     robot = make_robot(sections=4)
     figure = draw_shape(ArcModel(robot).shape(np.zeros(12)))
     assert not figure.legends
-    assert draw_shape(SHAPE).legends
+    assert draw_shape(arc_shape()).legends
 
 
 def test_comparison_draws_every_model_and_its_distance():
-    shapes = {"linkage": LinkageModel(ROBOT).shape(PULLED), "arc": SHAPE,
+    shapes = {"linkage": LinkageModel(ROBOT).shape(PULLED), "arc": arc_shape(),
               "rod": RodModel(ROBOT).shape(PULLED)}  # fmt: skip
     figure = draw_comparison(shapes)
     side, front, apart = figure.axes
@@ -154,33 +162,40 @@ def test_comparison_draws_every_model_and_its_distance():
 
 
 def test_comparison_of_one_has_no_distances():
-    assert len(draw_comparison({"arc": SHAPE}, reference=None).axes) == 2
-    assert len(draw_comparison({"rod": SHAPE}).axes) == 2
+    assert len(draw_comparison({"arc": arc_shape()}, reference=None).axes) == 2
+    assert len(draw_comparison({"rod": arc_shape()}).axes) == 2
 
 
-SAMPLE = sample_workspace(ROBOT, 2000)
-MAP = map_dexterity(SAMPLE, cell=6.0, half_plane=True)
+@cache
+def sample():
+    return sample_workspace(ROBOT, 2000)
+
+
+@cache
+def half_plane_map():
+    return map_dexterity(sample(), cell=6.0, half_plane=True)
 
 
 def test_map_has_each_cell_at_its_place():
-    figure = draw_workspace(MAP, length=ROBOT.length)
+    figure = draw_workspace(half_plane_map(), length=ROBOT.length)
     panels = [axes for axes in figure.axes if axes.get_xlabel().startswith("distance")]
     assert len(panels) == 2
-    for axes, values in zip(panels, (MAP.direction_share, MAP.manipulability), strict=True):
+    found = half_plane_map()
+    for axes, values in zip(panels, (found.direction_share, found.manipulability), strict=True):
         assert axes.get_aspect() == 1.0
         (mesh,) = axes.collections
         corners = mesh.get_coordinates()
         middles = 0.5 * (corners[:-1, :-1] + corners[1:, 1:])
         shown = mesh.get_array()
         assert shown.count() == len(values)
-        for centre, value in zip(MAP.centres, values, strict=True):
+        for centre, value in zip(found.centres, values, strict=True):
             near = np.linalg.norm(middles - centre[[0, 2]], axis=-1)
             assert near.min() < 1e-9
             assert shown.reshape(near.shape)[np.unravel_index(near.argmin(), near.shape)] == value
 
 
 def test_map_in_space_has_a_point_for_each_cell():
-    cubes = map_dexterity(SAMPLE, cell=10.0)
+    cubes = map_dexterity(sample(), cell=10.0)
     figure = draw_workspace(cubes)
     space = figure.axes[0]
     assert space.name == "3d"
@@ -189,6 +204,6 @@ def test_map_in_space_has_a_point_for_each_cell():
 
 @pytest.mark.parametrize(("sections", "unit"), [(1, "mm²/rad²"), (2, "mm³/rad³")])
 def test_manipulability_has_its_unit(sections, unit):
-    sample = sample_workspace(make_robot(sections), 50)
-    figure = draw_workspace(map_dexterity(sample, cell=8.0, half_plane=True))
+    few = sample_workspace(make_robot(sections), 50)
+    figure = draw_workspace(map_dexterity(few, cell=8.0, half_plane=True))
     assert f"mean manipulability [{unit}]" in [axes.get_ylabel() for axes in figure.axes]

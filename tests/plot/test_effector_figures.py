@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from functools import cache
 
 import numpy as np
 import pytest
@@ -40,7 +41,11 @@ from bozzini.plot.effector import (
 pytestmark = pytest.mark.filterwarnings("error")
 
 EFFECTOR = Effector(effector_preset("prototype"))
-PLACES = workspace(EFFECTOR)
+
+
+@cache
+def places():
+    return workspace(EFFECTOR)
 
 
 def keep(angles):
@@ -75,7 +80,7 @@ def is_written(figure, path):
 @pytest.mark.parametrize("pressures", [{"R": 0.7}, {"R": 0.7, "G": 0.4}, {}, {"G": 0.05}])
 def test_pose_in_space(pressures, tmp_path):
     found = pose(EFFECTOR, pressures)
-    figure = draw_pose(EFFECTOR, found, workspace=PLACES, target=(3.0, 4.0))
+    figure = draw_pose(EFFECTOR, found, workspace=places(), target=(3.0, 4.0))
     space, plane = figure.axes
     lines = get_lines(space)
     assert lines["backbone"] == pytest.approx(found.backbone)
@@ -172,14 +177,14 @@ def test_iteration_is_the_table(tmp_path):
 @pytest.mark.parametrize("radius", [8.0, 10.0])
 def test_trace(radius, tmp_path):
     found = trace_circle(EFFECTOR, radius)
-    figure = draw_trace(found, EFFECTOR.design.names, outline=PLACES.boundary)
+    figure = draw_trace(found, EFFECTOR.design.names, outline=places().boundary)
     plane, steps = figure.axes
     lines = get_lines(plane)
     assert np.array_equal(lines["wanted"], found.targets)
     assert np.array_equal(lines["achieved"], found.achieved)
     for k, name in enumerate("RGB"):
         assert get_lines(steps)[name][:, 1] == pytest.approx(1e3 * found.pressures[:, k])
-    assert ("out of reach" in lines) == (radius > PLACES.inner_radius)
+    assert ("out of reach" in lines) == (radius > places().inner_radius)
     shaded = sum(patch.get_width() for patch in steps.patches)
     assert shaded == pytest.approx(np.count_nonzero(~found.reachable))
     assert is_written(figure, tmp_path / "a.png")

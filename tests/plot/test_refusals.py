@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -31,7 +32,13 @@ ENERGY = EnergyMuscle(preset("effector-45"))
 DATA = Measurements(pressure=[0.2, 0.4, 0.6], contraction=ENERGY.contraction([0.2, 0.4, 0.6]))
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 ROBOT = ContinuumRobot.from_yaml(EXAMPLES / "two_sections.yaml")
-REST = ArcModel(ROBOT).shape(np.zeros(6))
+
+
+@cache
+def rest():
+    return ArcModel(ROBOT).shape(np.zeros(6))
+
+
 PLAYS = PrandtlIshlinskii((0.0, 0.1), (0.5, 0.4))
 LOOP = np.array([0.0, 0.3, 0.7, 0.2, 0.6, 0.0])
 SQUARE = Polygon([[0, 0], [40, 0], [40, 6], [0, 6]])
@@ -123,14 +130,14 @@ REFUSALS = [
     (lambda _: continuum.draw_shape(ArcModel(ROBOT).shape([5.0, 0, 0, 0, 0, 0])),
      InputError, "shape is no shape to draw", "let out"),
     (lambda _: continuum.draw_comparison({}), InputError, "there are 0 shapes", "give 1 or more"),
-    (lambda _: continuum.draw_comparison({"arc": REST}),
+    (lambda _: continuum.draw_comparison({"arc": rest()}),
      InputError, "reference 'rod' is not among", "arc"),
     (lambda _: continuum.draw_workspace(map_dexterity(sample_workspace(ROBOT, 50), cell=20.0),
                                         length=0.0),
      InputError, "length is 0 mm", "(0, inf) mm"),
-    (lambda _: continuum.draw_shape(REST, target=[1.0, 2.0]),
+    (lambda _: continuum.draw_shape(rest(), target=[1.0, 2.0]),
      InputError, "target has shape (2,)", "(..., 3)"),
-    (lambda _: continuum.draw_shape(REST, direction=[0.0, 0.0, 0.0]),
+    (lambda _: continuum.draw_shape(rest(), direction=[0.0, 0.0, 0.0]),
      InputError, "direction is (0, 0, 0)", "not be zero"),
 ]
 # fmt: on

@@ -14,7 +14,7 @@ from bozzini.errors import InputError
 from bozzini.muscle import EnergyMuscle, ThesisMuscle, preset
 from bozzini.muscle.models import MODELS
 from bozzini.rig import ATMOSPHERE, Chamber, Fault, Plant, PlantDesign
-from bozzini.rig.plant import CHAMBER_POINTS, CHAMBER_PRESSURE, PROVENANCES
+from bozzini.rig.plant import CHAMBER_POINTS, CHAMBER_PRESSURE, PROVENANCES, VISCOSITY
 
 OVER = np.linspace(0.0, CHAMBER_PRESSURE, CHAMBER_POINTS)
 RIGID = Chamber(pressure=OVER, volume=np.full(OVER.size, 15.0), contraction=0.0 * OVER)
@@ -315,3 +315,18 @@ def test_wrong_input_is_one_line(call, words) -> None:
     with pytest.raises(InputError, match=words) as caught:
         call()
     assert "\n" not in str(caught.value)
+
+
+def test_flow_of_the_pipette_is_that_of_slices_in_a_row() -> None:
+    """Poiseuille's law for each short slice; the pV flow is the same in all of them."""
+    design = PlantDesign(pipette_length=30.0, pipette_bore=0.3)
+    upstream, downstream = 0.5 + ATMOSPHERE, ATMOSPHERE
+    flow = design.pipette_conductance * (upstream**2 - downstream**2)
+    slices, pressure = 20_000, upstream
+    resistance = 128.0 * VISCOSITY * design.pipette_length / (math.pi * design.pipette_bore**4)
+    for _ in range(slices):
+        pressure -= resistance / slices * flow / pressure
+    assert pressure == pytest.approx(downstream, rel=1e-3)
+    twice = PlantDesign(pipette_length=60.0, pipette_bore=0.3).pipette_conductance
+    assert twice == pytest.approx(0.5 * design.pipette_conductance)
+    assert math.isinf(PlantDesign(pipette_length=0.0).pipette_conductance)

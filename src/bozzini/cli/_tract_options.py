@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import click
 
 from ..checks import quantity
+from ..errors import InputError
 from ..study.options import PathOptions, ReadOptions
 from .common import Answer, options_of
 
@@ -71,6 +72,7 @@ class Body:
 
         robot = ContinuumRobot.from_yaml(self.robot)
         check_robot(robot)
+        note_calibration(robot)
         return robot
 
     @cached_property
@@ -112,6 +114,16 @@ def report_findings(findings: Sequence[Finding]) -> None:
             click.echo(f"bozzini: warning: {' '.join(item.message.split())}", err=True)
 
 
+def note_calibration(robot: ContinuumRobot) -> None:
+    """Write on stderr that a table of drives is not converted, if the robot has a calibration."""
+    if robot.calibration is not None:
+        click.echo(
+            f"bozzini: note: the calibration of robot '{robot.name}' is not applied: tables of "
+            "drives hold displacements, without its zeros, scale and backlash",
+            err=True,
+        )
+
+
 def report_study(findings: Sequence[Finding], known: Sequence[Finding], place: str) -> None:
     """Write on stderr the warnings not yet known, how many notes there are, and where these are."""
     report_findings(findings[len(known) :])
@@ -144,3 +156,14 @@ def format_actuation(actuation: Actuation, out: Path) -> list[str]:
         f"{bend['head_mm']:.1f} mm); tendons move up to {travel:.2f} mm",
         f"Tendon displacements: {out / 'tendons.csv'}",
     ]
+
+
+def check_shape_options(source: Path, reading: ReadOptions) -> None:
+    """Refuse what a file of shapes is not read with."""
+    if reading.labels is not None:
+        raise InputError(f"{source} holds shapes: it has no labels to select")
+    if reading.unit not in (None, "mm"):
+        raise InputError(f"unit is '{reading.unit}': a file of shapes is in mm, leave it out")
+    given = [name for name in list_given(reading) if name != "unit"]
+    if given:
+        raise InputError(f"--{given[0]} has no effect on a file of shapes: leave it out")

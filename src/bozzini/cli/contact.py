@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,7 +11,13 @@ import click
 from ..continuum.contact import ContactOptions
 from ..errors import InputError
 from ..study.options import PathOptions, ReadOptions
-from ._tract_options import read_with_options, report_findings, tract_options
+from ._tract_options import (
+    check_shape_options,
+    note_calibration,
+    read_with_options,
+    report_findings,
+    tract_options,
+)
 from .common import (
     EXIT_NEGATIVE,
     PICTURES,
@@ -27,7 +34,15 @@ from .common import (
 )
 
 if TYPE_CHECKING:
-    from ..continuum import ContactModel, ContactShape, ContinuumRobot, InsertionResult
+    from numpy.typing import ArrayLike
+
+    from ..continuum import (
+        ContactModel,
+        ContactShape,
+        ContinuumRobot,
+        DriveTable,
+        InsertionResult,
+    )
     from ..continuum.checks import Floats
     from ..duct import Centreline, Duct
 
@@ -55,6 +70,7 @@ def read_lumen(
     from ..study.traverse import prepare_duct
 
     if source.suffix.lower() in SUFFIXES:
+        check_shape_options(source, reading)
         duct = read_shapes(source)
         if not line:
             return duct.inflate(options.inflate) if options.inflate else duct, None
@@ -77,6 +93,13 @@ def _read_robot(path: Path) -> ContinuumRobot:
     from ..continuum import ContinuumRobot
 
     return ContinuumRobot.from_yaml(path)
+
+
+def _read_commands(
+    robot: ContinuumRobot, flag: str, text: str, kind: str, example: str
+) -> dict[str, float]:
+    owner = f"the tendons of robot '{robot.name}'"
+    return parse_pairs(flag, text, kind, example=example, names=robot.tendon_names, owner=owner)
 
 
 def _list_contacts(shape: ContactShape) -> str:
@@ -161,7 +184,8 @@ def contact_command(
     """Find the shape of a robot that touches walls, and the forces between them.
 
     INPUT is a label volume or a surface, as for bozzini plan, or a file of shapes (.json, .yaml):
-    the lumen that the robot is in. The robot's base stands where its file states. Exit code 0:
+    the lumen that the robot is in. The robot's base stands where its file states; zeros and scale
+    of its calibration hold. Exit code 0:
     there is a shape in stable equilibrium; 1: there is none, and why; 2: bad input.
     """
     from ..continuum import ContactModel, PointLoad
@@ -171,15 +195,13 @@ def contact_command(
     if source is None and not obstacles:
         raise InputError("contact needs a wall: give INPUT, or --obstacle")
     robot = _read_robot(robot_file)
-    commands: dict[str, float] = {}
-    for flag, text, kind in (
-        ("--displacement", displacement, "length"),
-        ("--tension", tension, "force"),
-    ):
-        if text is not None:
-            names, owner = robot.tendon_names, f"the tendons of robot '{robot.name}'"
-            example = "T1=2mm,T2=-1mm" if kind == "length" else "T1=2N,T2=0.5N"
-            commands |= parse_pairs(flag, text, kind, example=example, names=names, owner=owner)
+    commands: ArrayLike = ()
+    if displacement is not None:
+        pulls = _read_commands(robot, "--displacement", displacement, "length", "T1=2mm,T2=-1mm")
+        commands = robot.to_displacements(robot.order_displacements(pulls))
+    elif tension is not None:
+        pulls = _read_commands(robot, "--tension", tension, "force", "T1=2N,T2=0.5N")
+        commands = robot.to_tensions(robot.order_tensions(pulls))
     duct = None
     if source is not None:
         duct, _ = read_lumen(source, reading, options, answer, line=False)
@@ -209,7 +231,8 @@ def contact_command(
     "--drives",
     type=click.Path(path_type=Path),
     metavar="TENDONS.csv",
-    help="The time table of the drives that bozzini plan --robot writes (default: passive).",
+    help="The time table of the drives that bozzini plan --robot writes (default: passive); the "
+    "base stands as in the robot.npz beside it.",
 )
 @option("--to LENGTH", "Insert as much of the robot (default: all that the lumen holds).", "length")
 @click.option("--step", type=QuantityType("length"), help="Largest step (default: two segments).")
@@ -252,7 +275,9 @@ def insert_command(
     if forces is not None:
         check_new_file(forces, (".csv",), force=answer.force)
     robot = _read_robot(robot_file)
-    table = None if drives is None else DriveTable.from_csv(drives, robot)
+    if drives is not None:
+        note_calibration(robot)
+    table = None if drives is None else _read_drives(drives, robot)
     if to is not None:
         table = DriveTable.passive(robot, to)
     duct, line = read_lumen(source, reading, options, answer, line=True)
@@ -267,6 +292,18 @@ def insert_command(
     answer.give(result | {"file": answer.out, "contacts": forces}, _describe_insertion(found))
     if not found.converged:
         run_exit(EXIT_NEGATIVE)
+
+
+def _read_drives(path: Path, robot: ContinuumRobot) -> DriveTable:
+    """Return a planner's table of drives, with the base frame of the plan that it is from."""
+    from ..continuum import DriveTable
+    from ..motion.actuate import Actuation
+
+    table = DriveTable.from_csv(path, robot)
+    plan = path.parent / "robot.npz"
+    if not plan.is_file():
+        return table
+    return dataclasses.replace(table, frame=Actuation.load(plan).frame)
 
 
 def _start_inside(model: ContactModel, line: Centreline | None) -> Floats:

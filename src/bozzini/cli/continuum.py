@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ..continuum import CONTINUUM_MODELS
+from ..continuum import CONTINUUM_MODELS, ElasticModel
 from ..continuum.kinematics import LOADS
 from ..errors import GeometryError, InputError, PluginError
 from ..fabricate import BodyOptions
@@ -47,6 +47,7 @@ from .common import (
 )
 from .contact import contact_command, insert_command
 from .fit import command as fit_command
+from .fit import parse_settings
 from .routing import design_command, rank_command
 
 if TYPE_CHECKING:
@@ -130,40 +131,51 @@ def _make_option(name: str) -> Callable[[Command], Command]:
 model_options = gather("given", dict, *map(_make_option, OPTIONS))
 
 
-def read_robot(
-    path: Path, *, arcs_for: str = "", others: str = "only pose and compare take others"
-) -> ContinuumRobot:
-    """Return the robot in a YAML file; `arcs_for` is a command that takes parallel tendons only."""
+def read_robot(path: Path) -> ContinuumRobot:
+    """Return the robot in a YAML file."""
     from ..continuum import ContinuumRobot
+
+    return ContinuumRobot.from_yaml(path)
+
+
+def check_arcs(
+    robot: ContinuumRobot, command: str, *, others: str = "only pose and compare take others"
+) -> None:
+    """Raise `GeometryError` unless a robot's tendons are parallel, as a command needs them."""
     from ..continuum.coupling import find_crooked
 
-    robot = ContinuumRobot.from_yaml(path)
-    crooked = find_crooked(robot) if arcs_for else ""
+    crooked = find_crooked(robot)
     if crooked:
         raise GeometryError(
-            f"{crooked}: {arcs_for} takes sections that bend in arcs, by tendons parallel to the "
+            f"{crooked}: {command} takes sections that bend in arcs, by tendons parallel to the "
             f"backbone; {others}"
         )
-    return robot
 
 
-def read_displacements(
-    robot: ContinuumRobot, text: str, *, spelled: str = "--displacement"
-) -> Floats:
-    """Return ``NAME=LENGTH,...`` as displacements of all tendons [mm], shape (t,)."""
+def read_displacements(robot: ContinuumRobot, text: str, *, history: Sequence[str] = ()) -> Floats:
+    """Return ``NAME=LENGTH,...`` as displacements of all tendons [mm], after those of a history.
+
+    They have the shape (h + 1, t), and are converted where the robot is calibrated.
+    """
+    import numpy as np
+
     names, owner = robot.tendon_names, f"the tendons of robot '{robot.name}'"
-    example = "T1=2mm,T2=-1mm"
-    found = parse_pairs(spelled, text, "length", example=example, names=names, owner=owner)
-    return robot.order_displacements(found)
+    spelled = [*(("--history", before) for before in history), ("--displacement", text)]
+    found = [
+        parse_pairs(option, part, "length", example="T1=2mm,T2=-1mm", names=names, owner=owner)
+        for option, part in spelled
+    ]
+    commands = np.stack([robot.order_displacements(one) for one in found])
+    return robot.to_displacements(commands, in_time=True)
 
 
 def read_tensions(robot: ContinuumRobot, text: str) -> Floats:
-    """Return ``NAME=FORCE,...`` as tensions of all tendons [N], shape (t,)."""
+    """Return ``NAME=FORCE,...`` as tensions of all tendons [N], shape (t,), converted."""
     names, owner = robot.tendon_names, f"the tendons of robot '{robot.name}'"
     found = parse_pairs(
         "--tension", text, "force", example="T1=2N,T2=0.5N", names=names, owner=owner
     )
-    return robot.order_tensions(found)
+    return robot.to_tensions(robot.order_tensions(found))
 
 
 def parse_load(text: str) -> PointLoad | LineLoad:
@@ -246,25 +258,6 @@ def make_consistent(
         return displacements, []
     note = f"displacements are moved by up to {moved:.2g} mm, so as to be consistent"
     return displacements - found.misfit, [note]
-
-
-def parse_settings(name: str, texts: Sequence[str]) -> dict[str, float | str]:
-    """Return the options of another package's model, from ``NAME=VALUE``."""
-    known = {
-        item.name: item.metadata["quantity"]
-        for item in dataclasses.fields(CONTINUUM_MODELS[name])
-        if "quantity" in item.metadata and item.name not in OPTIONS
-    }
-    found: dict[str, float | str] = {}
-    for text in texts:
-        key, value = split_setting("--set", text, "NAME=VALUE")
-        if key not in known:
-            legal = ", ".join(known) or "none"
-            raise InputError(f"--set names '{key}': the options of the {name} model are {legal}")
-        if key in found:
-            raise InputError(f"--set names '{key}' more than once: give it once")
-        found[key] = value if known[key].words else parse_quantity(value, known[key].kind)
-    return found
 
 
 def make_model(
@@ -412,19 +405,19 @@ def new_command(sections: int, tendons: int, answer: Answer) -> None:
     "--model",
     "model_name",
     type=ModelType(lambda: CONTINUUM_MODELS, show=True),
-    help="By default arc for parallel tendons, energy for others, rod under loads, tensions or "
-    "friction.",
+    help="By default that of a fit; arc for parallel tendons, energy for others, rod under loads, "
+    "tensions or friction.",
 )
 @option(
     "--history NAME=LENGTH,...",
-    "Displacements that come before, from rest, for tendons with friction; can be repeated, in "
-    "the order of time.",
+    "Displacements that come before, from rest, for tendons with friction or backlash; can be "
+    "repeated, in the order of time.",
     multiple=True,
 )
 @model_options
 @option(
     "--set settings NAME=VALUE",
-    "An option of another package's model; can be repeated.",
+    "A further option of the model, such as stretches=true of the rod; can be repeated.",
     multiple=True,
 )
 @answer_options(
@@ -443,7 +436,9 @@ def pose_command(
 ) -> None:
     """Find the shape of a robot under displacements or tensions of its tendons.
 
-    Weight and the pose of the base are in the robot's file.
+    Weight and the pose of the base are in the robot's file. One that `fit` wrote has zeros, scale
+    and backlash of the commands as well, and the model that was fitted; markers are then placed in
+    the world.
 
     Exit code 0: there is one; 1: there is none, which tendon or section stops it and by how much
     is reported, and nothing is written; 2: bad input.
@@ -455,24 +450,19 @@ def pose_command(
     robot = read_robot(robot_file)
     given = {**given, "loads": tuple(map(parse_load, load)) or None}
     name = model_name or robot.choose_model(given, pulled=tension is not None)
-    settings_given = {**given, **parse_settings(name, settings)}
+    settings_given = {**given, **parse_settings([CONTINUUM_MODELS[name]], settings, taken=OPTIONS)}
     model = make_model(name, robot, settings_given, pulled=tension is not None)
     if tension is not None:
         if history:
             raise InputError("--history goes with --displacement, not with --tension")
         notes = list(model.notes)
-        shape = model.find_shape_under_tensions(read_tensions(robot, tension))
+        shape = model.shape_under_tensions(read_tensions(robot, tension))
     else:
-        displacements, notes = make_consistent(
-            robot, read_displacements(robot, str(displacement)), given["tolerance"]
-        )
-        before = [
-            make_consistent(
-                robot, read_displacements(robot, text, spelled="--history"), given["tolerance"]
-            )[0]
-            for text in history
-        ]
-        shape = _find_pose(model, displacements, before)
+        moved = read_displacements(robot, str(displacement), history=history)
+        rows = [make_consistent(robot, row, given["tolerance"]) for row in moved]
+        (displacements, notes), before = rows[-1], [row for row, _ in rows[:-1]]
+        plays = robot.calibration is not None and robot.calibration.backlash > 0.0
+        shape = _find_pose(model, displacements, before, plays=plays)
         notes += [*model.notes, *_note_held(model, displacements)]
     result = {"model": model.name, "robot": describe_robot(robot), "file": None, "notes": notes}
     result |= shape.to_dict()
@@ -480,8 +470,24 @@ def pose_command(
         answer.give(result, f"no shape by the {model.name} model: {shape.reason}")
         run_exit(EXIT_NEGATIVE)
     answer.write(shape.list_columns(), lambda: draw_shape(shape))
-    lines = [f"{model.name}: {format_shape(robot, result)}", *(f"note: {line}" for line in notes)]
+    seen = _place_markers(robot, shape)
+    result |= {"markers_world_mm": seen} if seen else {}
+    lines = [f"{model.name}: {format_shape(robot, result)}"]
+    lines += [f"marker {name} in the world at {format_place(at)} mm" for name, at in seen.items()]
+    lines += [f"note: {line}" for line in notes]
     answer.give(result | {"file": answer.out}, "\n".join(lines))
+
+
+def _place_markers(robot: ContinuumRobot, shape: Shape) -> dict[str, Floats]:
+    """Return where the markers of a calibrated robot are in the world [mm]."""
+    from ..continuum.observation import place_markers
+    from ..continuum.unknowns import RobotSetup
+
+    setup = RobotSetup.of(robot)
+    if not setup.markers:
+        return {}
+    names = [marker.name for marker in setup.markers]
+    return dict(zip(names, place_markers(setup, shape), strict=True))
 
 
 def _note_held(model: ContinuumModel, displacements: Floats) -> list[str]:
@@ -499,8 +505,10 @@ def _note_held(model: ContinuumModel, displacements: Floats) -> list[str]:
     ]
 
 
-def _find_pose(model: ContinuumModel, displacements: Floats, before: list[Floats]) -> Shape:
-    """Return the shape under displacements, after those before it if there are any."""
+def _find_pose(
+    model: ContinuumModel, displacements: Floats, before: list[Floats], *, plays: bool
+) -> Shape:
+    """Return the shape under displacements, after those before it; `plays`: they have backlash."""
     import numpy as np
 
     from ..continuum import RodModel
@@ -508,15 +516,23 @@ def _find_pose(model: ContinuumModel, displacements: Floats, before: list[Floats
     if not before:
         return model.find_shape(displacements)
     if not isinstance(model, RodModel) or not model.robot.tendon_friction.any():
+        if plays:
+            return model.find_shape(displacements)
         raise InputError(
             f"--history has no effect on the {model.name} model of robot '{model.robot.name}': it "
-            "is for the rod model and tendons with friction"
+            "is for the rod model and tendons with friction, and for backlash"
         )
     way = model.trace_displacements(before)
     last = way.pick(-1 if way.converged else int(np.argmin(way.shapes.converged)))
     if not way.converged:
         return dataclasses.replace(last, reason=np.asarray(f"of --history {way.reason}"))
     return model.shape(displacements, initial=last)
+
+
+def _choose_fitted(robot: ContinuumRobot, names: Sequence[str]) -> str:
+    """Return the name of the model that a robot was fitted with if it is legal, else the first."""
+    fitted = "" if robot.calibration is None else robot.calibration.model
+    return fitted if fitted in names else names[0]
 
 
 MOTION_ROWS = ("turn_x", "turn_y", "turn_z", "move_x", "move_y", "move_z")
@@ -533,7 +549,7 @@ WRENCH_COLUMNS = ("moment_x", "moment_y", "moment_z", "force_x", "force_y", "for
 @option(
     "--at place LENGTH", "Arc length, moved to the nearest station (default: the tip).", "length"
 )
-@option("--model model_name NAME", "Model of forces.", ("energy", "rod"), default="energy")
+@option("--model model_name NAME", "By default that of a fit, or energy.", ("energy", "rod"))
 @model_options
 @answer_options(".csv", quiet=False, help="The derivatives as a table (.csv).")
 def jacobian_command(
@@ -542,13 +558,14 @@ def jacobian_command(
     tension: str | None,
     load: tuple[str, ...],
     place: float | None,
-    model_name: str,
+    model_name: str | None,
     given: Json,
     answer: Answer,
 ) -> None:
-    """Differentiate a shape: how the tip moves and turns with tendons and with loads on the tip.
+    """Differentiate a shape: how the tip moves and turns with tendons, loads, routing and base.
 
-    With displacements their tendons hold while loads change, with tensions these do.
+    With displacements their tendons hold while loads, routing or base change, with tensions these
+    do. By the base is the motion in the world, seen from the base.
 
     Exit code 0: there is a shape; 1: there is none; 2: bad input.
     """
@@ -558,21 +575,21 @@ def jacobian_command(
         raise InputError("jacobian takes --displacement or --tension: give one of them")
     robot = read_robot(robot_file)
     given = {**given, "loads": tuple(map(parse_load, load)) or None}
+    model_name = model_name or _choose_fitted(robot, ("energy", "rod"))
     model = make_model(model_name, robot, given, pulled=tension is not None)
     if place is not None and not 0.0 <= place <= robot.length:
         raise InputError(f"--at is {place:g} mm: it must lie in [0, {robot.length:g}] mm")
-    derive = getattr(model, "jacobian", None)
-    if derive is None:
+    if not isinstance(model, ElasticModel):
         raise InputError(f"the {model_name} model has no derivatives: take --model energy")
     if tension is not None:
-        shape = model.find_shape_under_tensions(read_tensions(robot, tension))
+        shape = model.shape_under_tensions(read_tensions(robot, tension))
     else:
-        shape = model.find_shape(read_displacements(robot, str(displacement)))
+        shape = model.find_shape(read_displacements(robot, str(displacement))[0])
     verdict = {"model": model.name, "converged": bool(shape.converged), "reason": str(shape.reason)}
     if not shape.converged:
         answer.give(verdict, f"no shape by the {model.name} model: {shape.reason}")
         run_exit(EXIT_NEGATIVE)
-    found = derive(shape, held="displacements" if tension is None else "tensions")
+    found = model.jacobian(shape, held="displacements" if tension is None else "tensions")
     index = int(np.argmin(np.abs(found.arc_length - (robot.length if place is None else place))))
     blocks = _list_derivatives(robot, found, index)
     result = verdict | {
@@ -604,12 +621,23 @@ def _list_derivatives(
     """Return name, unit and columns of the derivatives at one station."""
     pulled = found.held == "tensions"
     name, unit = ("by_tension", "1/N") if pulled else ("by_displacement", "1/mm")
-    tendons = (found.by_tension if pulled else found.by_displacement)[index]
+    known = robot.calibration
+    same = known is not None and known.command == ("tension" if pulled else "displacement")
+    scale = known.scale if known is not None and same else 1.0
+    tendons = scale * (found.by_tension if pulled else found.by_displacement)[index]
     wrench = found.by_tip_wrench[index]
     return [
-        (name, unit, dict(zip(robot.tendon_names, tendons.T, strict=True))),
+        (name, unit, _name_tendons(robot, tendons)),
         ("by_tip_wrench", "1/N mm, 1/N", dict(zip(WRENCH_COLUMNS, wrench.T, strict=True))),
+        ("by_offset", "by relative change", _name_tendons(robot, found.by_routing[index, ..., 0])),
+        ("by_clocking", "1/rad", _name_tendons(robot, found.by_routing[index, ..., 1])),
+        ("by_base", "1/rad, 1/mm", dict(zip(MOTION_ROWS, found.by_base[index].T, strict=True))),
     ]
+
+
+def _name_tendons(robot: ContinuumRobot, rows: Floats) -> dict[str, Floats]:
+    """Return columns (6, t) by the names of tendons."""
+    return dict(zip(robot.tendon_names, rows.T, strict=True))
 
 
 @command.command("reach")
@@ -631,9 +659,8 @@ def _list_derivatives(
 @option(
     "--model model_name NAME",
     "arc, for parallel tendons; or energy or rod, for any: then the least tensions are found, "
-    "under loads and weight.",
+    "under loads and weight.  [default: that of a fit, or arc]",
     ("arc", "energy", "rod"),
-    default="arc",
 )
 @option("--load NAME=VALUE,...", "A load on the body, see pose; can be repeated.", multiple=True)
 @model_options
@@ -648,7 +675,7 @@ def reach_command(
     robot_file: Path,
     target: tuple[float, ...],
     direction: tuple[float, ...] | None,
-    model_name: str,
+    model_name: str | None,
     load: tuple[str, ...],
     given: Json,
     starts: int | None,
@@ -657,16 +684,19 @@ def reach_command(
 ) -> None:
     """Find the tendon displacements that bring the tip to a place.
 
-    By default the sections are arcs; then the tendons have to be parallel to the backbone.
+    Of a robot that `fit` wrote, what is to be commanded for them is given as well. By default the
+    sections are arcs; then the tendons have to be parallel to the backbone.
 
     Exit code 0: reached; 1: not reached, the nearest that was found and the reason are reported; 2:
     bad input.
     """
     from ..plot.continuum import draw_shape
 
+    robot = read_robot(robot_file)
+    model_name = model_name or _choose_fitted(robot, ("arc", "energy", "rod"))
     arcs = model_name == "arc"
-    others = "give --model energy or --model rod"
-    robot = read_robot(robot_file, arcs_for="reach" if arcs else "", others=others)
+    if arcs:
+        check_arcs(robot, "reach", others="give --model energy or --model rod")
     given = {**given, "loads": tuple(map(parse_load, load)) or None}
     model = make_model(model_name, robot, given, pulled=True)
     if smallest_bends and not arcs:
@@ -677,6 +707,8 @@ def reach_command(
     found = robot.inverse(target, direction=direction, model=model, **options)
     needed = _find_needed_length(robot, target) if arcs and not found.converged else None
     result = found.to_dict()
+    commands = _find_commands(robot, found)
+    result |= commands
     result |= {
         "success": found.converged,
         "converged": result.pop("settled"),
@@ -693,7 +725,7 @@ def reach_command(
             found.list_columns(),
             lambda: draw_shape(found.shape(), target=target, direction=direction),
         )
-    answer.give(result, _format_reach(found, result["reason"]))
+    answer.give(result, _format_reach(found, result["reason"], commands))
     if not found.converged:
         run_exit(EXIT_NEGATIVE)
 
@@ -709,7 +741,22 @@ def _find_needed_length(robot: ContinuumRobot, target: tuple[float, ...]) -> flo
     return alone.needed_length if known else None
 
 
-def _format_reach(found: ContinuumInverse, reason: str) -> str:
+def _find_commands(robot: ContinuumRobot, found: ContinuumInverse) -> dict[str, dict[str, float]]:
+    """Return what is to be commanded of a calibrated robot, by its key."""
+    if robot.calibration is None:
+        return {}
+    pulled = robot.calibration.command == "tension"
+    values = found.tensions if pulled else found.displacements
+    if not values.size:  # arcs have no tensions
+        return {}
+    moved = robot.to_commands(values).tolist()
+    named = dict(zip(robot.tendon_names, moved, strict=True))
+    return {"commands_N" if pulled else "commands_mm": named}
+
+
+def _format_reach(
+    found: ContinuumInverse, reason: str, commands: Mapping[str, Mapping[str, float]]
+) -> str:
     place, result = format_place(found.tip), found.to_dict()
     head = f"reached: tip at {place} mm, {found.iterations} iterations in {found.starts} start(s)"
     if not found.converged:
@@ -720,6 +767,10 @@ def _format_reach(found: ContinuumInverse, reason: str) -> str:
         titles.append("tension [N]")
         for row, pull in zip(moved, result["tensions_N"].values(), strict=True):
             row.append(f"{pull:z.4f}")
+    for key, named in commands.items():
+        titles.append(f"command [{key.partition('_')[2]}]")
+        for row, value in zip(moved, named.values(), strict=True):
+            row.append(f"{value:z.4f}")
     return "\n".join(
         [
             head,
@@ -756,7 +807,7 @@ def compare_command(robot_file: Path, displacement: str, given: Json, answer: An
 
     robot = read_robot(robot_file)
     displacements, notes = make_consistent(
-        robot, read_displacements(robot, displacement), given["tolerance"]
+        robot, read_displacements(robot, displacement)[0], given["tolerance"]
     )
     shapes: dict[str, Shape] = {}
     rows: dict[str, Json] = {}
@@ -929,7 +980,8 @@ def workspace_command(robot_file: Path, answer: Answer, **asked: Any) -> None:
     from ..continuum.checks import check_cell
     from ..plot.continuum import draw_workspace
 
-    robot = read_robot(robot_file, arcs_for="workspace")
+    robot = read_robot(robot_file)
+    check_arcs(robot, "workspace")
     count, seed, place = asked["count"], asked["seed"], asked["place"]
     if asked["cell"] is not None:
         try:

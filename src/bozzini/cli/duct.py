@@ -10,7 +10,13 @@ import click
 
 from ..results import Json
 from ..study.options import FITTED_KINDS, PathOptions, ReadOptions, TractFitOptions
-from ._tract_options import list_given, read_with_options, report_study, tract_options
+from ._tract_options import (
+    check_shape_options,
+    list_given,
+    read_with_options,
+    report_study,
+    tract_options,
+)
 from .common import (
     EXIT_NEGATIVE,
     PICTURES,
@@ -99,7 +105,7 @@ def limits_command(
     given: Any
     fit = ""
     if source.suffix.lower() in SUFFIXES:
-        _check_shape_options(source, reading)
+        check_shape_options(source, reading)
         file = load_shapes_file(source)
         given, fit = file.shapes, file.fit
     else:
@@ -112,19 +118,6 @@ def limits_command(
     answer.give(result, _describe_limits(study))
     if not study.converged:
         run_exit(EXIT_NEGATIVE)
-
-
-def _check_shape_options(source: Path, reading: ReadOptions) -> None:
-    """Refuse what a file of shapes is not read with."""
-    from ..errors import InputError
-
-    if reading.labels is not None:
-        raise InputError(f"{source} holds shapes: it has no labels to select")
-    if reading.unit not in (None, "mm"):
-        raise InputError(f"unit is '{reading.unit}': a file of shapes is in mm, leave it out")
-    given = [name for name in list_given(reading) if name != "unit"]
-    if given:
-        raise InputError(f"--{given[0]} has no effect on a file of shapes: leave it out")
 
 
 def _describe_limits(study: LimitsStudy) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -27,8 +27,9 @@ from .common import (
 if TYPE_CHECKING:
     from ..checks import Quantity
     from ..continuum import ContinuumModel
+    from ..continuum.calibration import Marker
     from ..continuum.fit import RobotFitOptions
-    from ..continuum.measured import Marker, RobotMeasurements
+    from ..continuum.measured import RobotMeasurements
     from ..continuum.unknowns import RobotSetup
     from ..registry import Registry
 
@@ -58,20 +59,30 @@ class FitTable:
         markers = {marker.name: marker for marker in (*setup.markers, *self.list_markers())}
         columns = {}
         for text in self.column_texts:
-            title, old = split_setting("--column", text, "TITLE=TITLE IN THE FILE")
-            columns[old.strip()] = title.strip()
+            title, old = _split("--column", text, "TITLE=TITLE IN THE FILE")
+            if old in columns:
+                raise InputError(f"--column names '{old}' more than once: give it once")
+            columns[old] = title
         return read_robot_measurements(
             path, robot=setup.robot, markers=tuple(markers.values()), columns=columns,
             blocks=self.blocks,
         )  # fmt: skip
 
 
+def _split(option_name: str, text: str, form: str) -> tuple[str, str]:
+    """Return both parts of ``A=B``, names of the user's own as they are."""
+    name, mark, value = (part.strip() for part in text.partition("="))
+    if not (name and mark and value):
+        raise InputError(f"{option_name} is '{text}': it must be {form}")
+    return name, value
+
+
 def parse_marker(text: str) -> Marker:
     """Return the marker of ``NAME=ARC,X,Y,Z``."""
-    from ..continuum.measured import Marker
+    from ..continuum.calibration import Marker
 
     form = "NAME=ARC or NAME=ARC,X,Y,Z"
-    name, value = split_setting("--marker", text, form)
+    name, value = _split("--marker", text, form)
     parts = [part.strip() for part in value.split(",")]
     if len(parts) not in (1, 4):
         raise InputError(f"--marker is '{text}': it must be {form}, such as m1=129.1mm,0mm,0mm,5mm")
@@ -102,33 +113,40 @@ table_options = gather(
 def _make_options(**values: Any) -> RobotFitOptions:
     from ..continuum.fit import RobotFitOptions
 
-    model_options: dict[str, object] = {}
     values["model"] = values["model"] or ""
-    for text in values.pop("settings"):
-        name, value = split_setting("--set", text, "NAME=VALUE")
-        model_options[name] = _parse_setting(values["model"], name, value)
+    chosen, texts = values["model"], values.pop("settings")
+    kinds = [_list_models()[chosen]] if chosen else list(_list_models().own.values())
     values["smaller"] = not values.pop("only")
-    return RobotFitOptions(model_options=model_options, **values)
+    return RobotFitOptions(model_options=parse_settings(kinds, texts), **values)
 
 
-def _parse_setting(model: str, name: str, value: str) -> object:
-    """Return an option of a model as its class takes it."""
-    kinds = [_list_models()[model]] if model else list(_list_models().own.values())
-    known: Mapping[str, Quantity | None] = {
-        item.name: item.metadata["quantity"] if "quantity" in item.metadata else None
-        for kind in kinds
-        for item in dataclasses.fields(kind)
-        if item.name != "robot"
-    }
-    if name not in known:
-        raise InputError(f"--set names '{name}': the options are {', '.join(known)}")
-    quantity = known[name]
-    if value in ("true", "false"):
-        return value == "true"
-    if quantity is None or quantity.words:
-        return value
-    number = parse_quantity(value, quantity.kind)
-    return int(number) if quantity.whole else number
+def parse_settings(
+    kinds: Sequence[type[ContinuumModel]], texts: Sequence[str], *, taken: Collection[str] = ()
+) -> dict[str, object]:
+    """Return options of models from ``NAME=VALUE``; those `taken` have options of their own."""
+    known: dict[str, Quantity | None] = {}
+    for item in (item for kind in kinds for item in dataclasses.fields(kind)):
+        quantity = item.metadata.get("quantity")
+        if item.name not in taken and (quantity or isinstance(item.default, bool)):
+            known[item.name] = quantity
+    found: dict[str, object] = {}
+    for text in texts:
+        name, value = split_setting("--set", text, "NAME=VALUE")
+        if name not in known:
+            raise InputError(f"--set names '{name}': the options are {', '.join(known) or 'none'}")
+        if name in found:
+            raise InputError(f"--set names '{name}' more than once: give it once")
+        quantity = known[name]
+        if quantity is None:
+            if value not in ("true", "false"):
+                raise InputError(f"--set {name} is '{value}': it must be true or false")
+            found[name] = value == "true"
+        elif quantity.words:
+            found[name] = value
+        else:
+            number = parse_quantity(value, quantity.kind)
+            found[name] = int(number) if quantity.whole and number.is_integer() else number
+    return found
 
 
 fit_options = gather(
@@ -172,24 +190,18 @@ fit_options = gather(
 )
 @table_options
 @fit_options
-@option("--from start FILE", "A calibration to begin with: zeros and markers.",
-        click.Path(path_type=Path))  # fmt: skip
 @option("--check others FILE", "Measurements to predict, not to fit; can be repeated.",
         click.Path(path_type=Path), multiple=True)  # fmt: skip
-@option("--calibration FILE", "Where to write zeros, markers and what was fitted (.yaml, .json).",
-        click.Path(path_type=Path))  # fmt: skip
 @option("--figure FILE", "A picture of the distances over the rows.",
         click.Path(path_type=Path))  # fmt: skip
-@answer_options(".yaml", ".yml", ".json", help="The robot with the fitted numbers (.yaml, .json).")
+@answer_options(".yaml", ".yml", ".json", help="The fitted robot (.yaml, .json).")
 def command(
     robot_file: Path,
     data_file: Path,
     names: str,
     table: FitTable,
     options: RobotFitOptions,
-    start: Path | None,
     others: tuple[Path, ...],
-    calibration: Path | None,
     figure: Path | None,
     answer: Answer,
 ) -> None:
@@ -204,6 +216,9 @@ def command(
     is one zero offset of displacements for the tendons of each section. Without --free the robot is
     compared as it is.
 
+    The file of --out has all that was fitted, zeros, scale, backlash and markers too, and the
+    model: pose, jacobian and reach heed them, and fit begins with them.
+
     Blocks of rows are left out in turn and predicted. Whether fewer constants predict them better
     is reported, and what the data do not determine.
 
@@ -211,13 +226,12 @@ def command(
     2: bad input.
     """
     from ..continuum import ContinuumRobot
-    from ..continuum.fit import fit_robot, read_calibration, write_calibration
+    from ..continuum.fit import fit_robot
     from ..continuum.unknowns import RobotSetup
 
-    check_target(calibration, (".yaml", ".yml", ".json"), force=answer.force)
     check_target(figure, PICTURES, force=answer.force)
     robot = ContinuumRobot.from_yaml(robot_file)
-    setup = RobotSetup(robot) if start is None else read_calibration(start).make_setup(robot)
+    setup = RobotSetup.of(robot)
     data = table.read(data_file, setup)
     checked = {path: table.read(path, setup) for path in others}
     free = tuple(name for name in names.split(",") if name.strip())
@@ -232,17 +246,11 @@ def command(
         lines.append(f"{path.name}: {len(other)} rows predicted to {there.rms:.3g} mm rms")
     if answer.out is not None:
         found.robot.to_yaml(answer.out)
-    if calibration is not None:
-        write_calibration(calibration, found.to_calibration())
-    elif found.has_zeros:
-        lines.append(
-            "note: zeros and backlash are no part of a robot file: --calibration FILE keeps them"
-        )
     if figure is not None:
         from ..plot import write_figure
 
         write_figure(found.plot(), figure)
-    result |= {"file": answer.out, "calibration": calibration, "figure": figure}
+    result |= {"file": answer.out, "figure": figure}
     answer.give(result, "\n".join(lines))
     if not found.converged or found.is_poor:
         run_exit(EXIT_NEGATIVE)

@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 from .arc import ArcModel, arc_frames, bend_vectors, displacements_for, jacobian
+from .calibration import Marker, RobotCalibration
 from .contact import ContactModel, ContactOptions, ContactShape
 from .continuation import EquilibriumPath
 from .coupling import BendSolution, ParallelModel, check_displacements, coupling_matrix
+from .elastic import ElasticModel
 from .energy import EnergyModel
 from .fit import (
     Estimate,
-    RobotCalibration,
     RobotFit,
     RobotFitOptions,
     RobotPrediction,
     Validation,
     fit_robot,
     predict_points,
-    read_calibration,
-    write_calibration,
 )
 from .friction import FrictionState
 from .gradients import ShapeJacobian
@@ -35,7 +34,7 @@ from .inverse import (
 from .kinematics import ContinuumRobot
 from .linkage import LinkageModel
 from .loads import LineLoad, PackedLoads, PointLoad, pack_loads
-from .measured import Marker, RobotMeasurements, read_robot_measurements
+from .measured import RobotMeasurements, read_robot_measurements
 from .model import ContinuumModel
 from .models import CONTINUUM_MODELS
 from .robot import RobotDesign
@@ -72,6 +71,7 @@ __all__ = [
     "Dexterity",
     "DexterityMap",
     "DriveTable",
+    "ElasticModel",
     "EnergyModel",
     "EquilibriumPath",
     "FrictionState",
@@ -120,8 +120,6 @@ __all__ = [
     "Validation",
     "fit_robot",
     "predict_points",
-    "read_calibration",
-    "write_calibration",
     "Marker",
     "RobotMeasurements",
     "read_robot_measurements",

@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..checks import check_integer, check_number
 from ..errors import InputError
 from .checks import Floats, check_values
+from .elastic import ElasticModel
 from .inverse import ContinuumInverse, InverseOptions
 from .model import ContinuumModel
 from .robot import RobotDesign
@@ -136,7 +137,7 @@ class TipGoal:
 class ElasticSearch:
     """The search of a model's tensions for a goal."""
 
-    model: ContinuumModel
+    model: ElasticModel
     goal: TipGoal
 
     @property
@@ -162,7 +163,7 @@ class ElasticSearch:
         return np.where(self.robot.pushes, -high, 0.0), high
 
     @cached_property
-    def free_model(self) -> ContinuumModel:
+    def free_model(self) -> ElasticModel:
         """The model of the robot without limits of tendons and bends."""
         sections = tuple(
             dataclasses.replace(
@@ -197,7 +198,7 @@ class ElasticSearch:
                 break
         if best is None:
             best = self._try(np.zeros(len(self.unit)), None)
-        shape = self.model.find_shape_under_tensions(best.pulls * self.unit)
+        shape = self.model.shape_under_tensions(best.pulls * self.unit)
         far, off = self.goal.misses(shape.tip_frame)
         met = far <= near and off <= aside
         limits = self._list_limits(shape)
@@ -239,9 +240,8 @@ class ElasticSearch:
 
     def _try(self, pulls: Floats, before: Shape | None) -> Trial:
         """Return the shape under scaled tensions, begun at the one before."""
-        take = self.free_model.shape_under_tensions  # type: ignore[attr-defined]
-        begin = None if before is None or self.robot.tendon_friction.any() else before
-        shape: Shape = take(pulls * self.unit, initial=begin)
+        begin = None if self._slides else before
+        shape = self.free_model.shape_under_tensions(pulls * self.unit, initial=begin)
         residual = self._measure(shape)
         cost = float(residual @ residual) if shape.converged else math.inf
         return Trial(pulls, shape, residual, cost)
@@ -256,15 +256,20 @@ class ElasticSearch:
         return np.concatenate([tip, TRAVEL_WEIGHT * over / self.goal.length])
 
     @cached_property
+    def _slides(self) -> bool:
+        """Whether friction makes a shape depend on those before it."""
+        return self.model.takes_friction and bool(self.robot.tendon_friction.any())
+
+    @cached_property
     def _limited(self) -> NDArray[np.int64]:
         """Tendons whose travel has limits."""
         return np.flatnonzero(np.isfinite(self.robot.tendon_travel).any(axis=1))
 
     def _differentiate(self, trial: Trial) -> Floats:
         """Return the derivative of the residual by the scaled tensions."""
-        derive = getattr(self.free_model, "jacobian", None)
-        if derive is not None and not self._limited.size:
-            motion = derive(trial.shape, held="tensions").by_tension[-1] * self.unit
+        if not self._limited.size and not self._slides:
+            jacobian = self.free_model.jacobian(trial.shape, held="tensions")
+            motion = jacobian.by_tension[-1] * self.unit
             return self.goal.differentiate(trial.shape.tip_frame, motion)
         columns = []
         for step in DIFFERENCE * np.eye(len(self.unit)):
@@ -383,6 +388,8 @@ class ElasticSearch:
             f"the nearest tip found in {tried} start(s) is {far:.6g} mm from the target{aside}"
         )
         trial = self._try(shape.tensions / self.unit, None)
+        if not trial.shape.converged:
+            return words
         sizes = np.linalg.svd(self._differentiate(trial), compute_uv=False)
         has = int(np.count_nonzero(sizes > RANK_RATIO * sizes.max(initial=0.0)))
         if has < self.goal.freedoms:
@@ -403,7 +410,7 @@ def solve_elastic(
     InputError
         If the model takes no tensions, or an option is not for it or outside its range.
     """
-    if not hasattr(model, "shape_under_tensions"):
+    if not isinstance(model, ElasticModel):
         raise InputError(
             f"the {model.name} model has no inverse: arc has, and models that take tensions, "
             "energy and rod"

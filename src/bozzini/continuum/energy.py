@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_integer, check_number, check_points, quantity
+from ..checks import check_array, check_integer, check_word, quantity
 from ..errors import GeometryError, InputError
-from .checks import Floats, check_values
+from .checks import Floats
 from .continuation import EquilibriumPath, Point, Tracer, Varied
-from .coupling import check_displacements
+from .elastic import ElasticModel, check_tension_commands, place_stations
 from .equilibrium import WHOLE, ZERO_MODE, Command, Equilibrium, LoadedRod, Spots, measure_rest
-from .gradients import Held, ShapeJacobian
+from .gradients import Held, Response
 from .kernels import energy as kernels
 from .kernels.energy import (
     ARC,
@@ -25,23 +26,13 @@ from .kernels.energy import (
     CHORD,
     CONVERGED,
     FOLDED,
-    RIDGE,
     share_tensions,
     solve_commands,
 )
 from .kernels.loads import place_spots
-from .loads import Load, PackedLoads, check_loads, pack_loads
-from .model import (
-    BendMeasure,
-    ContinuumModel,
-    advise_contradiction,
-    check_limits,
-    check_numbers,
-    choose_stiffness,
-    explain_contrast,
-)
+from .model import advise_contradiction, explain_contrast, explain_play
 from .profile import ROUND_OFF_MM
-from .robot import ZERO, RobotDesign, Vector
+from .robot import RobotDesign
 from .section import LEAST_LEVER
 from .shape import Shape
 
@@ -51,18 +42,6 @@ Segment = Literal["chord", "arc", "channel"]
 """What a segment of the energy model is."""
 
 SEGMENTS: dict[Segment, int] = {"chord": CHORD, "arc": ARC, "channel": CHANNEL}
-
-
-def place_stations(robot: RobotDesign, between: int, *, corners: bool = False) -> Floats:
-    """Return base, discs, points `between` and tendon ends [mm], and corners of routings."""
-    places = robot.stations(between=between)
-    others = list(robot.tendon_ends)
-    if corners:
-        others += [place for tendon in robot.tendons for place in tendon.corners()]
-    for other in others:
-        if np.abs(places - other).min() > ROUND_OFF_MM:
-            places = np.append(places, other)
-    return np.sort(places)
 
 
 @dataclass(frozen=True)
@@ -180,6 +159,20 @@ class Grid:
             frames[index, :, :3, 3] = points
         return frames
 
+    def move_spots(self, turns: Floats, spots: tuple[NDArray[np.int64], Floats, Floats]) -> Floats:
+        """Return how turns (n, 3) turn and move points of the body, (p, 6, 3 n)."""
+        count = len(spots[0])
+        moved = np.zeros((count, 6, turns.size))
+        place_spots(self.packed, turns, spots, np.empty((count, 3)), np.empty((count, 3, 3)), moved)
+        return moved
+
+    def differentiate_routing(self, turns: Floats) -> tuple[Floats, Floats]:
+        """Return tendon lengths (t, 2) and their gradients (t, 2, n, 3) by the routing."""
+        lengths = np.empty((len(self.counts), 2))
+        slopes = np.empty((*lengths.shape, *turns.shape))
+        kernels.differentiate_routing(self.packed, turns, lengths, slopes)
+        return lengths, slopes
+
     def sum_bends(self, turns: Floats) -> Floats:
         """Bend of each section; none unless all tendons are parallel."""
         if not self.robot.is_parallel:
@@ -240,9 +233,6 @@ STIFF = 1e-3
 FEWER = 0.1
 """The same for a second try, by the first."""
 
-ROUND_OFF = 1e-6
-"""Share of a limit that is an error of the solver."""
-
 
 class Answers(NamedTuple):
     """What the kernel fills for b commands: as `solve_commands` has it."""
@@ -276,21 +266,8 @@ def measure_turns(frames: Floats) -> Floats:
     return np.asarray(turns.reshape(steps.shape[:-1]))
 
 
-def check_tension_commands(robot: RobotDesign, tensions: ArrayLike) -> Floats:
-    """Return tensions (..., t) [N] as an array; a cable's must not be negative."""
-    pulls = check_points("tensions", tensions, dim=len(robot.tendons))
-    low = np.where(robot.pushes, -math.inf, 0.0)
-    if np.any(pulls < low):
-        place = np.argwhere(pulls < low)[0]
-        raise InputError(
-            f"tension of tendon '{robot.tendon_names[place[-1]]}' is {pulls[tuple(place)]:g} N: "
-            "it must lie in [0, inf) N, for a cable does not push"
-        )
-    return pulls
-
-
 @dataclass(frozen=True)
-class EnergyModel(ContinuumModel):
+class EnergyModel(ElasticModel):
     """Discrete rod under tendons and loads, for any routing, without friction.
 
     One rotation vector ``w_j`` for each segment, of length ``h_j``, and ``u_j`` at rest::
@@ -329,7 +306,8 @@ class EnergyModel(ContinuumModel):
     more than its buckling load, the shape has not converged and the reason states that load.
     Loads that follow the body, and moments, have no energy: what is found is an equilibrium, and
     its stability that against divergence, by the least real part of the tangent's eigenvalues.
-    `Shape.stability` without loads is a lower bound, that of the segments by themselves.
+    `Shape.stability` without loads is a lower bound, that of the segments by themselves, unless
+    that is negative: the eigenvalue would take two thirds of the time of a shape.
 
     A shape beyond a tendon's travel or a section's `max_bend`, or so curved that discs meet, has
     not converged. A section's bend is here the integral of its curvature. Stiffnesses of the
@@ -373,45 +351,18 @@ class EnergyModel(ContinuumModel):
         kw_only=True,
         option="segment_kind",
     )
-    tendon_stiffness: float = quantity(
-        "force",
-        "EA of tendons without one of their own (default: they do not stretch).",
-        low=0.0,
-        low_open=True,
-        default=math.inf,
-        kw_only=True,
-    )
-    loads: Sequence[Load] = field(default=(), kw_only=True)
-    tip_force: Vector = quantity(
-        "force",
-        "Force on the tip in the base's frame, such as 0,0,-0.1N.",
-        default=ZERO,
-        kw_only=True,
-    )
-    tip_moment: Vector = field(default=ZERO, kw_only=True)
-    distributed_force: Vector = quantity(
-        "line force",
-        "Force per length in the base's frame, such as 0,-0.001N/mm,0.",
-        default=ZERO,
-        kw_only=True,
-        option="line_force",
-    )
-
     name = "energy"
-    lets_follow = True
-    heeds = frozenset(
-        {"weight", "curvature at rest", "stiffness of tendons", "pretension", "tension limits"}
-    )
-    checked_by_class = ("tip_force", "tip_moment", "distributed_force")
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        object.__setattr__(self, "loads", check_loads(self.robot, self.loads))
-        for name in self.checked_by_class:
-            vector = check_values(name, getattr(self, name), (3,))
-            object.__setattr__(self, name, tuple(vector.tolist()))
         if not self.robot.tendons:
             raise GeometryError(f"robot '{self.robot.name}' has no tendons: nothing can move it")
+        most = float(np.linalg.norm(self._grid.rest, axis=1).max())
+        if most >= math.pi:
+            raise InputError(
+                f"the curvature at rest turns a segment by {most:.3g} rad: it must be below pi; "
+                "take more discs or between="
+            )
 
     @property
     def arc_length(self) -> Floats:
@@ -425,90 +376,42 @@ class EnergyModel(ContinuumModel):
             return np.asarray(np.sum(self._grid.straight, axis=1))
         return measure_rest(self._grid)
 
-    def shape(self, displacements: ArrayLike, *, initial: Shape | None = None) -> Shape:
-        """Return the shapes under tendon displacements and the loads; see `ContinuumModel.shape`.
-
-        One that has not converged is the shape as far as the command can be followed, and the
-        reason states how far that is and which tendon stops it.
-
-        Parameters
-        ----------
-        displacements : array_like, shape (..., t)
-            How far each tendon is pulled [mm]; NaN where it follows.
-        initial : Shape, optional
-            Where the search begins: one shape of this model, or one for each command; the robot
-            at rest unless given.
-        """
-        commands = check_displacements(self.robot, displacements, may_follow=True)
+    def _solve(self, commands: Floats, given: Held, initial: Shape | None) -> Shape:
         flat = np.ascontiguousarray(commands.reshape(-1, commands.shape[-1]))
         held = ~np.isnan(flat)
-        if self._is_loaded or initial is not None or not held.all():
-            free = self.natural_lengths - np.nan_to_num(flat) - self._pretension_stretches
-            pulls = self.robot.pretensions
-            todo = [self._command(*row, pulls) for row in zip(free, held, strict=True)]
+        if given == "tensions" or self._is_loaded or initial is not None or not held.all():
+            todo = [self._command(row, given) for row in flat]
             return self._shape_loaded(commands, todo, self._take_starts(initial, commands))
         stretched = flat + self._pretension_stretches
-        found = self._solve(stretched)
-        frames = self._grid.place_frames(found.turns)
+        found = self._solve_unloaded(stretched)
         followed = self.natural_lengths - found.shares[:, None] * stretched
         slack = ~self.robot.pushes & (found.lengths < followed - self.tolerance)
         stability = found.stability
         for index in np.flatnonzero((found.codes == CONVERGED) & (stability < 0.0)):
-            command = self._command(followed[index], held[index], self.robot.pretensions)
+            command = self._command(flat[index], given)
             stability[index] = self._measure_stability(found, int(index), command)
             if stability[index] < -ZERO_MODE:
                 found.codes[index] = UNSTABLE
-        converged = found.codes == CONVERGED
-        words = np.full(len(flat), "", dtype=object)
         missed = found.lengths - self.natural_lengths + stretched
         missed -= self._compliances * found.tensions
         missed[slack] = 0.0
-        for index in np.flatnonzero(~converged):
+        words = np.full(len(flat), "", dtype=object)
+        for index in np.flatnonzero(found.codes != CONVERGED):
             code, share = int(found.codes[index]), float(found.shares[index])
             words[index] = self._explain(stretched[index], code, share)
-        residual = np.abs(missed).max(axis=1)
-        verdict = check_numbers(self, frames, residual, (converged, words.astype(np.str_)))
-        bends, curvatures = self._grid.measure_bends(found.turns)
-        measure = BendMeasure(bends=bends, curvatures=curvatures, round_off=ROUND_OFF)
-        return self.make_shape(
+        return self._answer(
             commands,
-            arc_length=self.arc_length,
-            frames=frames,
+            words.tolist(),
+            bends=self._grid.measure_bends(found.turns),
+            frames=self._grid.place_frames(found.turns),
             tendon_lengths=found.lengths,
             section_parameters=self._grid.sum_bends(found.turns),
             tensions=found.tensions,
             slack=slack,
-            residual=residual,
+            residual=np.abs(missed).max(axis=1),
             iterations=found.steps,
-            stability=np.where(converged, np.maximum(stability, 0.0), stability),
-            verdict=check_limits(self.robot, flat, measure, verdict),
+            stability=np.where(words == "", np.maximum(stability, 0.0), stability),
         )
-
-    def shape_under_tensions(self, tensions: ArrayLike, *, initial: Shape | None = None) -> Shape:
-        """Return the shapes under tensions of the tendons, and the loads.
-
-        Parameters
-        ----------
-        tensions : array_like, shape (..., t)
-            Tension of each tendon [N]; 0 or more unless it is a rod that pushes.
-        initial : Shape, optional
-            As of `shape`.
-
-        Returns
-        -------
-        Shape
-            Its displacements are those of the tendons in that shape.
-
-        Raises
-        ------
-        InputError
-            If the tensions are not finite numbers of that shape, or a cable's is negative.
-        """
-        pulls = check_tension_commands(self.robot, tensions)
-        none = np.zeros(pulls.shape[-1], dtype=np.bool_)
-        rows = pulls.reshape(-1, pulls.shape[-1])
-        todo = [self._command(self.natural_lengths, none, row) for row in rows]
-        return self._shape_loaded(pulls, todo, self._take_starts(initial, pulls))
 
     def _shape_loaded(
         self, commands: Floats, todo: Sequence[Command], starts: Sequence[Start | None]
@@ -530,46 +433,39 @@ class EnergyModel(ContinuumModel):
                         other, value = rod.settle(command, rod.solve(command, WHOLE, before))
                         if other.found and value >= -ZERO_MODE:
                             last, stability[index], words[index] = other, value, ""
+                else:
+                    words[index] = self._find_play(command, last)
             else:
                 words[index] = self._explain_loaded(command, last)
                 stability[index] = rod.measure_stability(command, last)
             solved.append(last)
-        turns = np.stack([found.turns for found in solved])
-        lengths = np.stack([found.lengths for found in solved])
-        held = np.stack([command.held for command in todo])
+        rows = len(todo), len(natural)
+        turns = np.array([found.turns for found in solved]).reshape(rows[0], *rod.rest.shape)
+        lengths = np.array([found.lengths for found in solved]).reshape(rows)
+        held = np.array([command.held for command in todo], dtype=np.bool_).reshape(rows)
         shared = [self._share(*pair) for pair in zip(todo, solved, strict=True)]
-        tensions = np.stack(shared)
-        shares = np.asarray([found.share for found in solved])[:, None]
-        free = np.stack([command.free_lengths for command in todo])
+        tensions = np.array(shared).reshape(rows)
+        shares = np.array([found.share for found in solved]).reshape(-1, 1)
+        free = np.array([command.free_lengths for command in todo]).reshape(rows)
         followed = natural + shares * (free - natural)
         idle = np.where(held, lengths < followed - self.tolerance, tensions == 0.0)
         slack = ~self.robot.pushes & idle
         missed = lengths - free - self._compliances * tensions
         missed[slack | ~held] = 0.0
-        residual = np.abs(missed).max(axis=1)
-        displacements = np.where(
-            held, natural - self._pretension_stretches - free, natural - lengths
-        )
-        displacements += np.where(
-            held, 0.0, self._compliances * tensions - self._pretension_stretches
-        )
-        frames = self._grid.place_frames(turns)
-        verdict = np.asarray(words == "", dtype=np.bool_), words.astype(np.str_)
-        verdict = check_numbers(self, frames, residual, verdict)
-        bends, curvatures = self._grid.measure_bends(turns)
-        measure = BendMeasure(bends=bends, curvatures=curvatures, round_off=ROUND_OFF)
-        return self.make_shape(
+        displacements = natural - self._pretension_stretches
+        displacements = displacements - np.where(held, free, lengths - self._compliances * tensions)
+        return self._answer(
             displacements.reshape(commands.shape),
-            arc_length=self.arc_length,
-            frames=frames,
+            words.tolist(),
+            bends=self._grid.measure_bends(turns),
+            frames=self._grid.place_frames(turns),
             tendon_lengths=lengths,
             section_parameters=np.zeros((len(todo), 0, 2)),
             tensions=tensions,
             slack=slack,
-            residual=residual,
-            iterations=np.asarray([found.steps for found in solved]),
-            stability=np.where(verdict[0], np.maximum(stability, 0.0), stability),
-            verdict=check_limits(self.robot, displacements, measure, verdict),
+            residual=np.abs(missed).max(axis=1),
+            iterations=np.array([found.steps for found in solved], dtype=np.int64),
+            stability=np.where(words == "", np.maximum(stability, 0.0), stability),
         )
 
     def trace_path(
@@ -607,21 +503,23 @@ class EnergyModel(ContinuumModel):
         GeometryError
             If there is no shape at the first factor.
         """
-        low, high = (check_number("factors", value) for value in factors)
+        check_word("given", given, get_args(Held))
+        check_word("varied", varied, get_args(Varied))
+        ends = check_array("factors", factors)
+        if ends.shape != (2,):
+            raise InputError(f"factors has shape {ends.shape}: it must be (2,)")
+        low, high = ends.tolist()
         if low == high:
             raise InputError(f"factors are {low:g} and {high:g}: they must differ")
         most = check_integer("most_points", most_points, low=2, high=100_000)
-        if given == "tensions":
-            flat = check_tension_commands(self.robot, command)
-            held = np.zeros(flat.shape, dtype=np.bool_)
-            free, pulls = self.natural_lengths, flat
-        else:
-            flat = check_displacements(self.robot, command, may_follow=True)
-            held, pulls = ~np.isnan(flat), self.robot.pretensions
-            free = self.natural_lengths - np.nan_to_num(flat) - self._pretension_stretches
+        flat = (
+            check_tension_commands(self.robot, command)
+            if given == "tensions"
+            else self._take_displacements(command)
+        )
         if flat.ndim != 1:
             raise InputError(f"command has shape {flat.shape}: it must be ({flat.shape[-1]},)")
-        whole = self._command(free, held, pulls)
+        whole = self._command(flat, given)
         tracer = Tracer(self._rod, whole, varied, (low, high))
         first = self._rod.start_path(
             whole, tracer.factors(low), initial=self._take_starts(initial, flat)[0]
@@ -672,134 +570,79 @@ class EnergyModel(ContinuumModel):
             stability=stability,
         )
 
-    def jacobian(self, shape: Shape, *, held: Held = "displacements") -> ShapeJacobian:
-        """Return how the frames of shapes change, by the theorem of implicit functions.
-
-        Parameters
-        ----------
-        shape : Shape
-            Shapes of this model.
-        held : {"displacements", "tensions"}
-            What of the tendons stays where a load or a stiffness changes; displacements hold the
-            tendons that have a tension, and the others follow.
-
-        Raises
-        ------
-        InputError
-            If the shape is not one of this model.
-        """
-        batch = shape.frames.shape[:-3]
-        starts = self._take_starts(shape, np.empty((*batch, len(self.robot.tendons))))
-        rows = [self._differentiate(*start, held) for start in starts if start is not None]
-        parts = {
-            name: np.stack([row[name] for row in rows]).reshape(*batch, *rows[0][name].shape)
-            for name in rows[0]
-        }
-        return ShapeJacobian(arc_length=self.arc_length, held=held, **parts)
-
-    def _differentiate(self, turns: Floats, tensions: Floats, held: Held) -> dict[str, Floats]:
-        """Derivatives of one shape."""
+    def _differentiate(self, shape: Shape, index: tuple[int, ...]) -> Response:
+        turns, tensions = measure_turns(shape.frames[index]), shape.tensions[index]
         rod, grid = self._rod, self._grid
         found = rod.measure(WHOLE, turns, tensions)
-        size, tendons = turns.size, len(tensions)
+        size, tendons, stations = turns.size, len(tensions), len(grid.spans)
         slopes = found.slopes.reshape(tendons, size)
-        stations = len(grid.spans)
-        spots = np.arange(stations), np.ones(stations), np.zeros((stations, 3))
-        places, axes = np.empty((stations, 3)), np.empty((stations, 3, 3))
-        moved = np.zeros((stations + 1, 6, size))
-        place_spots(grid.packed, turns, spots, places, axes, moved[1:])
-        # What changes the residual: a tension, a wrench on the tip, a stiffness.
+        ends = np.arange(stations), np.ones(stations), np.zeros((stations, 3))
+        moved = np.concatenate([np.zeros((1, 6, size)), grid.move_spots(turns, ends)])
+        # What changes the residual: tensions, a wrench on the tip, stiffnesses, routing, the base.
         bent = (grid.stiffness * (turns - grid.rest))[:, None, None, :]
         own = grid.sections[:, None] == np.arange(len(self.robot.sections))
         kinds = np.array([[1.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
         stiffer = (own[:, :, None, None] * kinds * bent).transpose(0, 3, 1, 2)
-        right = np.concatenate([moved[-1].T, -stiffer.reshape(size, -1)], axis=1)
-        taut = np.flatnonzero((tensions != 0.0) | self.robot.pushes)
-        pulled = np.linalg.solve(found.hessian, -slopes.T)
-        count = len(taut)
-        whole = np.zeros((size + count, size + count))
-        whole[:size, :size] = found.hessian
-        whole[:size, size:] = slopes[taut].T
-        whole[size:, :size] = slopes[taut]
-        # A trace of flexibility gives redundant tendons one answer.
-        give = RIDGE * float((slopes**2 / grid.stiffness.ravel()).sum(axis=1).max())
-        whole[size:, size:] = -np.diag(np.maximum(self._compliances[taut], give))
-        sides = np.zeros((size + count, count + right.shape[1]))
-        sides[size:, :count] = -np.eye(count)
-        sides[:size, count:] = right
-        solved = np.linalg.solve(whole, sides)
-        by_displacement, stiffening = np.zeros((size, tendons)), np.zeros((tendons, tendons))
-        by_displacement[:, taut] = solved[:size, :count]
-        stiffening[np.ix_(taut, taut)] = solved[size:, :count]
-        others = (
-            solved[:size, count:]
-            if held == "displacements"
-            else np.linalg.solve(found.hessian, right)
-        )
-        wrench, stiffness = moved @ others[:, :6], moved @ others[:, 6:]
-        return {
-            "by_displacement": moved @ by_displacement,
-            "by_tension": moved @ pulled,
-            "by_tip_wrench": wrench,
-            "by_stiffness": stiffness.reshape(stations + 1, 6, -1, 2),
-            "tensions_by_displacement": stiffening,
-        }
-
-    @cached_property
-    def _packed(self) -> PackedLoads:
-        return pack_loads(
-            self.robot,
-            self.loads,
-            tip_force=self.tip_force,
-            tip_moment=self.tip_moment,
-            distributed_force=self.distributed_force,
+        wound, gradients = grid.differentiate_routing(turns)
+        routed = (tensions[:, None, None, None] * gradients).reshape(-1, size)
+        world = self._world_spots
+        # By a turn of the base a load of the world turns back: by its cross product with the axis.
+        wrenches = np.concatenate([world.moments, world.forces], axis=1).reshape(-1, 2, 3)
+        turned = np.cross(wrenches[..., None, :], np.eye(3)).transpose(2, 0, 1, 3)
+        sag = turned.reshape(3, -1) @ grid.move_spots(turns, world.places).reshape(-1, size)
+        right = [-slopes.T, moved[-1].T, -stiffer.reshape(size, -1), -routed.T, sag.T]
+        solved = np.linalg.solve(found.hessian, np.concatenate(right, axis=1))
+        by_all, longer = moved @ solved, slopes @ solved
+        first = tendons + 6 + 2 * len(self.robot.sections)
+        for k in range(tendons):
+            longer[k, first + 2 * k : first + 2 * k + 2] += wound[k]
+        return Response(
+            by_tension=by_all[..., :tendons],
+            by_others=by_all[..., tendons:],
+            give=longer[:, :tendons],
+            longer=longer[:, tendons:],
+            rest=grid.differentiate_routing(grid.rest)[0],
         )
 
     @cached_property
-    def _is_loaded(self) -> bool:
-        return not (self._packed.is_empty and self.robot.is_straight)
+    def _world_spots(self) -> Spots:
+        return Spots.place(self.robot, self.arc_length, self._world_loads)
 
     @cached_property
     def _rod(self) -> LoadedRod:
         return LoadedRod(
             grid=self._grid,
-            spots=Spots.place(self.robot, self.arc_length, self._packed),
+            spots=Spots.place(self.robot, self.arc_length, self._packed_loads),
             rest=self._grid.rest,
             compliances=self._compliances,
             pushes=self.robot.pushes,
             tolerance=self.tolerance,
         )
 
-    @cached_property
-    def _pretension_stretches(self) -> Floats:
-        """How much shorter a tendon is for its pretension [mm], shape (t,)."""
-        return self._compliances * self.robot.pretensions
-
-    def _command(self, free: Floats, held: NDArray[np.bool_], pulls: Floats) -> Command:
-        return Command(free_lengths=free, rest_lengths=self.natural_lengths, held=held, pulls=pulls)
+    def _command(self, command: Floats, given: Held) -> Command:
+        """What displacements or tensions (t,) ask of the tendons."""
+        pulled = given == "tensions"
+        moved = 0.0 if pulled else np.nan_to_num(command) + self._pretension_stretches
+        return Command(
+            free_lengths=self.natural_lengths - moved,
+            rest_lengths=self.natural_lengths,
+            held=np.isfinite(command) & (not pulled),
+            pulls=command if pulled else self.robot.pretensions,
+        )
 
     def _take_starts(self, initial: Shape | None, commands: Floats) -> list[Start | None]:
         """Turns and tensions to begin with, for each command."""
         batch = commands.shape[:-1]
-        count = math.prod(batch)
         if initial is None:
-            return [None] * count
-        if not isinstance(initial, Shape):
+            return [None] * math.prod(batch)
+        places = self._check_initial(initial, batch)
+        if initial.arc_length.shape != self.arc_length.shape:
             raise InputError(
-                f"initial is of type {type(initial).__name__}: it must be a Shape of this model"
-            )
-        own = initial.displacements.shape[:-1]
-        stations = initial.arc_length.shape
-        if own not in ((), batch) or stations != self.arc_length.shape or not initial.tensions.size:
-            raise InputError(
-                f"initial has shapes for {own} at {stations[0]} stations: it must be one shape of "
-                f"this model, or one for each of {batch}, at its {len(self.arc_length)} stations"
+                f"initial has {len(initial.arc_length)} stations: it must be a shape at the "
+                f"{len(self.arc_length)} stations of this model"
             )
         turns = measure_turns(initial.frames)
-        if not own:
-            return [(turns, initial.tensions)] * count
-        rows = turns.reshape(count, *turns.shape[-2:]), initial.tensions.reshape(count, -1)
-        return list(zip(*rows, strict=True))
+        return [(turns[place], initial.tensions[place]) for place in places]
 
     def _measure_stability(self, found: Answers, index: int, command: Command) -> float:
         """Stability of one answer of the unloaded rod."""
@@ -833,11 +676,7 @@ class EnergyModel(ContinuumModel):
     def _grid(self) -> Grid:
         return Grid(self.robot, self.segment, self.between)
 
-    @cached_property
-    def _compliances(self) -> Floats:
-        return self.natural_lengths / choose_stiffness(self.robot, self.tendon_stiffness)
-
-    def _solve(self, commands: Floats, *, compliances: Floats | None = None) -> Answers:
+    def _solve_unloaded(self, commands: Floats, *, compliances: Floats | None = None) -> Answers:
         found = Answers.make(len(commands), len(self._grid.spans), len(self.robot.pushes))
         strongest = self._strongest
         rod = (
@@ -860,11 +699,15 @@ class EnergyModel(ContinuumModel):
         """Part of each command that is tried at once: little where that may end elsewhere."""
         if not self.robot.pushes.any() or self.robot.is_parallel:  # there is one equilibrium
             return np.ones(len(commands))
-        reach = self._grid.reach.copy()
-        reach[reach == 0.0] = math.inf  # past a tendon's end
-        levers = np.maximum(reach.min(axis=1), LEAST_LEVER * self._grid.reach.max(axis=1))
-        turns = np.max(np.abs(commands) / levers, axis=1)
+        turns = np.max(np.abs(commands) / self._levers, axis=1)
         return np.asarray(PUSH_STEP / np.maximum(turns, PUSH_STEP))
+
+    @cached_property
+    def _levers(self) -> Floats:
+        """Least distance of each tendon from the backbone [mm], (t,), or a share of its largest."""
+        reach = self._grid.reach
+        least = np.where(reach == 0.0, math.inf, reach).min(axis=1)  # it is 0 past a tendon's end
+        return np.asarray(np.maximum(least, LEAST_LEVER * reach.max(axis=1)))
 
     def _explain(self, command: Floats, code: int, share: float) -> str:
         names = self.robot.tendon_names
@@ -912,18 +755,37 @@ class EnergyModel(ContinuumModel):
             stretches = self._measure_stretches(asked)
             if stretches.size:
                 return self._explain(asked, last.code, last.share)
+        followed = (
+            f"the command with its loads can be followed to {math.floor(100.0 * last.share)} %"
+        )
+        soft = np.maximum(self._compliances, STIFF * self._grid.give)
+        rigid = command.held & (self._compliances < FEWER * soft)
+        if np.count_nonzero(rigid) > 1:
+            if dataclasses.replace(self._rod, compliances=soft).follow(command)[-1].found:
+                stiffness = float((self.natural_lengths[rigid] / soft[rigid]).min())
+                return (
+                    f"{followed} only: tendons that hardly stretch lock the backbone beyond it; "
+                    f"give their stiffness, with {stiffness:.1g} N there is an equilibrium, or let "
+                    "those on the other side follow"
+                )
         what = "a segment folds over" if last.code == FOLDED else "no equilibrium was found"
-        locked = np.count_nonzero(command.held & (self._compliances == 0.0)) > 1
-        way = (
-            "tendons that do not stretch may lock the backbone: give their stiffness, or let those "
-            "on the other side follow"
-            if locked and last.code != FOLDED
-            else "take smaller loads, or more discs"
-        )
         return (
-            f"the command with its loads can be followed to {math.floor(100.0 * last.share)} % "
-            f"only: {what} beyond it; {way}{explain_contrast(self.robot)}"
+            f"{followed} only: {what} beyond it; take smaller loads, or more discs"
+            f"{explain_contrast(self.robot)}"
         )
+
+    def _find_play(self, command: Command, found: Equilibrium) -> str:
+        """Why tendons that do not stretch leave the tip open under loads; else nothing."""
+        rigid = command.held & (self._compliances == 0.0) & (found.tensions != 0.0)
+        if self._packed_loads.is_empty or np.count_nonzero(rigid) < 2:
+            return ""
+        loose = np.where(command.held, self.tolerance, 0.0)
+        looser = dataclasses.replace(command, free_lengths=command.free_lengths + loose)
+        other = self._rod.solve(looser, WHOLE, (found.turns, found.tensions))
+        tips = self._grid.place_frames(np.stack([other.turns, found.turns]))[:, -1, :3, 3]
+        play = float(np.linalg.norm(tips[0] - tips[1])) if other.found else math.inf
+        lever = float(self._levers.min())
+        return explain_play(self.tolerance, play, length=self.robot.length, lever=lever)
 
     def _explain_unstable(self, share: float) -> str:
         """From which part of the loads on the robot is not stable."""
@@ -942,7 +804,7 @@ class EnergyModel(ContinuumModel):
         found = []
         for part in (1.0, FEWER):
             compliances = np.maximum(self._compliances, part * STIFF * self._grid.give)
-            answer = self._solve(command[None], compliances=compliances)
+            answer = self._solve_unloaded(command[None], compliances=compliances)
             if answer.codes[0] != CONVERGED:
                 return np.empty(0)
             found.append(np.abs(compliances * answer.tensions[0]))

@@ -59,8 +59,12 @@ class Spots:
 
     @classmethod
     def place(cls, robot: RobotDesign, arc_length: Floats, packed: PackedLoads) -> Spots:
-        """Put loads on the segments between stations; forces along the rod by their middles."""
+        """Put loads on the segments between stations; forces along the rod by their middles.
+
+        Those before the first station act on nothing that moves.
+        """
         edges = np.unique(np.concatenate([arc_length, packed.line_spans.ravel()]))
+        edges = edges[edges >= arc_length[0]]
         middles = 0.5 * (edges[1:] + edges[:-1])
         dead, body = packed.line_forces_at(robot, middles)
         spans = np.diff(edges)[:, None]
@@ -70,7 +74,7 @@ class Spots:
         moments[: len(packed.points)] = packed.moments
         follows = np.repeat([False, True], len(middles))
         follows = np.concatenate([packed.frames == BODY, follows])
-        used = forces.any(axis=1) | moments.any(axis=1)
+        used = (forces.any(axis=1) | moments.any(axis=1)) & (places > arc_length[0])
         segments = np.searchsorted(arc_length, places[used], side="left") - 1
         segments = np.clip(segments, 0, len(arc_length) - 2)
         spans = np.diff(arc_length)[segments]
@@ -82,6 +86,15 @@ class Spots:
             moments=moments[used],
             follows=follows[used],
         )
+
+    def scale(self, share: float) -> Spots:
+        """Return a share of the loads."""
+        return dataclasses.replace(self, forces=share * self.forces, moments=share * self.moments)
+
+    @property
+    def places(self) -> tuple[NDArray[np.int64], Floats, Floats]:
+        """Segments, parts and offsets, as the kernels take points."""
+        return self.segments, self.parts, self.offsets
 
     @property
     def have_potential(self) -> bool:
@@ -229,8 +242,7 @@ class LoadedRod:
         tendons = self.compliances, held, held & ~self.pushes, pulls, proximities
         own = self.spots
         loads = share * own.forces, share * own.moments, own.follows
-        spots = own.segments, own.parts, own.offsets
-        return self.grid.packed, self.rest, tendons, spots, loads
+        return self.grid.packed, self.rest, tendons, own.places, loads
 
     def follow(
         self, command: Command, *, initial: tuple[Floats, Floats] | None = None
@@ -281,11 +293,9 @@ class LoadedRod:
             free_lengths=command.limits(factors),
             pulls=factors.command * command.pulls,
         )
-        own = self.spots
-        spots = dataclasses.replace(
-            own, forces=factors.loads * own.forces, moments=factors.loads * own.moments
-        )
-        return dataclasses.replace(self, spots=spots).follow(part, initial=initial)[-1]
+        return dataclasses.replace(self, spots=self.spots.scale(factors.loads)).follow(
+            part, initial=initial
+        )[-1]
 
     def measure_energy(self, found: Equilibrium) -> float:
         """Return the elastic energy of backbone and tendons [N mm]."""
@@ -300,10 +310,7 @@ class LoadedRod:
         without a potential have a tangent that is not symmetric: least real part then.
         """
         matrix = self._second_variation(command, found)
-        if self.spots.have_potential:
-            least = float(np.linalg.eigvalsh(matrix)[0])
-        else:
-            least = float(np.linalg.eigvals(matrix).real.min())
+        least = find_least(matrix, symmetric=self.spots.have_potential)
         if self.grid.packed[5] == CHANNEL:
             # In finer and finer segments, one that gives way alone is enough.
             scale = 1.0 / np.sqrt(self.grid.stiffness)
@@ -318,21 +325,9 @@ class LoadedRod:
         return np.asarray(modes[:, 0].reshape(-1, 3) / np.sqrt(self.grid.stiffness))
 
     def _second_variation(self, command: Command, found: Equilibrium) -> Floats:
-        """Second variation in scaled turns; directions that are held are stiff."""
-        scale = 1.0 / np.sqrt(self.grid.stiffness.ravel())
-        matrix = found.hessian * scale[:, None] * scale
         taut = command.held & ((found.tensions != 0.0) | self.pushes)
-        rows = found.slopes.reshape(len(taut), -1)[taut] * scale
-        soft = self.compliances[taut] > 0.0
-        matrix += rows[soft].T @ (rows[soft] / self.compliances[taut][soft, None])
-        rows = rows[~soft]
-        if len(rows):
-            _, sizes, ways = np.linalg.svd(rows, full_matrices=False)
-            fixed = ways[sizes > 1e-9 * sizes.max(initial=0.0)]
-            across = fixed @ matrix
-            inner = across @ fixed.T + STIFF_MODE * np.eye(len(fixed))
-            matrix += fixed.T @ (inner @ fixed - across) - (matrix @ fixed.T) @ fixed
-        return np.asarray(matrix)
+        rows = found.slopes.reshape(len(taut), -1)[taut]
+        return vary_twice(found.hessian, self.grid.stiffness.ravel(), rows, self.compliances[taut])
 
     def settle(
         self, command: Command, found: Equilibrium, factors: Factors = WHOLE
@@ -401,8 +396,56 @@ class LoadedRod:
         return part
 
 
+MOST_TURNS, SAME = 60, 1e-7
+"""Steps of the search for the least eigenvalue, and its relative change at the last one."""
+
 STIFF_MODE = 1e3
 """Stability that stands for a direction which is held."""
+
+
+def vary_twice(hessian: Floats, stiffness: Floats, rows: Floats, gives: Floats) -> Floats:
+    """Return the second variation (n, n) in turns scaled by the backbone's stiffness (n,).
+
+    `rows` (h, n) are the gradients of what is held, a length or a gap, with a compliance (h,)
+    [mm/N]; rigid ones are stiff directions.
+    """
+    scale = 1.0 / np.sqrt(stiffness)
+    matrix = hessian * scale[:, None] * scale
+    rows, soft = rows * scale, gives > 0.0
+    matrix += rows[soft].T @ (rows[soft] / gives[soft, None])
+    rows = rows[~soft]
+    if len(rows):
+        from scipy.linalg import qr
+
+        ways, sizes, _ = qr(rows.T, mode="economic", pivoting=True)
+        sizes = np.abs(np.diag(sizes))
+        fixed = ways.T[: len(sizes)][sizes > 1e-9 * sizes.max(initial=0.0)]
+        across = fixed @ matrix
+        inner = across @ fixed.T + STIFF_MODE * np.eye(len(fixed))
+        matrix += fixed.T @ (inner @ fixed - across) - (matrix @ fixed.T) @ fixed
+    return np.asarray(matrix)
+
+
+def find_least(matrix: Floats, *, symmetric: bool) -> float:
+    """Return the least eigenvalue, or real part of one.
+
+    Loads without a potential have a tangent that is not symmetric. By inverse iteration where all
+    are positive and the least stands alone enough.
+    """
+    if not symmetric:
+        return float(np.linalg.eigvals(matrix).real.min())
+    from scipy.linalg.lapack import dpotrf, dpotrs
+
+    lower, info = dpotrf(matrix, lower=1)
+    # A start that has a part along every shape.
+    vector, value = np.cos(np.arange(len(matrix)) ** 1.5), np.inf
+    for _ in range(MOST_TURNS if info == 0 else 0):
+        image = dpotrs(lower, vector, lower=1)[0]
+        before, value = value, float(image @ vector) / float(image @ image)
+        if abs(value - before) <= SAME * value:
+            return value
+        vector = image / np.linalg.norm(image)
+    return float(np.linalg.eigvalsh(matrix)[0])
 
 
 def measure_rest(grid: Grid) -> Floats:

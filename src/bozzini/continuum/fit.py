@@ -5,27 +5,29 @@ from __future__ import annotations
 import dataclasses
 import math
 import multiprocessing
-import os
-from collections.abc import Mapping, Sequence
+import signal
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field
-from pathlib import Path
+from functools import cached_property
 from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..checks import check_integer, check_kind, check_word, quantity
-from ..errors import InputError
-from ..io.records import load_record, save_record
+from ..checks import check_integer, check_kind, check_word
+from ..errors import BozziniError, InputError
 from ..numeric.estimation import describe_lost, determine, find_lost, judge_fit
 from ..progress import Progress, no_progress
 from ..results import Json, Result, take_axes, to_plain
+from .calibration import RobotCalibration
 from .checks import Floats
 from .kinematics import ContinuumRobot
-from .measured import Marker, RobotMeasurements
+from .measured import RobotMeasurements
+from .models import CONTINUUM_MODELS
 from .observation import Observation, Observed, align_base
-from .unknowns import RobotSetup, Unknown, change_setup, parse_unknowns
+from .unknowns import FIELDS, RobotSetup, Unknown, change_setup, parse_unknowns
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -43,6 +45,8 @@ AT_BOUND = 1e-6
 """Distance from a bound that counts as none."""
 FLAT = 1e-3
 """Gradient of half the sum of squares that counts as none [mm^2]."""
+NEARLY_NONE = 1e-3
+"""Largest change from which a search begins as from none: its first step is as large as that."""
 LEAST_SCATTER_MM = 1e-4
 """Scatter below which all misfits count alike [mm]."""
 
@@ -133,94 +137,6 @@ class Validation:
     names: tuple[str, ...]
     rms: float
     blocks: tuple[float, ...]
-
-
-@dataclass(frozen=True, kw_only=True)
-class RobotCalibration:
-    """What a fit found that is no field of a robot, as a file beside the robot's.
-
-    Parameters
-    ----------
-    kind : str
-        ``"bozzini-robot-calibration"``, by which the file is known.
-    version : int
-        Of the format: 1.
-    zeros : mapping of str to float
-        What is added to the displacement of each tendon [mm].
-    scale : float
-        By what commands are multiplied.
-    backlash : float
-        Half the play between a command and its tendon [mm].
-    markers : tuple of Marker
-        Where the points are on the body.
-    names : tuple of str
-        What was fitted.
-    values : mapping of str to float
-        The numbers, in mm, N, MPa and rad; factors have no unit.
-    rms : float
-        Root mean square distance of the rows that were fitted [mm].
-    validation_rms : float
-        The same of rows left out [mm]; 0 if none were.
-    rows : int
-        How many rows were fitted.
-    source : str
-        Name of the file of measurements.
-    """
-
-    kind: Literal["bozzini-robot-calibration"] = field(
-        default_factory=lambda: "bozzini-robot-calibration"
-    )
-    version: int = quantity(default=1, low=1, high=1, whole=True)
-    zeros: Mapping[str, float] = field(default_factory=dict)
-    scale: float = 1.0
-    backlash: float = 0.0
-    markers: tuple[Marker, ...] = ()
-    names: tuple[str, ...] = ()
-    values: Mapping[str, float] = field(default_factory=dict)
-    rms: float = 0.0
-    validation_rms: float = 0.0
-    rows: int = 0
-    source: str = ""
-
-    def make_setup(self, robot: ContinuumRobot) -> RobotSetup:
-        """Return the robot with the zeros and the markers.
-
-        Raises
-        ------
-        InputError
-            If the robot has no tendon of a name.
-        """
-        for name in self.zeros:
-            if name not in robot.tendon_names:
-                raise InputError(
-                    f"the calibration has a zero of tendon '{name}': those of robot "
-                    f"'{robot.name}' are {', '.join(robot.tendon_names)}"
-                )
-        zeros = tuple(self.zeros.get(name, 0.0) for name in robot.tendon_names)
-        return RobotSetup(robot, self.markers, zeros, self.scale, self.backlash)
-
-
-def read_calibration(path: str | os.PathLike[str]) -> RobotCalibration:
-    """Read a calibration file: JSON if it ends in ``.json``, YAML otherwise.
-
-    Raises
-    ------
-    FileFormatError
-        If it is none; the message names the file and the field.
-    """
-    return load_record(path, RobotCalibration, name="the calibration file")
-
-
-def write_calibration(path: str | os.PathLike[str], calibration: RobotCalibration) -> Path:
-    """Write a calibration file that `read_calibration` reads back exactly.
-
-    Raises
-    ------
-    OutputError
-        If the file cannot be written.
-    """
-    check_kind("calibration", calibration, RobotCalibration)
-    return save_record(calibration, path, note="Numbers are in mm, N, MPa and rad.")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -360,10 +276,10 @@ class RobotFit(Result):
     reason: str
     evaluations: int
 
-    @property
+    @cached_property
     def robot(self) -> ContinuumRobot:
-        """The robot with the fitted numbers."""
-        return self.setup.robot
+        """The robot with the fitted numbers, and with its calibration."""
+        return dataclasses.replace(self.setup.robot, calibration=self._calibrate())
 
     @property
     def rms(self) -> float:
@@ -381,12 +297,6 @@ class RobotFit(Result):
         error = self.rms if self.validation is None else self.validation.rms
         return not error <= POOR_SHARE * self.data.span
 
-    @property
-    def has_zeros(self) -> bool:
-        """Whether something was found that is no field of a robot."""
-        setup = self.setup
-        return any(setup.zeros) or setup.scale != 1.0 or setup.backlash > 0.0
-
     def predict(self, data: RobotMeasurements) -> RobotPrediction:
         """Return what the fitted robot predicts of other measurements.
 
@@ -397,15 +307,21 @@ class RobotFit(Result):
         """
         return predict_points(self.setup, data, model=self.model, model_options=self.model_options)
 
-    def to_calibration(self) -> RobotCalibration:
-        """Return what a calibration file holds of the fit."""
-        zeros = dict(zip(self.robot.tendon_names, self.setup.zeros, strict=False))
+    def _calibrate(self) -> RobotCalibration:
+        zeros = dict(zip(self.setup.robot.tendon_names, self.setup.zeros, strict=False))
+        plain = {
+            name: value
+            for name, value in self.model_options.items()
+            if isinstance(value, (float, int, str, bool))
+        }
         return RobotCalibration(
+            command=self.data.command,
             zeros={name: value for name, value in zeros.items() if value},
             scale=self.setup.scale,
             backlash=self.setup.backlash,
             markers=self.setup.markers,
-            names=tuple(one.name for one in self.estimates),
+            model=self.model,
+            model_options=plain,
             values={one.name: one.value for one in self.estimates},
             rms=self.rms,
             validation_rms=0.0 if self.validation is None else self.validation.rms,
@@ -523,11 +439,6 @@ class _Search:
         low, high, begin = np.asarray(rows, dtype=np.float64).reshape(-1, 3).T
         return low, high, begin
 
-    def find_bounds(self, changes: Floats) -> NDArray[np.bool_]:
-        """Return which changes are at a bound, (k,)."""
-        low, high, _ = self.limits
-        return np.asarray((changes < low + AT_BOUND) | (changes > high - AT_BOUND))
-
     def run(self, start: Floats, *, loss: Loss, limit: int = EVALUATIONS) -> _Found:
         """Return where the search ends."""
         from scipy.optimize import least_squares
@@ -544,6 +455,8 @@ class _Search:
             rates = self.observation.differentiate(self.unknowns, changes, observe(changes))
             return np.nan_to_num(rates[self.seen])
 
+        if self.unknowns and np.abs(start).max() < NEARLY_NONE:
+            start = np.zeros_like(start)
         if not self.unknowns:
             found = observe(start)
             return _Found(start, found, np.zeros((int(self.seen.sum()), 0)), 1, 1)
@@ -640,29 +553,46 @@ def fit_robot(
     """
     if isinstance(free, str):
         raise InputError(f"free is '{free}': it must be a sequence of names, such as ['{free}']")
-    setup = robot if isinstance(robot, RobotSetup) else RobotSetup(robot)
+    setup = robot if isinstance(robot, RobotSetup) else RobotSetup.of(robot)
     setup = dataclasses.replace(setup, markers=data.markers)
-    observation = make_observation(setup, data, options.model, options.model_options)
     unknowns = parse_unknowns(free, setup)
+    rubs = any(one.field == "friction" for one in unknowns)
+    named = options.model or ("rod" if rubs else "")
+    observation = make_observation(setup, data, named, options.model_options)
+    if rubs and not CONTINUUM_MODELS.choose(observation.model).takes_friction:
+        raise InputError(
+            f"the {observation.model} model leaves out the friction of tendons, which is free: "
+            "take the rod model"
+        )
     seen = int(np.isfinite(data.points).sum())
     if seen <= len(unknowns):
         raise InputError(f"{seen} coordinate(s) are too few for {len(unknowns)} constant(s)")
     folds = make_folds(data, options)
     progress("aligning", 0.0)
-    if sum(one.group == "base" for one in unknowns) == 6:
+    if _frees_base(unknowns):
         observation = dataclasses.replace(observation, setup=align_base(observation))
     progress("fitting", 0.1)
     search = _Search(observation, unknowns, options.loss)
     found, scale = _search_all(search, options)
     search = dataclasses.replace(search, scale=scale)
-    progress("leaving out blocks", 0.5)
-    validation = _validate(search, found.changes, folds, options.jobs)
+
+    def leave_out(done: float) -> None:
+        progress("leaving out blocks", 0.5 + 0.3 * done)
+
+    def leave_out_fewer(done: float) -> None:
+        progress("trying fewer constants", 0.8 + 0.2 * done)
+
+    validation = _validate(search, found.changes, folds, options.jobs, leave_out)
     smaller = None
     if validation is not None and options.smaller and len(unknowns) > 1:
-        progress("trying fewer constants", 0.8)
-        smaller = _try_smaller(search, found, folds, validation, options.jobs)
+        smaller = _try_smaller(search, found, folds, validation, options.jobs, leave_out_fewer)
     progress("fitted", 1.0)
     return _conclude(search, found, validation=validation, smaller=smaller)
+
+
+def _frees_base(unknowns: Sequence[Unknown]) -> bool:
+    """Return whether all of the base's pose is free."""
+    return sum(one.group == "base" for one in unknowns) == len(FIELDS["base"])
 
 
 def make_observation(
@@ -671,13 +601,18 @@ def make_observation(
     model: str = "",
     model_options: Mapping[str, object] | None = None,
 ) -> Observation:
-    """Return measurements of a setup by a model, that by default if it is not named."""
+    """Return measurements of a setup by a model, that of its calibration or by default."""
     robot = setup.robot
     check_kind("robot", robot, ContinuumRobot)
-    weighs = robot.has_line_weight or robot.disc_weights.any()
-    name = model or ("rod" if data.command == "tension" or weighs else "energy")
+    name = model or (robot.calibration or RobotCalibration()).model
+    if not name:
+        weighs = robot.has_line_weight or robot.disc_weights.any()
+        rubs = robot.tendon_friction.any()
+        name = "rod" if data.command == "tension" or weighs or rubs else "energy"
     options = dict(model_options or {})
-    if name == "energy":
+    if robot.calibration is not None and name == robot.calibration.model:
+        options = {**robot.calibration.model_options, **options}
+    elif name == "energy":
         options.setdefault("segment", "channel")
     return Observation(setup, data, name, options, np.arange(len(data)))
 
@@ -759,24 +694,51 @@ def make_folds(data: RobotMeasurements, options: RobotFitOptions) -> Folds:
     return tuple(np.sort(part) for part in np.array_split(rows, options.folds))
 
 
-def _validate(search: _Search, start: Floats, folds: Folds, jobs: int) -> Validation | None:
+def _validate(
+    search: _Search, start: Floats, folds: Folds, jobs: int, progress: Callable[[float], None]
+) -> Validation | None:
     """Return the errors at rows left out of fits that begin at `start`."""
     if not folds:
         return None
+    progress(0.0)
     todo = [(search, start, fold) for fold in folds]
-    if jobs > 1:
-        # A forked process would inherit the locks of the threads of compiled loops.
-        context = multiprocessing.get_context("spawn")
-        with ProcessPoolExecutor(min(jobs, len(folds)), mp_context=context) as pool:
-            squares = list(pool.map(_leave_out, todo))
-    else:
-        squares = list(map(_leave_out, todo))
+    squares: list[Floats] = []
+    for one in _leave_out_apart(todo, jobs) if jobs > 1 else map(_leave_out, todo):
+        squares.append(one)
+        progress(len(squares) / len(todo))
     blocks = [float(np.sqrt(np.mean(one))) for one in squares]
     return Validation(
         names=tuple(one.name for one in search.unknowns),
         rms=float(np.sqrt(np.mean(np.concatenate(squares)))),
         blocks=tuple(blocks),
     )
+
+
+def _leave_out_apart(
+    todo: Sequence[tuple[_Search, Floats, NDArray[np.int64]]], jobs: int
+) -> Iterator[Floats]:
+    """Yield what `_leave_out` returns, in processes of their own."""
+    # A forked process would inherit the locks of the threads of compiled loops.
+    context = multiprocessing.get_context("spawn")
+    pool = ProcessPoolExecutor(
+        min(jobs, len(todo)),
+        mp_context=context,
+        initializer=signal.signal,
+        initargs=(signal.SIGINT, signal.SIG_IGN),  # this process ends them
+    )
+    try:
+        yield from pool.map(_leave_out, todo)
+    except BrokenProcessPool:
+        raise BozziniError(
+            "a process of the fit ended: it was out of memory, or a script calls fit_robot outside "
+            "of \"if __name__ == '__main__':\"; with 1 job there are no processes"
+        ) from None
+    except BaseException:  # an interrupt must not wait for the blocks that are left
+        for process in pool._processes.values():
+            process.terminate()
+        raise
+    finally:
+        pool.shutdown(cancel_futures=True)
 
 
 def _leave_out(todo: tuple[_Search, Floats, NDArray[np.int64]]) -> Floats:
@@ -793,21 +755,30 @@ def _leave_out(todo: tuple[_Search, Floats, NDArray[np.int64]]) -> Floats:
 
 
 def _try_smaller(
-    search: _Search, found: _Found, folds: Folds, validation: Validation, jobs: int
+    search: _Search,
+    found: _Found,
+    folds: Folds,
+    validation: Validation,
+    jobs: int,
+    progress: Callable[[float], None],
 ) -> Validation | None:
     """Return the validation of fewer constants, where that is better.
 
     One set after the other is left out, the one without which rows left out are predicted best by
     the model linearised at the fit.
     """
+    # A base that is free in all was aligned: as it was before it predicts nothing.
+    aligned = _frees_base(search.unknowns)
     families: dict[str, list[int]] = {}
     for index, one in enumerate(search.unknowns):
+        if aligned and one.group == "base":
+            continue
         key = f"{one.group}.{one.field}" if one.group != "base" else one.field.partition(".")[0]
         families.setdefault(key, []).append(index)
     linear = _Linear.make(search, found, folds)
     kept = list(range(len(search.unknowns)))
     best, least = kept, linear.measure(kept)
-    while len(families) > 1:
+    while len(families) + aligned > 1:
         trials = [
             (linear.measure([i for i in kept if i not in members]), name)
             for name, members in families.items()
@@ -821,7 +792,7 @@ def _try_smaller(
         return None
     fewer = dataclasses.replace(search, unknowns=tuple(search.unknowns[i] for i in best))
     again = fewer.run(found.changes[best], loss=search.loss)
-    other = _validate(fewer, again.changes, folds, jobs)
+    other = _validate(fewer, again.changes, folds, jobs, progress)
     return other if other is not None and other.rms <= validation.rms else None
 
 
@@ -879,6 +850,11 @@ def _conclude(
             for i, (one, change, s) in enumerate(zip(unknowns, found.changes, spread, strict=True))
         )
         undetermined = describe_lost(names, known)
+        if any(one.field == "friction" for one in unknowns):
+            warnings.append(
+                "intervals are lower bounds where friction is free: shapes after a history jump "
+                "with its coefficient"
+            )
         if not undetermined:
             warnings += judge_fit(names, known.correlations, known.condition)
         warnings += [

@@ -17,7 +17,9 @@ there; the force of a tendon on the rod per length is ``d(T t)/ds``, along the r
 
 Sticking is regularised as the bristles of a Dahl model without rate are: ``sigma = clip(memory +
 slip / delta)`` with a slip ``delta`` of a millionth of the robot's length. So the answer depends on
-the order of commands, never on their rate. The memory is ``sigma`` at the command before.
+the order of commands, never on their rate. A command is one step: where several tendons change at
+once and one of them would slide to and fro on the way, commands between change the answer. The
+memory is ``sigma`` at the command before.
 
 Each step of Newton's method linearises slip and tensions and eliminates them from the tip on; the
 angles ``|dt/ds| ds`` are those of the iterate before. Angles and slips are of second order in the
@@ -34,9 +36,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ..numeric.kernels.linear_algebra import solve_bounded
+from ..numeric.kernels.linear_algebra import solve_bounded, solve_complementary
 from .checks import Floats
 from .kernels.friction import measure_tendons, move_tensions, reduce_slip
+from .rod_grid import measure_rest_rates
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -56,7 +59,9 @@ class FrictionState:
         Share of the largest friction that acts before each point: 1 where the tendon slides
         towards the base, -1 towards the tip, between them where it sticks.
     lengths : (..., n, 3, t) ndarray
-        Length of the tendon, without tension, from each point to its end [mm].
+        Length of the tendon, without tension, to its end [mm]: from the base at the first point,
+        else from the middle of the interval that ends at the point, which is a step's half or, at
+        the start of one, the kink between two.
     """
 
     places: Floats
@@ -114,10 +119,8 @@ class Channels:
 
     @cached_property
     def rest_rates(self) -> Floats:
-        """Length of tendons per length of the straight robot, shape (n, 3, t)."""
-        _, _, _, guides, present = self.grid
-        rates = np.sqrt(1.0 + np.sum(guides[..., 2:] ** 2, axis=-1))
-        return np.asarray(rates * present[:, None])
+        """Length of tendons per length of the backbone at rest, shape (n, 3, t)."""
+        return measure_rest_rates(self.grid)
 
     @cached_property
     def presliding(self) -> float:
@@ -125,19 +128,20 @@ class Channels:
         return PRESLIDING * float(self.grid[0][-1])
 
     def rest(self) -> FrictionState:
-        """Return the state of the straight robot without tensions."""
+        """Return the state of the robot at rest, without tensions."""
         none = np.zeros(self.rest_rates.shape)
         lengths = self.measure_lengths(self.rest_rates, none)
         return FrictionState(places=self.grid[0], tensions=none, shares=none, lengths=lengths)
 
     def measure_lengths(self, rates: Floats, tensions: Floats) -> Floats:
-        """Return lengths without tension from every point to the end [mm], shape (n, 3, t)."""
+        """Return lengths without tension to the end, as of `FrictionState` [mm], (n, 3, t)."""
         free = rates - self.flexibility * tensions * self.rest_rates
-        thirds = self.spans[:, None] / 24.0
-        first = thirds * (5.0 * free[:, 0] + 8.0 * free[:, 1] - free[:, 2])
-        second = thirds * (-free[:, 0] + 8.0 * free[:, 1] + 5.0 * free[:, 2])
-        whole = np.cumsum((first + second)[::-1], axis=0)[::-1]
-        return np.stack([whole, whole - first, whole - first - second], axis=1)
+        parts = 0.25 * self.spans[:, None, None] * free[:, [0, 1, 1, 2]]
+        beyond = np.cumsum(parts.reshape(-1, free.shape[2])[::-1], axis=0)[::-1]
+        beyond = beyond.reshape(parts.shape)
+        lengths = np.stack([beyond[:, 0], beyond[:, 1], beyond[:, 3]], axis=1)
+        lengths[0, 0] = self.spans / 6.0 @ (free[:, 0] + 4.0 * free[:, 1] + free[:, 2])
+        return lengths
 
     def stretch(self, tensions: Floats) -> Floats:
         """Return by how much tendons stretch [mm], shape (t,)."""
@@ -147,20 +151,24 @@ class Channels:
 PRESLIDING = 1e-6
 """Slip at which friction acts in full, as a share of the robot's length."""
 
-LEVELS = 10.0 ** np.arange(4, -1, -1)
-"""Slips at which it does on the way to the solution, against the last one."""
+LEVELS = 10.0 ** np.arange(4, -1, -1), 10.0 ** (0.25 * np.arange(20, -1, -1))
+"""Slips at which it does on the way to the solution, against the last one: at first, and further
+ones where that does not settle."""
 
-STEPS_PER_LEVEL = 3
+STEPS_PER_LEVEL = 3, 8
 """Newton steps at each of them but the last."""
 
 WHOLE_STEPS = 12
 """Newton steps in full at the last one; further ones are halved, against cycles."""
 
-MOST_STEPS = 100
+MOST_STEPS = 60
 """Newton steps at the last one."""
 
-HALVINGS = 4
-"""How many times a command is halved where it does not settle at once."""
+MOST_ITERATIONS = 1000
+"""Newton steps for a command, those in the part at hand not counted."""
+
+MOST_PARTS = 32
+"""Parts into which a command is cut at most."""
 
 STUCK = 1.0 - 1e-9
 """Share of the friction that acts, and that a tendon may still be taken to stick at first."""
@@ -168,8 +176,14 @@ STUCK = 1.0 - 1e-9
 TOLERANCE = 1e-12
 """Change of tensions in a step at which they are found, as a share of the largest."""
 
+NO_FORCE_N = 1e-9
+"""Change of a tension that is round-off of a tendon's length [N]."""
+
 ROUGH = 1e-9
 """The same where steps do not get smaller any more."""
+
+MISFIT = 1e-6
+"""Difference between friction and that of the slip that is let through, by the largest tension."""
 
 RIDGE = 1e-9
 """Added to the tendons' own flexibility, so that redundant tendons have one answer."""
@@ -216,11 +230,13 @@ class Drive:
         gaps = np.where(self.low < self.high, lengths - self.limits, 0.0)
         return np.where((self.low == 0.0) & (tensions == 0.0), np.maximum(gaps, 0.0), gaps)
 
-    def go_half(self, state: FrictionState) -> Drive:
-        """Return what is half-way from a state to what is asked."""
-        first = state.tensions[0, 0]
-        tensions = None if self.tensions is None else 0.5 * (first + self.tensions)
-        limits = 0.5 * (state.lengths[0, 0] + self.limits)
+    def go_part(self, state: FrictionState, part: float) -> Drive:
+        """Return what is part of the way from a state to what is asked."""
+        if part == 1.0:
+            return self
+        first, lengths = state.tensions[0, 0], state.lengths[0, 0]
+        tensions = None if self.tensions is None else first + part * (self.tensions - first)
+        limits = lengths + part * (self.limits - lengths)
         return dataclasses.replace(self, tensions=tensions, limits=limits)
 
     def pull(self, lengths: Floats, tensions: Floats, slope: Floats, offset: Floats) -> Floats:
@@ -229,19 +245,15 @@ class Drive:
             return self.tensions
         ridge = RIDGE * float(np.abs(np.diag(slope)).max(initial=0.0))
         vector = self.limits - lengths + offset - slope @ tensions
-        even = 0.5 * (slope + slope.T) + ridge * np.eye(len(tensions))
-        wanted, right = tensions.copy(), vector
-        for _ in range(2):
-            # The second pass takes out what the ridge did to the first.
-            solve_bounded(even, right, self.low, self.high, wanted)
-            right = vector - ridge * wanted
-        free = (wanted > self.low) & (wanted < self.high)
+        exact, wanted = slope + ridge * np.eye(len(tensions)), tensions.copy()
+        solve_bounded(0.5 * (exact + exact.T), vector, self.low, self.high, wanted)
         # With friction a tendon does not do to another what that does to it.
-        block = slope[np.ix_(free, free)] + ridge * np.eye(int(free.sum()))
-        right = ridge * wanted[free] - vector[free] - slope[np.ix_(free, ~free)] @ wanted[~free]
-        trial = np.linalg.solve(block, right)
-        if np.all((trial > self.low[free]) & (trial < self.high[free])):
-            wanted[free] = trial
+        held = self.low < self.high
+        right = vector[held] + slope[np.ix_(held, ~held)] @ wanted[~held]
+        trial = wanted[held]
+        matrix = exact[np.ix_(held, held)]
+        if solve_complementary(matrix, right, self.low[held], self.high[held], trial):
+            wanted[held] = trial
         return wanted
 
 
@@ -255,11 +267,14 @@ class Step:
         Largest change of a tension, and largest tension [N].
     gap : float
         Largest error of a tendon's length [mm].
+    misfit : float
+        Largest difference between friction and that of the slip [N].
     """
 
     size: float = 0.0
     scale: float = 0.0
     gap: float = 0.0
+    misfit: float = 0.0
     reason: str = ""
 
 
@@ -268,7 +283,7 @@ class Sliding:
     """Newton's method for the tensions along tendons, from one state to the next.
 
     ``bend`` is the rod under tensions (n, 3, t), roughly if so asked. `pulled` are the tensions at
-    the base where it was last.
+    the base where it was last, `acting` the shares of friction that its slips ask for.
     """
 
     channels: Channels
@@ -276,23 +291,33 @@ class Sliding:
     bend: Callable[[Floats, bool], Bending]
     iterations: int = 0
     pulled: Floats = field(default_factory=lambda: np.zeros(0))
+    acting: Floats = field(default_factory=lambda: np.zeros(0))
 
-    def follow(self, drive: Drive, halvings: int = HALVINGS) -> tuple[FrictionState, str]:
-        """Return the state under a command, in parts if need be, and why there is none, if so."""
-        reason = self.settle(drive)
-        held = drive.tensions is None and bool(np.any(np.abs(self.pulled) >= drive.high))
-        if not reason or not halvings or held:
-            return self.before, reason
-        _, reason = self.follow(drive.go_half(self.before), halvings - 1)
-        return (self.before, reason) if reason else self.follow(drive, halvings - 1)
+    def follow(self, drive: Drive) -> tuple[FrictionState, str]:
+        """Return the state under a command, or why there is none.
 
-    def settle(self, drive: Drive) -> str:
+        If need be it is approached over more slips, and then in ever more parts.
+        """
+        start, parts, fine = self.before, 1, False
+        while True:
+            self.before, reason = start, ""
+            for part in range(1, parts + 1):
+                reason = self.settle(drive.go_part(start, part / parts), fine)
+                if reason:
+                    break
+            held = drive.tensions is None and bool(np.any(np.abs(self.pulled) >= drive.high))
+            parts *= 1 + fine
+            fine = True
+            if not reason or held or parts > MOST_PARTS or self.iterations >= MOST_ITERATIONS:
+                return self.before, reason
+
+    def settle(self, drive: Drive, fine: bool) -> str:
         """Go to the state under a command at once, and return why there is none; else nothing."""
         old = self.before
         profile, shares, lengths = old.tensions.copy(), STUCK * old.shares, old.lengths.copy()
         curvatures = np.zeros((*profile.shape[:2], 3))
-        for level in LEVELS:
-            size, most = np.inf, MOST_STEPS if level == 1.0 else STEPS_PER_LEVEL
+        for level in LEVELS[fine]:
+            size, most = np.inf, MOST_STEPS if level == 1.0 else STEPS_PER_LEVEL[fine]
             for count in range(most):
                 part = 1.0 if count < WHOLE_STEPS else 0.5
                 step = self._step(drive, (profile, shares, lengths, curvatures), level, part)
@@ -300,14 +325,19 @@ class Sliding:
                     return step.reason
                 before, size = size, step.size
                 rest = size <= ROUGH * step.scale and size > 0.5 * before
-                rest = rest or size <= TOLERANCE * step.scale
-                if rest and step.gap <= drive.tolerance:
+                rest = rest or size <= max(TOLERANCE * step.scale, NO_FORCE_N)
+                right = step.misfit <= MISFIT * step.scale + NO_FORCE_N
+                if rest and right and step.gap <= drive.tolerance:
                     break
+                if rest and not right:
+                    # The step that is wanted does not change anything: from the slip itself on.
+                    shares[:] = self.acting
             else:
                 if level == 1.0:
                     return (
-                        f"tensions along tendons did not settle: they change by {step.size:.2g} N, "
-                        f"and a tendon misses its length by {step.gap:.2g} mm"
+                        f"tensions along tendons did not settle in {self.iterations} steps: they "
+                        f"change by {step.size:.2g} N, friction is off by {step.misfit:.2g} N, and "
+                        f"a tendon misses its length by {step.gap:.2g} mm"
                     )
         self.before = dataclasses.replace(old, tensions=profile, shares=shares, lengths=lengths)
         return ""
@@ -333,9 +363,14 @@ class Sliding:
         whole = lengths[0, 0]
         if bent.lengths is not None:
             whole = bent.lengths - channels.stretch(profile)
-        now = profile, old.lengths - lengths, old.shares, shares
+        slips = old.lengths - lengths
+        self.acting = np.clip(old.shares + slips / presliding, -1.0, 1.0)
+        misfits = channels.friction * wraps * np.abs(profile * (self.acting - shares))
+        now = profile, slips, old.shares, shares
         parts = np.empty(give.shape), np.empty(shape), np.empty(give.shape), np.empty(shape)
-        reduce_slip(channels.spans, channels.friction, now, (wraps, give), presliding, *parts)
+        lying = wraps, give
+        if not reduce_slip(channels.spans, channels.friction, now, lying, presliding, *parts):
+            return Step(reason="tensions do not fix the slip of tendons")
         kept = profile.copy()
         self.pulled = drive.pull(whole, kept[0, 0], parts[2][0, 0], parts[3][0, 0])
         move_tensions(channels.friction, now, wraps, (presliding, part), parts, self.pulled)
@@ -343,4 +378,5 @@ class Sliding:
             size=float(np.abs(profile - kept).max(initial=0.0)),
             scale=float(np.abs(profile).max(initial=0.0)),
             gap=float(np.abs(drive.gaps(whole, kept[0, 0])).max(initial=0.0)),
+            misfit=float(misfits.max(initial=0.0)),
         )

@@ -1,7 +1,4 @@
-"""Histories of tendon commands: the shapes on the way, and the loops that friction makes of them.
-
-A fit of coefficients of friction to a recorded loop belongs here.
-"""
+"""Histories of tendon commands: shapes on the way, and the loops that friction makes of them."""
 
 from __future__ import annotations
 
@@ -94,6 +91,11 @@ class TendonHistory(Result):
         return dataclasses.replace(
             self.shapes, **parts, friction=None if state is None else state.pick((place,))
         )
+
+    def select(self, rows: NDArray[np.int64]) -> Shape:
+        """Return some of the shapes as a batch, without their friction."""
+        parts = {name: getattr(self.shapes, name)[rows] for name in BATCHED}
+        return dataclasses.replace(self.shapes, **parts, friction=None)
 
     def to_dict(self) -> Json:
         """Return the verdict, and the shapes as `Shape.to_dict`."""

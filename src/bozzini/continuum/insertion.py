@@ -19,7 +19,7 @@ from ..errors import FileFormatError, InputError
 from ..numeric.polylines import carry_frames, interpolate_polyline, measure_arc_length
 from ..progress import Progress, no_progress
 from ..results import Json, Result, measured, take_axes, to_plain
-from .checks import Floats
+from .checks import Floats, check_frame, check_values
 from .contact import ContactModel, ContactShape, draw_shapes
 from .robot import RobotDesign
 
@@ -41,6 +41,9 @@ ENTRY_RADII = 4.0
 SMALLEST_STEP = 1.0 / 16.0
 """Smallest part of a step that is tried where the whole one has no equilibrium."""
 
+SOFT_RADII = 6.0
+"""Length over which a body gives way on a soft wall, in its radii: (4 EI / k)^(1/4)."""
+
 JUMP, UNSTABLE_JUMP = 5.0, 2.0
 """A body that moves by more than this many steps at once has jumped: it has buckled.
 
@@ -61,6 +64,9 @@ class DriveTable:
         Length of the robot beyond the introducer [mm].
     displacements : (r, t) array_like
         Of the tendons [mm]; between rows they change evenly. NaN follows without tension.
+    frame : (4, 4) array_like, optional
+        Base frame in the world where the introducer ends, as in a planner's ``robot.npz`` [mm]; by
+        default the first point of the path and its direction.
 
     Raises
     ------
@@ -70,6 +76,7 @@ class DriveTable:
 
     inserted: Floats
     displacements: Floats
+    frame: Floats | None = None
 
     def __post_init__(self) -> None:
         inserted = check_array("inserted", self.inserted)
@@ -82,6 +89,10 @@ class DriveTable:
         check_range("inserted", inserted, 0.0, np.finfo(np.float64).max, "mm")
         object.__setattr__(self, "inserted", inserted)
         object.__setattr__(self, "displacements", displacements)
+        if self.frame is not None:
+            frame = check_values("frame", self.frame, (4, 4))
+            check_frame("frame", frame)
+            object.__setattr__(self, "frame", frame)
 
     @classmethod
     def passive(cls, robot: RobotDesign, to: float) -> DriveTable:
@@ -124,19 +135,27 @@ class DriveTable:
     def list_steps(self, start: float, step: float) -> Iterator[tuple[float, Floats]]:
         """Give inserted lengths and displacements, at most `step` apart, from a length on [mm].
 
-        Rows at lengths below `start` are passed over but for their displacements.
+        Of rows nearer to each other, those are left out between which length goes on one way. Rows
+        at lengths below `start` are passed over but for their displacements.
         """
-        before, held = start, self.displacements[0]
-        for length, row in zip(self.inserted.tolist(), self.displacements, strict=True):
-            target = max(length, start)
-            moved = np.nan_to_num(np.abs(row - held)).max(initial=0.0)
-            parts = max(1, math.ceil(max(abs(target - before), moved) / step - 1e-9))
+        lengths, rows = np.maximum(self.inserted, start), self.displacements
+        moved = np.nan_to_num(np.abs(np.diff(rows, axis=0))).max(axis=1, initial=0.0)
+        ways = np.maximum(np.abs(np.diff(lengths)), moved)
+        turns = np.append(np.diff(lengths[1:]) * np.diff(lengths[:-1]) < 0.0, True)
+        before, held, way = start, rows[0], lengths[0] - start
+        for index in range(len(rows)):
+            last = index == len(rows) - 1
+            if not last and way + ways[index] <= step and not (index and turns[index - 1]):
+                way += ways[index]
+                continue
+            target, row = float(lengths[index]), rows[index]
+            parts = max(1, math.ceil(way / step - 1e-9))
             known = np.isnan(held) | np.isnan(row)
             for part in range(1, parts + 1):
                 share = part / parts
                 between = np.where(known, row, held + share * (row - held))
                 yield before + share * (target - before), between
-            before, held = target, row
+            before, held, way = target, row, 0.0 if last else float(ways[index])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -296,7 +315,7 @@ def insert_robot(
     points = check_points("path", check_array("path", path))
     if points.ndim != 2 or len(points) < 2 or not np.linalg.norm(points[1] - points[0]) > 0.0:
         raise InputError(f"path has shape {points.shape}: it must be (p, 3), different points")
-    placed = place_at_entry(model, points)
+    placed = place_at_entry(model, points, None if drives is None else drives.frame)
     robot, arc = placed.robot, measure_arc_length(points)
     segment = float(np.diff(placed.stations).max())
     size = 2.0 * segment if step is None else check_number("step", step, low=1e-3, unit="mm")
@@ -315,19 +334,26 @@ def insert_robot(
     return _Insertion(placed, points, size).run(drives, segment, progress)
 
 
-def place_at_entry(model: ContactModel, points: Floats) -> ContactModel:
-    """Return the model with its base at the entry, looking along the beginning of the path.
+def place_at_entry(model: ContactModel, points: Floats, frame: Floats | None) -> ContactModel:
+    """Return the model with its base in a frame, or at the entry along the beginning of the path.
 
-    Its x is the world's axis most across that, as the planner's.
+    Its x is then the world's axis most across that, as the planner's.
     """
+    from scipy.spatial.transform import Rotation
+
     radius = model.robot.sections[-1].radius
-    first = measure_arc_length(points) <= ENTRY_RADII * radius
-    first[1] = True
-    way = points[first].mean(axis=0) - points[0]
-    frame = carry_frames(way[None] / np.linalg.norm(way))[0]
-    robot = dataclasses.replace(model.robot, base_position=tuple(points[0]), base_rotation=frame)
+    if frame is None:
+        first = measure_arc_length(points) <= ENTRY_RADII * radius
+        first[1] = True
+        way = points[first].mean(axis=0) - points[0]
+        frame = np.eye(4)
+        frame[:3, :3] = carry_frames(way[None] / np.linalg.norm(way))[0]
+        frame[:3, 3] = points[0]
+    place = frame[:3, 3]
+    turn = tuple(Rotation.from_matrix(frame[:3, :3]).as_rotvec().tolist())
+    robot = dataclasses.replace(model.robot, base_position=tuple(place), base_rotation=turn)
     for wall in model.walls:
-        gap = float(wall.measure(points[:1], np.array([radius]))[0])
+        gap = float(wall.measure(place[None], np.array([radius]))[0])
         if gap < 0.0:
             raise InputError(
                 f"the path begins {radius + gap:.3g} mm from the wall: the body, of radius "
@@ -372,16 +398,32 @@ class _Insertion:
                 there = before.inserted + share * (length - before.inserted)
                 held = np.where(np.isnan(before.displacements), displacements, before.displacements)
                 command = held + share * (displacements - held)
-            initial = self.shapes[-1] if self.shapes else None
-            shape = self.model.shape(command, inserted=there, initial=initial)
+            shape = self._solve(command, there)
             good = shape.converged or shape.self_distance < 0.0
-            if not good and before is not None and part > SMALLEST_STEP:
+            if not (good or shape.locked or before is None) and part > SMALLEST_STEP:
                 part *= 0.5
                 continue
             self._keep(shape)
             reached = share
             if self.reason or reached == 1.0:
                 return not self.reason
+
+    def _solve(self, displacements: Floats, inserted: float) -> ContactShape:
+        """Return the next shape; where it is not found at once, through one between soft walls."""
+        model, initial = self.model, self.shapes[-1] if self.shapes else None
+        shape = model.shape(displacements, inserted=inserted, initial=initial)
+        met = shape.converged or shape.self_distance < 0.0
+        if met or shape.locked or initial is None or model.options.friction > 0.0:
+            return shape
+        robot = model.robot
+        bending = float(robot.stiffness_at(shape.arc_length)[:, 3].max())
+        soft = 4.0 * bending / (SOFT_RADII * robot.radius) ** 4
+        options = dataclasses.replace(model.options, wall_stiffness=soft)
+        between = dataclasses.replace(model, options=options)
+        initial = between.shape(displacements, inserted=inserted, initial=initial)
+        if not initial.converged:
+            return shape
+        return model.shape(displacements, inserted=inserted, initial=initial)
 
     def _keep(self, shape: ContactShape) -> None:
         """Add a shape, and look for a jump, a loop, and a tip that stands still."""

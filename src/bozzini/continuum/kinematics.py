@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Unpack, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..checks import check_array, take_named
+from ..checks import check_array, check_kind, take_named
 from ..errors import InputError
 from .arc import ArcModel, jacobian
+from .calibration import RobotCalibration, convert_commands
 from .checks import Floats
-from .coupling import find_crooked
+from .coupling import check_displacements, find_crooked
 from .elastic_inverse import solve_elastic
 from .inverse import (
     ContinuumInverse,
@@ -62,6 +63,46 @@ class ContinuumRobot(RobotDesign):
         base's pose is none.
     """
 
+    calibration: RobotCalibration | None = field(default=None, kw_only=True)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.calibration is not None:
+            check_kind("calibration", self.calibration, RobotCalibration)
+            self.calibration.order_zeros(self.tendon_names)
+
+    def to_displacements(self, commands: ArrayLike, *, in_time: bool = False) -> Floats:
+        """Return the displacements that commands of the tendons come to.
+
+        Parameters
+        ----------
+        commands : array_like, shape (..., t)
+            Displacements as they are commanded [mm]; those of a robot without a calibration.
+        in_time : bool
+            Whether they are rows (n, t) in the order of time, as backlash needs it; else each
+            tendon is in the middle of its play.
+        """
+        known = self.calibration
+        if known is None or known.command != "displacement":
+            return check_array("displacements", commands)
+        return convert_commands(
+            check_displacements(self, commands, may_follow=True),
+            scale=known.scale,
+            zeros=known.order_zeros(self.tendon_names),
+            backlash=known.backlash if in_time else 0.0,
+        )
+
+    def to_tensions(self, commands: ArrayLike) -> Floats:
+        """Return the tensions (..., t) that commanded ones come to [N]."""
+        known = self.calibration
+        scale = known.scale if known is not None and known.command == "tension" else 1.0
+        return scale * check_array("tensions", commands)
+
+    def to_commands(self, values: Floats) -> Floats:
+        """Return what to command for displacements [mm] or tensions [N] (..., t), as calibrated."""
+        known = self.calibration or RobotCalibration()
+        return np.asarray((values - known.order_zeros(self.tendon_names)) / known.scale)
+
     def forward(
         self,
         displacements: ArrayLike | Mapping[str, ArrayLike] | None = None,
@@ -70,7 +111,9 @@ class ContinuumRobot(RobotDesign):
         model: str | None = None,
         **options: object,
     ) -> Shape:
-        """Return the shapes under displacements or tensions of the tendons.
+        """Return the shapes under displacements or tensions of the tendons, as they are commanded.
+
+        A calibrated robot converts them, and is modelled as it was fitted.
 
         Parameters
         ----------
@@ -81,9 +124,9 @@ class ContinuumRobot(RobotDesign):
         tensions : array_like, shape (..., t), or mapping
             Instead, the tension of each tendon at the base [N]; or by names, 0 for those left out.
         model : str, optional
-            Name in `CONTINUUM_MODELS`. Unless given arc for parallel tendons and energy for
-            others; rod under loads or tensions, with friction of tendons, and for robots with
-            weight, curvature at rest or pretension.
+            Name in `CONTINUUM_MODELS`. Unless given that of the calibration; without one arc for
+            parallel tendons and energy for others; rod under loads or tensions, with friction of
+            tendons, and for robots with weight, curvature at rest or pretension.
         **options
             Options of the model, such as ``tip_force`` of the rod.
 
@@ -101,12 +144,14 @@ class ContinuumRobot(RobotDesign):
             raise InputError("forward takes either displacements or tensions: give one of them")
         if tensions is not None:
             name = self.choose_model(options, pulled=True) if model is None else model
-            return self.model(name, **options).find_shape_under_tensions(
-                self._take("tensions", tensions, self.order_tensions)
+            return self.model(name, **options).shape_under_tensions(
+                self.to_tensions(self._take("tensions", tensions, self.order_tensions))
             )
         chosen = self._default_model if model is None and not options else None
         return (chosen or self.model(model, **options)).find_shape(
-            self._take("displacements", displacements, self.order_displacements)
+            self.to_displacements(
+                self._take("displacements", displacements, self.order_displacements)
+            )
         )
 
     @staticmethod
@@ -175,15 +220,21 @@ class ContinuumRobot(RobotDesign):
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the robot at rest, and return the axes."""
-        return self.forward(np.zeros(len(self.tendons))).plot(ax)
+        return self._default_model.find_shape(np.zeros(len(self.tendons))).plot(ax)
 
     @cached_property
     def _default_model(self) -> ContinuumModel:
         return self.model()
 
     def model(self, name: str | None = None, **options: Any) -> ContinuumModel:
-        """Return a model of this robot, with its options; see `forward`."""
+        """Return a model of this robot, with its options; see `forward`.
+
+        It takes displacements of the tendons, those of `to_displacements`. The model of the
+        calibration has the options that were fitted with, unless they are given.
+        """
         name = self.choose_model(options) if name is None else name
+        if self.calibration is not None and name == self.calibration.model:
+            options = {**self.calibration.model_options, **options}
         kind = CONTINUUM_MODELS.choose(name)
         known = [field.name for field in dataclasses.fields(kind) if field.name != "robot"]
         for option in options:
@@ -193,10 +244,12 @@ class ContinuumRobot(RobotDesign):
         return kind(self, **options)
 
     def choose_model(self, options: Mapping[str, object], *, pulled: bool = False) -> str:
-        """Return the model that suits this robot: by loads, what it has, and routing.
+        """Return the model that suits this robot: as fitted, or by loads, what it has, and routing.
 
         Whether its tendons are `pulled` by tensions, which arcs do not take.
         """
+        if self.calibration is not None and self.calibration.model:
+            return self.calibration.model
         loaded = any(options.get(load) is not None for load in LOADS)
         if pulled or loaded or self.tendon_friction.any():
             return "rod"

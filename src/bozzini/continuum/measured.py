@@ -8,24 +8,22 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import TYPE_CHECKING, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..checks import check_array, check_fields, check_path, check_word, quantity
+from ..checks import check_array, check_path, check_word
 from ..errors import FileFormatError, InputError, UnitError
 from ..io.sheets import DECIMAL_COMMA, Sheet, read_sheet, show_cell, take_frame, take_number
 from ..units import parse_quantity
-from .checks import Floats, check_items, check_name, check_values
+from .calibration import Command, Marker
+from .checks import Floats, check_items
 
 if TYPE_CHECKING:
     import pandas
 
     from .robot import RobotDesign
-
-Command = Literal["displacement", "tension"]
-"""What is commanded of the tendons."""
 
 KINDS: dict[str, str] = {"displacement": "length", "tension": "force"}
 """Kind of quantity of each command."""
@@ -39,40 +37,6 @@ TIP = "tip"
 
 _HEADER = re.compile(r"\s*(.+?)\s*(?:[\[(]\s*([^\])]*?)\s*[\])])?\s*")
 _AXIS = re.compile(r"(.+?)[\s_]+([xyz])")
-
-
-@dataclass(frozen=True, kw_only=True)
-class Marker:
-    """A point that is seen, fixed to a cross-section of the body.
-
-    Parameters
-    ----------
-    name : str
-        As in the columns, ``marker_1`` of ``marker_1 x [mm]``.
-    arc_length : float, optional
-        Where its cross-section is, from the base [mm]; without it, at the tip.
-    offset : (x, y, z)
-        Where it is in the frame of the cross-section [mm]; z along the backbone.
-
-    Raises
-    ------
-    InputError
-        If a value is outside its legal range.
-    """
-
-    name: str
-    arc_length: float | None = quantity("length", "Arc length.", low=0.0, default=None)
-    offset: tuple[float, float, float] = quantity(
-        "length", "Place in the cross-section's frame.", default=(0.0, 0.0, 0.0)
-    )
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "name", check_name("marker", self.name))
-        label = f"marker '{self.name}' "
-        skip = ("offset",) if self.arc_length is not None else ("offset", "arc_length")
-        check_fields(self, label, skip=skip)
-        offset = check_values(f"{label}offset", self.offset, (3,), unit="mm")
-        object.__setattr__(self, "offset", tuple(offset.tolist()))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -211,7 +175,8 @@ def read_robot_measurements(
     the tendon; positive displacements are pulled. Points are three columns each, such as
     ``tip x [mm]`` or ``marker_1_x [mm]``, in the world. The unit is in the title, perhaps with a
     number, as in ``[0.1 mm]``. A place that is empty or ``nan`` was not seen; a row without a point
-    is left out. Other columns are ignored.
+    is left out. Other columns are ignored. A table of ``bozzini vision track`` has a row for each
+    point, and the commands as columns that it copied.
 
     Parameters
     ----------
@@ -240,6 +205,7 @@ def read_robot_measurements(
     path = check_path("table", table) if named else Path("the table")
     sheet = read_sheet(path) if named else take_frame(table)
     try:
+        sheet = _spread_points(sheet)
         data = _take_sheet(sheet, robot, {item.name: item for item in markers}, columns, blocks)
     except InputError as error:
         raise type(error)(f"{path.name}: {error}") from None
@@ -284,6 +250,39 @@ def _take_sheet(
         blocks=np.asarray(words)[rows],
         notes=tuple(notes),
     )
+
+
+TRACKED = ("row", "marker", "x_mm", "y_mm", "z_mm")
+"""Columns of a table of ``bozzini vision track``, which has a row for each point."""
+
+
+def _spread_points(sheet: Sheet) -> Sheet:
+    """Return a table with a row for each moment of one with a row for each point, else as it is."""
+    titles = [title.strip() for title in sheet.titles]
+    if not set(TRACKED) <= set(titles):
+        return sheet
+    _check_sheet(sheet, titles)
+    row, marker, *axes = (titles.index(name) for name in TRACKED)
+    copied = [place for place in range(marker) if place != row]
+    points: dict[str, dict[str, Sequence[object]]] = {}
+    numbers: list[int] = []
+    for number, cells in zip(sheet.numbers, sheet.rows, strict=True):
+        moment, name = str(cells[row]).strip(), str(cells[marker]).strip()
+        if moment not in points:
+            numbers.append(number)
+        seen = points.setdefault(moment, {})
+        if name in seen:
+            raise FileFormatError(f"row {number}: marker '{name}' is in row {moment} twice")
+        seen[name] = cells
+    names = list(dict.fromkeys(name for seen in points.values() for name in seen))
+    rows = [
+        [next(iter(seen.values()))[place] for place in copied]
+        + [seen[name][axis] if name in seen else "" for name in names for axis in axes]
+        for seen in points.values()
+    ]
+    heads = [titles[place] for place in copied]
+    heads += [f"{name} {axis} [mm]" for name in names for axis in "xyz"]
+    return Sheet(heads, rows, numbers, sheet.may_have_commas)
 
 
 def _rename(titles: Sequence[str], columns: Mapping[str, str]) -> list[str]:
@@ -334,7 +333,7 @@ def _find_columns(
     if not commands:
         raise FileFormatError(
             "there is no column with a command, such as 'T1 displacement [mm]' or 'T1 tension "
-            f"[N]': the table has {_quote(titles)}"
+            f"[N]': rename columns or give their titles (--column); there are {_quote(titles)}"
         )
     if len(commands) > 1:
         raise FileFormatError("there are columns of displacements and of tensions: give one kind")

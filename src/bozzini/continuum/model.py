@@ -33,6 +33,12 @@ TENSION_ROUND_OFF = 1e-9
 EVEN_CURVATURE_SHARE = 1e-3
 """By how much a curvature that counts as even may differ, as a share."""
 
+PLAY = 1e-4
+"""Displacement of the tip that the tolerance may always make, against the robot's length."""
+
+LEVERS = 10.0
+"""The same against what the tolerance makes of it over the lever of length by offset."""
+
 ROUND_OFF_LENGTH_SHARE = 1e-11
 """Error of a tendon's length that is round-off, as a share of the robot's length."""
 
@@ -139,22 +145,18 @@ class ContinuumModel(ABC):
             )
         return found
 
-    def find_shape_under_tensions(self, tensions: ArrayLike) -> Shape:
-        """Return the shapes under tensions (..., t) of the tendons at the base [N].
+    def shape_under_tensions(self, tensions: ArrayLike, *, initial: Shape | None = None) -> Shape:
+        """Return the shapes under tensions, of a model that takes them; see `ElasticModel`.
 
         Raises
         ------
         InputError
             If the model takes none.
         """
-        take = getattr(self, "shape_under_tensions", None)
-        if take is None:
-            raise InputError(
-                f"the {self.name} model takes displacements only: tensions need a model of forces, "
-                "such as the rod"
-            )
-        found: Shape = take(tensions)
-        return found
+        raise InputError(
+            f"the {self.name} model takes displacements only: tensions need a model of forces, "
+            "such as the rod"
+        )
 
     def make_shape(
         self,
@@ -398,6 +400,30 @@ def advise_contradiction(tolerance: float) -> str:
     return (
         f"if they were measured, raise the tolerance of {tolerance:g} mm or give the tendons their "
         "stiffness"
+    )
+
+
+def explain_play(model_tolerance: float, play: float, *, length: float, lever: float) -> str:
+    """Return what is wrong where displacements within the tolerance move the tip; else nothing.
+
+    Parallel tendons that do not stretch hold the twist so that it grows with the root of what
+    they have too much: then the tolerance decides where the tip is, not the loads.
+
+    Parameters
+    ----------
+    model_tolerance : float
+        By how much displacements may differ [mm].
+    play : float
+        Motion of the tip that they make [mm]; infinite where no equilibrium is found.
+    length, lever : float
+        Length of the robot and least lever of a tendon [mm].
+    """
+    if play <= max(PLAY * length, LEVERS * length / lever * model_tolerance):
+        return ""
+    found = f"the tip is {play:.2g} mm elsewhere" if play < math.inf else "no equilibrium was found"
+    return (
+        "tendons that do not stretch leave the shape open under these loads: for displacements "
+        f"that differ by the tolerance of {model_tolerance:g} mm {found}; give a tendon_stiffness"
     )
 
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from .checks import Floats
 from .measured import RobotMeasurements
+from .rod import RodModel
 from .shape import Shape
 from .unknowns import RobotSetup, Unknown, change_setup
 
@@ -19,6 +20,8 @@ FACTOR_STEP = 1e-4
 """Step of the logarithm of a factor, and of an angle [rad], for a derivative."""
 STEP_MM = 1e-3
 """Step of a length or of another number, for a derivative."""
+FRICTION_STEP = 0.02
+"""Step of a coefficient of friction: shapes after a history have small jumps over it."""
 
 
 def interpolate_frames(shape: Shape, places: Floats) -> Floats:
@@ -132,19 +135,20 @@ class Observation:
         return np.asarray(self.data.points[self.rows])
 
     def solve(self, setup: RobotSetup) -> Shape:
-        """Return the shapes of the rows."""
-        if self.data.command == "tension" and any(setup.zeros):
+        """Return the shapes of the rows; with friction of tendons, after all rows before them."""
+        pulled = self.data.command == "tension"
+        if pulled and any(setup.zeros):
             raise InputError("tendons.*.zero is for displacements: the commands are tensions")
-        commands = setup.convert(self.data.order_commands(setup.robot))[self.rows]
+        commands = setup.convert(self.data.order_commands(setup.robot))
+        if pulled:  # noise of a measured tension about 0: a cable does not push
+            commands = np.where(setup.robot.pushes, commands, np.maximum(commands, 0.0))
         model = setup.robot.model(self.model, **self.options)
-        if self.data.command == "displacement":
-            return model.find_shape(commands)
-        if not hasattr(model, "shape_under_tensions"):
-            raise InputError(
-                f"the {self.model} model takes no tensions: take the rod model, with --model rod"
-            )
-        shape: Shape = model.shape_under_tensions(np.maximum(commands, 0.0))
-        return shape
+        if isinstance(model, RodModel) and setup.robot.tendon_friction.any():
+            trace = model.trace_tensions if pulled else model.trace_displacements
+            return trace(commands[: self.rows[-1] + 1]).select(self.rows)
+        if pulled:
+            return model.shape_under_tensions(commands[self.rows])
+        return model.find_shape(commands[self.rows])
 
     def observe(self, setup: RobotSetup, shape: Shape | None = None) -> Observed:
         """Return what a setup predicts; with `shape`, from shapes that are known."""
@@ -160,11 +164,9 @@ class Observation:
         columns = np.empty((*at.points.shape, len(unknowns)))
         loaded = bool(self.setup.robot.has_line_weight or self.setup.robot.disc_weights.any())
         for index, one in enumerate(unknowns):
-            step = (
-                FACTOR_STEP
-                if one.known.unit == "rad" or one.known.change == "factor"
-                else (STEP_MM)
-            )
+            fine = one.known.unit == "rad" or one.known.change == "factor"
+            step = FACTOR_STEP if fine else STEP_MM
+            step = FRICTION_STEP if one.field == "friction" else step
             keeps = not (one.moves_robot or (loaded and one.field.startswith("rotation")))
             if changes[index] + step > one.limit(self.setup)[1]:
                 step = -step

@@ -444,6 +444,12 @@ class Section:
         known = list_quantities(Section)
         curvature = check_curvature("section curvature", self.curvature, known["curvature"])
         check_span("section curvature", curvature, self.length)
+        bend = float(np.hypot(*np.atleast_2d(curvature)[:, -3:-1].T).max())
+        if bend * self.radius >= 1.0:
+            raise InputError(
+                f"section curvature is {bend:g} rad/mm: it must lie in [0, {1.0 / self.radius:g}) "
+                "rad/mm, for the body is not to meet itself"
+            )
         for name, value in (
             ("disc_positions", places),
             ("discs", self.discs or len(places) or DEFAULT_DISCS),

@@ -66,7 +66,8 @@ class Shape(Result):
     stability : (...) ndarray, optional
         Least eigenvalue of the second variation of the energy under what is commanded, lengths or
         tensions, by that of the straight unloaded robot: 1 is as stiff as at rest, and below 0
-        the equilibrium is unstable. Infinite where the model does not know it.
+        the equilibrium is unstable. Infinite where the model does not know it. The energy model
+        without loads gives a lower bound where it is not negative.
 
     Raises
     ------

@@ -12,9 +12,9 @@ import numpy as np
 
 from ..errors import InputError
 from ..results import Json
+from .calibration import Marker, RobotCalibration, convert_commands
 from .checks import Floats
 from .kinematics import ContinuumRobot
-from .measured import Marker
 from .section import Section, Tendon
 
 Group = Literal["sections", "tendons", "markers", "base", "commands"]
@@ -25,6 +25,9 @@ WIDEST = 6.0
 """Largest logarithm of the factor of a stiffness."""
 WIDEST_LENGTH = 1.0
 """Largest logarithm of the factor of a length."""
+
+MOST_FRICTION = 2.0
+"""Largest coefficient of friction."""
 
 WIDEST_ZERO_MM = 20.0
 """Largest change of a tendon's zero [mm]."""
@@ -63,7 +66,7 @@ FIELDS: dict[Group, dict[str, Known]] = {
         "angle": Known("shift", "rad", -math.pi, math.pi),
         "stiffness": _factor("N", 2.0 * WIDEST),
         "pretension": Known("shift", "N", begin=0.1),
-        "friction": Known("shift", "", begin=0.05),
+        "friction": Known("shift", "", high=MOST_FRICTION, begin=0.05),
         "zero": Known("shift", "mm", -WIDEST_ZERO_MM, WIDEST_ZERO_MM),
     },
     "markers": {
@@ -85,6 +88,10 @@ FIELDS: dict[Group, dict[str, Known]] = {
 
 STIFFNESSES = ("bending_stiffness", "torsional_stiffness", "stretch_stiffness", "shear_stiffness")
 """Fields of a section that are in proportion to its modulus."""
+
+PIECES_LOOKED_AT = 200
+"""Places of a section where a tendon is checked to stay inside of the body."""
+LEAST_OFFSET_MM = 1e-9
 
 POSES = ("position", "rotation")
 
@@ -112,22 +119,17 @@ class RobotSetup:
     scale: float = 1.0
     backlash: float = 0.0
 
+    @classmethod
+    def of(cls, robot: ContinuumRobot) -> RobotSetup:
+        """Return a robot with what its calibration holds."""
+        known = robot.calibration or RobotCalibration()
+        zeros = tuple(known.order_zeros(robot.tendon_names).tolist())
+        return cls(robot, known.markers, zeros, known.scale, known.backlash)
+
     def convert(self, commands: Floats) -> Floats:
         """Return what reaches the tendons of commands (n, t) in the order of time."""
-        moved = self.scale * commands
-        if self.backlash > 0.0:
-            moved = play(moved, self.backlash)
-        return moved + np.asarray(self.zeros) if self.zeros else moved
-
-
-def play(commands: Floats, width: float) -> Floats:
-    """Return what follows commands (n, t), from the first on, with a play of `width` each way."""
-    followed = np.empty_like(commands)
-    at = commands[0]
-    for row, value in enumerate(commands):
-        at = np.clip(at, value - width, value + width)
-        followed[row] = at
-    return followed
+        zeros = np.asarray(self.zeros) if any(self.zeros) else None
+        return convert_commands(commands, scale=self.scale, zeros=zeros, backlash=self.backlash)
 
 
 @dataclass(frozen=True)
@@ -164,16 +166,31 @@ class Unknown:
     def limit(self, setup: RobotSetup) -> tuple[float, float, float]:
         """Return the bounds of the change, and where a search begins."""
         known = self.known
+        if self.field == "offset":
+            inside = min(_measure_margin(setup.robot, index) for index in self.items)
+            return known.low, min(known.high, inside), 0.0
         if not known.begin:
             return known.low, known.high, 0.0
         value = self.read(setup) or 0.0
-        return -value, known.high, known.begin if value == 0.0 else 0.0
+        return -value, known.high - value, known.begin if value == 0.0 else 0.0
 
     def read(self, setup: RobotSetup) -> float | None:
         """Return the number before it is changed, or None if items differ or have a profile."""
         values = {_read_field(setup, self.group, self.field, index) for index in self.items or (0,)}
         value = values.pop()
         return float(value) if not values and isinstance(value, (int, float)) else None
+
+
+def _measure_margin(robot: ContinuumRobot, index: int) -> float:
+    """Return the logarithm of by how much a tendon's offset may grow inside of the body."""
+    tendon, margins = robot.tendons[index], []
+    for section, start in zip(robot.sections, robot.section_starts, strict=True):
+        end = min(start + section.length, robot.tendon_ends[index])
+        if start < end:
+            places = np.linspace(start, end, PIECES_LOOKED_AT)
+            most = max(float(tendon.offset_at(places).max()), LEAST_OFFSET_MM)
+            margins.append(math.log(section.radius / most))
+    return max(min(margins) - 1e-6, 0.0)
 
 
 def _read_field(setup: RobotSetup, group: Group, name: str, index: int) -> object:

@@ -10,7 +10,7 @@ from typing import NamedTuple, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import show_value
+from ..checks import check_fields, quantity, show_value
 from ..errors import InputError
 from .checks import Floats
 from .kernels import contact as kernels
@@ -23,6 +23,75 @@ NODES_PER_DIAGONAL = 2.0 / math.sqrt(3.0)
 
 STEEPEST = math.sqrt(3.0)
 """By how much an interpolated distance changes per mm, at most."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ContactOptions:
+    """How a robot touches walls.
+
+    Parameters
+    ----------
+    wall_stiffness : float, optional
+        Force of the wall per length of the body and depth [N/mm^2 = MPa]; rigid unless given.
+    friction : float
+        Coefficient of Coulomb friction between body and wall.
+    slip : float
+        Slip below which friction is elastic [mm].
+    segment_length : float
+        Largest length of a segment [mm]; by default the body's radius, or a 60th of the robot if
+        that is more.
+    smoothing : float
+        Distance over which a wall's kinks are rounded [mm]; by default the spacing of a sampled
+        duct's nodes, and 0.02 mm for an exact one.
+    tolerance : float
+        How deep the body may be in the wall, or miss a tendon's length [mm].
+
+    Raises
+    ------
+    InputError
+        If a value is outside its legal range.
+    """
+
+    wall_stiffness: float | None = quantity(
+        "pressure",
+        "Stiffness of the wall per length of the body (default: rigid).",
+        low=0.0,
+        low_open=True,
+        default=None,
+    )
+    friction: float = quantity(
+        "dimensionless", "Coefficient of friction on the wall.", low=0.0, high=2.0, default=0.0
+    )
+    slip: float = quantity(
+        "length",
+        "Slip below which friction is elastic.",
+        low=1e-6,
+        high=10.0,
+        default=0.01,
+    )
+    segment_length: float | None = quantity(
+        "length",
+        "Largest segment (default: the body's radius, or a 60th of its length).",
+        low=1e-3,
+        default=None,
+    )
+    smoothing: float | None = quantity(
+        "length",
+        "Distance over which kinks of the wall are rounded (default: a sampled duct's spacing).",
+        low=1e-4,
+        high=100.0,
+        default=None,
+    )
+    tolerance: float = quantity(
+        "length", "How deep the body may be in the wall.", low=1e-9, high=0.1, default=1e-6
+    )
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+
+
+MOST_CELLS = 20_000
+"""Cells of the lattice whose distances are kept, about 10 MB."""
 
 
 @runtime_checkable
@@ -84,16 +153,33 @@ class Boundary:
         index = np.flatnonzero(near | held)
         if not len(index):
             return Touched.none()
-        dim = self.duct.dim
-        places = np.ascontiguousarray(points[index, :dim])
-        nodes = np.empty((len(index), kernels.SPLINE_NODES**dim, dim))
-        kernels.place_nodes(places, self.step, nodes)
-        values = np.ascontiguousarray(self.duct.signed_distance(nodes), dtype=np.float64)
+        places = np.ascontiguousarray(points[index, : self.duct.dim])
+        values = self._read_cells(np.floor(places / self.step).astype(np.int64))
         distance, gradient = np.empty(len(index)), np.empty((len(index), 3))
         curvature = np.empty((len(index), 3, 3))
         kernels.weigh_nodes(places, self.step, values, distance, gradient, curvature)
         sign = 1.0 if self.outside else -1.0
         return Touched(index, sign * distance - radii[index], sign * gradient, sign * curvature)
+
+    @cached_property
+    def _known(self) -> dict[tuple[int, ...], Floats]:
+        """Distances at the nodes around cells of the lattice that were asked for before."""
+        return {}
+
+    def _read_cells(self, cells: NDArray[np.int64]) -> Floats:
+        """Return the distances at the nodes around cells (m, dim) of the lattice, (m, 4^dim)."""
+        known, keys = self._known, list(map(tuple, cells.tolist()))
+        missing = list({key: None for key in keys if key not in known})
+        if missing:
+            if len(known) > MOST_CELLS:
+                known.clear()
+                missing = list(dict.fromkeys(keys))
+            around = np.indices((kernels.SPLINE_NODES,) * cells.shape[1])[::-1] - 1
+            around = around.reshape(cells.shape[1], -1).T  # the first axis fastest
+            nodes = self.step * (np.array(missing)[:, None] + around)
+            values = np.asarray(self.duct.signed_distance(nodes), dtype=np.float64)
+            known.update(zip(missing, values, strict=True))
+        return np.array([known[key] for key in keys])
 
 
 def take_boundaries(duct: object, obstacles: object) -> tuple[Boundary, ...]:

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from ..checks import check_array, check_fields, list_quantities, quantity
 from ..errors import InputError
 from .checks import Floats
-from .profile import Profile, check_profile, evaluate_profile, largest_of, smallest_of
+from .profile import Profile, check_profile, evaluate_profile, smallest_of
 
 GRAVITY = 9.80665
 """Standard acceleration of free fall [m/s^2] (3rd CGPM, 1901)."""
@@ -81,12 +81,6 @@ class Wire:
     def unset(self) -> tuple[str, ...]:
         """Fields that are not written to files: none was given."""
         return tuple(name for name in ("density", "inner_diameter") if not getattr(self, name))
-
-    @property
-    def shear_coefficient(self) -> float:
-        """Cowper's k where the wire is thickest."""
-        thickest = np.asarray(largest_of(self.profile))
-        return float(self._shear(thickest))
 
     def stiffness_at(self, places: ArrayLike) -> Floats:
         """Return GA, GA, EA [N], EI, EI, GJ [N mm^2] at arc lengths [mm], shape (..., 6)."""

@@ -891,17 +891,11 @@ def _differentiate_mounted(
         own = data.contraction[taut] + away - at.ends.offset + at.ends.compliance * force
         return at.model.try_force(pressure, own, direction=branch)
 
-    def differ(one: Answers, other: Answers, steps: tuple[float, float]) -> Floats:
-        ends = [
-            (np.where(held, f, force), np.where(held, step, 0.0))
-            for (f, held), step in zip((one, other), steps, strict=True)
-        ]
-        (f, a), (g, b) = ends
-        with np.errstate(all="ignore"):
-            return np.where(b > a, (g - f) / (b - a), 0.0)
+    def pull_with(name: str, x: float) -> Answers:
+        return pull(build({**values, name: x}))
 
     step = _SLOPE_STEP * mounted.muscle.length
-    slope = differ(pull(mounted, -step), pull(mounted, step), (-step, step))
+    slope = _difference(lambda away: pull(mounted, away), (-step, step), 0.0, force)
     table = np.zeros((len(predicted), len(pairs)))
     for column, (name, low, high) in enumerate(pairs):
         if name == "offset":
@@ -912,16 +906,9 @@ def _differentiate_mounted(
             table[~taut, column] = 1.0
             continue
         else:
-            trials: list[Answers] = []
-            for x in (low, high):
-                if x == values[name]:
-                    trials.append((force, np.ones(len(force), np.bool_)))
-                    continue
-                try:
-                    trials.append(pull(build({**values, name: x})))
-                except BozziniError:  # such a value is not legal
-                    trials.append((force, np.zeros(len(force), np.bool_)))
-            change = differ(trials[0], trials[1], (low - values[name], high - values[name]))
+            change = _difference(
+                functools.partial(pull_with, name), (low, high), values[name], force
+            )
         with np.errstate(all="ignore"):
             table[taut, column] = change / (1.0 - mounted.ends.compliance * slope)
     return table
@@ -935,23 +922,31 @@ def _differentiate_directly(
     predicted: NDArray[np.float64],
     response: Response,
 ) -> NDArray[np.float64]:
-    """Return central differences, to one side where the other has no answer, 0 without any."""
-    columns = []
-    for name, low, high in pairs:
-        ends = []
-        for x in (low, high):
-            if x == values[name]:
-                ends.append((predicted, np.full(len(predicted), x)))
-                continue
-            try:
-                found, held = try_response(build({**values, name: x}), data, response)
-            except BozziniError:  # such a value is not legal
-                found, held = predicted, np.zeros(len(predicted), dtype=np.bool_)
-            ends.append((np.where(held, found, predicted), np.where(held, x, values[name])))
-        (one, a), (other, b) = ends
-        with np.errstate(all="ignore"):
-            columns.append(np.where(b > a, (other - one) / (b - a), 0.0))
+
+    def answer(name: str, x: float) -> Answers:
+        return try_response(build({**values, name: x}), data, response)
+
+    columns = [
+        _difference(functools.partial(answer, name), (low, high), values[name], predicted)
+        for name, low, high in pairs
+    ]
     return np.stack(columns, axis=-1)
+
+
+def _difference(
+    answer: Callable[[float], Answers], ends: tuple[float, float], at: float, known: Floats
+) -> Floats:
+    """Return central differences, to one side where the other has no answer, 0 without any."""
+    pairs = []
+    for x in ends:
+        try:
+            found, held = (known, np.ones(len(known), np.bool_)) if x == at else answer(x)
+        except BozziniError:  # such a value is not legal
+            found, held = known, np.zeros(len(known), np.bool_)
+        pairs.append((np.where(held, found, known), np.where(held, x, at)))
+    (one, a), (other, b) = pairs
+    with np.errstate(all="ignore"):
+        return np.where(b > a, (other - one) / (b - a), 0.0)
 
 
 _TRIALS = 16  # points at which the data are examined

@@ -24,7 +24,7 @@ from ..checks import check_fields, quantity
 from ..errors import FileFormatError, InputError
 from ..numeric.vectors import nearest_rotation
 from ..progress import Progress, no_progress
-from ..results import Json, Result, take_axes
+from ..results import Json, Result, take_axes, to_plain
 from .board import CHECK_LINE, Board, Detection
 from .camera import Area, Camera, CameraSet, Floats, align, triangulate
 from .pictures import SUFFIXES, Grey, import_opencv, measure_each, read_picture
@@ -215,21 +215,21 @@ class Calibration(Result):
             "rms_px": self.cameras.rms,
             "world": self.cameras.world,
             "cameras": cameras,
-            "baseline_mm": _or_none(self.cameras.baseline or math.nan),
-            "baseline_uncertainty_mm": _or_none(self.baseline_uncertainty),
+            "baseline_mm": to_plain(self.cameras.baseline or math.nan),
+            "baseline_uncertainty_mm": to_plain(self.baseline_uncertainty),
             "tilt_rad": self.tilt,
             "hold_out": {
                 "views": held.views,
-                "rms_px": _or_none(held.rms),
-                "length_rms_mm": _or_none(held.length_rms),
-                "baseline_mm": _or_none(held.baseline),
+                "rms_px": to_plain(held.rms),
+                "length_rms_mm": to_plain(held.length_rms),
+                "baseline_mm": to_plain(held.baseline),
             },
             "flags": list(self.flags),
             "views": [
                 {
                     "view": view.name,
                     "corners": [len(found.ids) for found in view.detections],
-                    "rms_px": _or_none(view.rms),
+                    "rms_px": to_plain(view.rms),
                     "reason": view.reason,
                 }
                 for view in self.views
@@ -275,10 +275,6 @@ class Calibration(Result):
         if not ax.yaxis_inverted():
             ax.invert_yaxis()
         return ax
-
-
-def _or_none(value: float) -> float | None:
-    return value if math.isfinite(value) else None
 
 
 # Pictures.

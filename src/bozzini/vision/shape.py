@@ -25,7 +25,7 @@ from ..numeric.polylines import (
     measure_arc_length,
     resample_polyline,
 )
-from ..results import Json, Result, list_coordinates, take_axes
+from ..results import Json, Result, list_coordinates, take_axes, to_plain
 from .camera import Camera, CameraSet, Floats, distort, triangulate
 from .kernels.rods import bend_rod, match_curves, miss_line, outline_tube
 from .pictures import Picture
@@ -228,24 +228,24 @@ class BackboneShape(Result):
         """Return one row: tip, length, radius, what they rest on, status, flags and reason."""
         spread = np.sqrt(np.diag(self.tip_covariance))
         return {
-            **{f"tip_{axis}_mm": _plain(self.tip[k]) for k, axis in enumerate("xyz")},
-            **{f"u_tip_{axis}_mm": _plain(spread[k]) for k, axis in enumerate("xyz")},
-            "u_tip_mm": _plain(self.tip_uncertainty),
-            **{f"tangent_{axis}": _plain(self.tangents[-1, k]) for k, axis in enumerate("xyz")},
-            "u_tangent_rad": _plain(self.tangent_uncertainty[-1]),
-            "length_mm": _plain(self.length),
-            "u_length_mm": _plain(self.length_uncertainty),
-            "radius_mm": _plain(self.radius),
-            "u_radius_mm": _plain(self.radius_uncertainty),
-            "rms_px": _plain(self.residual),
-            "ring_residual_px": _plain(self.ring_residual),
-            "epipolar_rms_mm": _plain(self.epipolar_residual),
-            "view_angle_deg": _plain(math.degrees(self.view_angle)),
-            "coverage": _plain(self.coverage),
+            **{f"tip_{axis}_mm": to_plain(self.tip[k]) for k, axis in enumerate("xyz")},
+            **{f"u_tip_{axis}_mm": to_plain(spread[k]) for k, axis in enumerate("xyz")},
+            "u_tip_mm": to_plain(self.tip_uncertainty),
+            **{f"tangent_{axis}": to_plain(self.tangents[-1, k]) for k, axis in enumerate("xyz")},
+            "u_tangent_rad": to_plain(self.tangent_uncertainty[-1]),
+            "length_mm": to_plain(self.length),
+            "u_length_mm": to_plain(self.length_uncertainty),
+            "radius_mm": to_plain(self.radius),
+            "u_radius_mm": to_plain(self.radius_uncertainty),
+            "rms_px": to_plain(self.residual),
+            "ring_residual_px": to_plain(self.ring_residual),
+            "epipolar_rms_mm": to_plain(self.epipolar_residual),
+            "view_angle_deg": to_plain(math.degrees(self.view_angle)),
+            "coverage": to_plain(self.coverage),
             "rings": int(self.rings.sum()),
             "parts": max(self.parts, default=0),
-            "contrast": _plain(self.contrast),
-            "saturated": _plain(self.saturated),
+            "contrast": to_plain(self.contrast),
+            "saturated": to_plain(self.saturated),
             "status": "failed" if self.reason else "flagged" if self.flags else "ok",
             "flags": ";".join(self.flags),
             "reason": self.reason,
@@ -280,10 +280,6 @@ def find_plane(points: Floats, up: Floats) -> Floats:
     across = points - np.outer(points @ up, up)
     side = np.linalg.svd(across, full_matrices=False)[2][0]
     return np.stack([math.copysign(1.0, float(points.sum(axis=0) @ side)) * side, up])
-
-
-def _plain(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None
 
 
 def measure_shape(

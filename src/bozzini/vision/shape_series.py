@@ -17,7 +17,7 @@ from ..errors import BozziniError, FileFormatError, InputError
 from ..io.files import new_directory
 from ..numeric.polylines import interpolate_polyline, measure_arc_length
 from ..progress import Progress, no_progress
-from ..results import DRAWN_LIMIT, Json, Result, take_axes
+from ..results import DRAWN_LIMIT, Json, Result, take_axes, to_plain
 from .camera import CameraSet, Floats
 from .pictures import (
     BLUE,
@@ -100,7 +100,7 @@ class ShapeComparison(Result):
             "converged": self.converged,
             "reason": self.reason,
             "poses": len(self.names),
-            **{name: value if math.isfinite(value) else None for name, value in values.items()},
+            **to_plain(values),
         }
 
     def list_columns(self) -> Json:

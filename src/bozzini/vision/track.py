@@ -24,7 +24,7 @@ from ..checks import check_fields, quantity
 from ..errors import FileFormatError, GeometryError, InputError
 from ..io.files import new_directory, write_text
 from ..progress import Progress, no_progress
-from ..results import Json, Result, take_axes
+from ..results import Json, Result, take_axes, to_plain
 from .camera import Camera, CameraSet, Floats, triangulate
 from .pictures import (
     Manifest,
@@ -192,13 +192,13 @@ class Track(Result):
             "row": twice(list(range(1, rows + 1))),
             **{name: twice(values) for name, values in self.copied.items()},
             "marker": list(self.markers) * rows,
-            **{f"{axis}_mm": _blank(flat[:, k]) for k, axis in enumerate("xyz")},
-            **{f"u_{axis}_mm": _blank(spread[:, k]) for k, axis in enumerate("xyz")},
+            **{f"{axis}_mm": to_plain(flat[:, k]) for k, axis in enumerate("xyz")},
+            **{f"u_{axis}_mm": to_plain(spread[:, k]) for k, axis in enumerate("xyz")},
             **{
-                f"cov_{'xyz'[i]}{'xyz'[j]}_mm2": _blank(mixed[:, i, j])
+                f"cov_{'xyz'[i]}{'xyz'[j]}_mm2": to_plain(mixed[:, i, j])
                 for i, j in itertools.combinations(range(3), 2)
             },
-            "residual_px": _blank(self.misses.ravel()),
+            "residual_px": to_plain(self.misses.ravel()),
             "status": list(self.status),
             "flags": list(self.flags),
             "reason": list(self.reasons),
@@ -228,11 +228,6 @@ class Track(Result):
 
 def _repeat(values: Sequence[object], count: int) -> list[object]:
     return [value for value in values for _ in range(count)]
-
-
-def _blank(values: Floats) -> list[float | None]:
-    """Return numbers, None for those that are not finite."""
-    return [float(value) if math.isfinite(value) else None for value in values]
 
 
 # Where the pixels come from.

@@ -1,4 +1,4 @@
-"""Numba kernels of walls: their distance made smooth, with gradient and curvature.
+"""Numba kernels of walls: their distance made smooth, and what they do to a discrete rod.
 
 The distance is a cubic B-spline through its values on a lattice, so that the kinks of a sampled
 field, or of a duct that is pieced together, have a gradient and a curvature.
@@ -11,21 +11,10 @@ import math
 import numpy as np
 from numba import njit
 
+from .loads import cross, fill_twists
+
 SPLINE_NODES = 4
 """Nodes of the lattice that a place takes along each axis."""
-
-
-@njit(cache=True)
-def place_nodes(points, step, nodes):
-    """Fill the lattice nodes (m, 4^dim, dim) around places (m, dim)."""
-    dim = points.shape[1]
-    for row in range(points.shape[0]):
-        for node in range(nodes.shape[1]):
-            rest = node
-            for axis in range(dim):
-                cell = math.floor(points[row, axis] / step)
-                nodes[row, node, axis] = (cell - 1 + rest % SPLINE_NODES) * step
-                rest //= SPLINE_NODES
 
 
 @njit(cache=True)
@@ -78,3 +67,103 @@ def weigh_nodes(points, step, values, distance, gradient, curvature):
                         curvature[row, i, k] += share
                         if k != i:
                             curvature[row, k, i] += share
+
+
+@njit(cache=True)
+def press_walls(touched, multipliers, soft, width, pressed):
+    """Fill the forces of walls on points, and how they change; returns their potential and error.
+
+    ``touched`` are the walls (m,) and the points (m,) of the touches, gaps (m,), and their gradient
+    and curvature; ``multipliers`` the last forces and those that are expected (w, n) [N], ``soft``
+    the compliances of wall and penalty (n,) [mm/N], and ``width`` the distance over which contact
+    begins [mm]. ``pressed`` is filled: forces, stiffnesses (w, n) and slopes (w, n, 3), force and
+    expected force on each point (n, 3), its stiffness without and with that of the penalty (n, 3,
+    3), and the least gap (n,).
+    """
+    rows, places, gaps, slopes, curves = touched
+    last, expected = multipliers
+    compliance, penalty = soft
+    forces, stiff, ways, body, likely, bare, blocks, least = pressed
+    forces[:] = 0.0
+    stiff[:] = 0.0
+    ways[:] = 0.0
+    body[:] = 0.0
+    likely[:] = 0.0
+    bare[:] = 0.0
+    blocks[:] = 0.0
+    least[:] = math.inf
+    value, missed = 0.0, 0.0
+    for m in range(gaps.size):
+        row, point = rows[m], places[m]
+        give = compliance[point] + penalty[point]
+        half = width / give
+        wanted = (penalty[point] * last[row, point] - gaps[m]) / give
+        root = math.sqrt(wanted**2 + 4.0 * half**2)
+        force = 0.5 * (wanted + root) if wanted > 0.0 else 2.0 * half**2 / (root - wanted)
+        hope = expected[row, point]
+        # The stiffness of the contact about the force that is expected: primal-dual.
+        hold = 1.0 / (give + give * (force - wanted) / max(hope, 1e-300))
+        value += give * (
+            0.25 * (wanted**2 + wanted * root) + half**2 * math.asinh(wanted / (2.0 * half))
+        )
+        missed = max(missed, abs(penalty[point] * (last[row, point] - force)))
+        forces[row, point] = force
+        stiff[row, point] = hold
+        least[point] = min(least[point], gaps[m])
+        for i in range(3):
+            ways[row, point, i] = slopes[m, i]
+            body[point, i] += force * slopes[m, i]
+            likely[point, i] += hope * slopes[m, i]
+            for k in range(3):
+                bent = hope * curves[m, i, k]
+                bare[point, i, k] -= bent
+                blocks[point, i, k] += hold * slopes[m, i] * slopes[m, k] - bent
+    return value, missed
+
+
+@njit(cache=True)
+def add_contacts(grid, turns, blocks, errors, gradient, hessian):
+    """Add to gradient (n, 3) and Hessian (3 n, 3 n) what springs at the ends of segments do.
+
+    ``blocks`` (n, 3, 3) are their stiffnesses and ``errors`` (n, 3) forces against the motion of
+    the points. By sums over what lies beyond a segment, whose turn moves it as one body.
+    """
+    n = turns.shape[0]
+    rotations, points = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3))
+    # How a turn moves what is beyond the segment: motion of the origin, and rotation.
+    moving, turning = np.empty((n, 3, 3)), np.empty((n, 3, 3))
+    fill_twists(grid, turns, rotations, points, turning, moving)
+    twists = np.empty((n, 6, 3))
+    twists[:, :3] = moving
+    twists[:, 3:] = turning
+    stiffness, wrench, lever, part = np.zeros((6, 6)), np.zeros(6), np.empty(3), np.zeros((3, 6))
+    bent = np.empty((6, 3))
+    for j in range(n - 1, -1, -1):
+        x, y, z = points[j + 1]
+        part[0, 0], part[1, 1], part[2, 2] = 1.0, 1.0, 1.0
+        part[0, 4], part[0, 5] = z, -y
+        part[1, 3], part[1, 5] = -z, x
+        part[2, 3], part[2, 4] = y, -x
+        cross(points[j + 1], errors[j], lever)
+        for a in range(6):
+            wrench[a] += errors[j, a] if a < 3 else lever[a - 3]
+            for b in range(6):
+                for i in range(3):
+                    if part[i, a] != 0.0:
+                        for k in range(3):
+                            stiffness[a, b] += part[i, a] * blocks[j, i, k] * part[k, b]
+        for c in range(3):
+            for a in range(6):
+                gradient[j, c] += twists[j, a, c] * wrench[a]
+                bent[a, c] = 0.0
+                for b in range(6):
+                    bent[a, c] += stiffness[a, b] * twists[j, b, c]
+        for m in range(j + 1):
+            for a in range(3):
+                for c in range(3):
+                    total = 0.0
+                    for b in range(6):
+                        total += twists[m, b, a] * bent[b, c]
+                    hessian[3 * m + a, 3 * j + c] += total
+                    if m < j:
+                        hessian[3 * j + c, 3 * m + a] += total

@@ -278,6 +278,85 @@ def measure_lengths(grid, turns, tensions, lengths, slopes, psd, full):
 
 
 @njit(cache=True)
+def differentiate_routing(grid, turns, lengths, slopes):
+    """Fill derivatives of tendon lengths (k, 2) and of their gradients (k, 2, n, 3) by routing.
+
+    By a relative change of a tendon's offset, and by an angle of its clocking [rad].
+    """
+    spans, _, paths, guides, counts, segment = grid
+    f, half, step, step_slope = np.empty(8), np.empty(8), np.empty(3), np.empty((3, 3))
+    value, matrix, way = np.empty(3), np.empty((3, 3)), np.empty(3)
+    change, turned, tilted = np.empty(3), np.empty((3, 3)), np.empty(3)
+    ends, moves, slope = np.empty((2, 2)), np.empty((2, 2)), np.empty(3)
+    lengths[:] = 0.0
+    slopes[:] = 0.0
+    for j in range(spans.size):
+        w = turns[j]
+        q = w[0] ** 2 + w[1] ** 2 + w[2] ** 2
+        if segment != CHANNEL:
+            fill_functions(q, f)
+            fill_functions(0.25 * q, half)
+            move_forward(w, f, half, spans[j], segment, step, step_slope)
+        for k in range(counts.size):
+            if j >= counts[k]:
+                continue
+            for kind in range(2):
+                if segment == CHANNEL:
+                    lengths[k, kind] += differentiate_channel(
+                        w, spans[j], guides[k, j], kind, slopes[k, kind, j]
+                    )
+                    continue
+                for end in range(2):
+                    ends[end] = paths[k, j + end]
+                    moves[end] = ends[end]
+                    if kind == 1:
+                        moves[end, 0], moves[end, 1] = -ends[end, 1], ends[end, 0]
+                value[:], matrix[:] = step, step_slope
+                change[:], turned[:] = 0.0, 0.0
+                add_form(w, f, 0, ends[1, 0], ends[1, 1], 0.0, 1.0, 1.0, value, matrix)
+                add_form(w, f, 0, moves[1, 0], moves[1, 1], 0.0, 1.0, 1.0, change, turned)
+                for i in range(2):
+                    value[i] -= ends[0, i]
+                    change[i] -= moves[0, i]
+                size = math.sqrt(value[0] ** 2 + value[1] ** 2 + value[2] ** 2)
+                longer = 0.0
+                for i in range(3):
+                    way[i] = value[i] / size
+                    longer += way[i] * change[i]
+                for i in range(3):
+                    tilted[i] = (change[i] - way[i] * longer) / size
+                for c in range(3):
+                    slope[c] = 0.0
+                    for i in range(3):
+                        slope[c] += tilted[i] * matrix[i, c] + way[i] * turned[i, c]
+                lengths[k, kind] += longer
+                slopes[k, kind, j] = slope
+
+
+@njit(cache=True)
+def differentiate_channel(w, length, guides, kind, slope):
+    """As `differentiate_routing`, in one segment of a smooth channel; adds to ``slope`` (3,)."""
+    total = 0.0
+    u0, u1, u2 = w[0] / length, w[1] / length, w[2] / length
+    for g in range(WEIGHTS.size):
+        x, y, along, across = guides[g]
+        dx, dy, da, db = x, y, along, across
+        if kind == 1:
+            dx, dy, da, db = -y, x, -across, along
+        v0, v1, v2 = along - u2 * y, across + u2 * x, 1.0 + u0 * y - u1 * x
+        d0, d1, d2 = da - u2 * dy, db + u2 * dx, u0 * dy - u1 * dx
+        size = math.sqrt(v0 * v0 + v1 * v1 + v2 * v2)
+        longer = (v0 * d0 + v1 * d1 + v2 * d2) / size
+        total += WEIGHTS[g] * length * longer
+        share, part = WEIGHTS[g] / size, longer / size
+        slope[0] += share * (d2 * y + v2 * dy - v2 * y * part)
+        slope[1] -= share * (d2 * x + v2 * dx - v2 * x * part)
+        turn = v1 * x - v0 * y
+        slope[2] += share * (d1 * x + v1 * dx - d0 * y - v0 * dy - turn * part)
+    return total
+
+
+@njit(cache=True)
 def fill_frames(grid, turns, rotations, points):
     """Frames of the discs, base first: rotations (n + 1, 3, 3) and origins (n + 1, 3)."""
     spans, _, _, _, _, segment = grid

@@ -11,11 +11,11 @@ import math
 import numpy as np
 from numba import njit
 
-from ...numeric.kernels.linear_algebra import solve_three
+from ...numeric.kernels.linear_algebra import factor_lu, solve_lu, solve_three
 from .rod import expand_potential, find_curvature
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _turn_back(turn, way, out):
     """Fill `out` with ``way`` turned by the rotation vector `turn` (Rodrigues)."""
     square = turn[0] ** 2 + turn[1] ** 2 + turn[2] ** 2
@@ -30,7 +30,7 @@ def _turn_back(turn, way, out):
         out[i] = cosine * way[i] + first * across + second * along * turn[i]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _measure_angle(one, other):
     """Angle between two vectors [rad]; 0 if one has no length."""
     across = 0.0
@@ -41,7 +41,7 @@ def _measure_angle(one, other):
     return math.atan2(math.sqrt(across), along)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def measure_tendons(grid, profile, moments, curvatures, rates, give, wraps):
     """Fill how tendons lie in a rod under tensions `profile` (n, 3, k); False if it breaks down.
 
@@ -65,7 +65,7 @@ def measure_tendons(grid, profile, moments, curvatures, rates, give, wraps):
                 moment[i] = moments[n, stage, i] + own[i] * rest[n, stage, i]
             if not find_curvature(own, here, present[n], pulls, moment, u, work):
                 return False
-            expand_potential(own, here, present[n], pulls, moment, u, False, work[3], matrix)
+            expand_potential(own, here, present[n], pulls, moment, u, 1.0, work[3], matrix)
             if stage > 0:
                 for i in range(3):
                     mean[i] = 0.5 * half * (curvatures[n, stage - 1, i] + u[i])
@@ -102,15 +102,7 @@ def measure_tendons(grid, profile, moments, curvatures, rates, give, wraps):
     return True
 
 
-@njit(cache=True)
-def _mean_slip(slips, n, stage, m):
-    """Slip in the interval that ends at a point; that of a kink is its own."""
-    if stage == 0:
-        return slips[n, 0, m]
-    return 0.5 * (slips[n, stage - 1, m] + slips[n, stage, m])
-
-
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def reduce_slip(spans, friction, state, lying, presliding, factors, shifts, slopes, offsets):
     """Eliminate a linearised tendon from the tip on: slip at a point by the tension there.
 
@@ -123,16 +115,20 @@ def reduce_slip(spans, friction, state, lying, presliding, factors, shifts, slop
     wraps, give = lying
     count, k = spans.size, friction.size
     slope, offset = np.zeros((k, k)), np.zeros(k)
-    matrix, right = np.empty((k, k)), np.empty((k, k + 1))
+    matrix, right, order = np.empty((k, k)), np.empty((k, k + 1)), np.empty(k, dtype=np.int64)
     for n in range(count - 1, -1, -1):
         for stage in range(2, -1, -1):
-            slopes[n, stage] = slope
-            offsets[n, stage] = offset
+            # A tendon gives way at points, half of it on either side, and slides between them: the
+            # slip of intervals next to each other differs by what the point between gives way.
+            width = 0.25 * spans[n] if stage > 0 else 0.0
+            for i in range(k):
+                offsets[n, stage, i] = offset[i]
+                for j in range(k):
+                    slopes[n, stage, i, j] = slope[i, j] + width * give[n, stage, i, j]
             if n + stage == 0:
                 break
             back, last = (n, stage - 1) if stage > 0 else (n - 1, 2)
-            # Slip before the interval is that after it, and what the interval gives way.
-            width = 0.25 * spans[n] if stage > 0 else 0.0
+            middle = slopes[n, stage]
             for i in range(k):
                 pull = profile[back, last, i]
                 bound = friction[i] * wraps[n, stage, i] * (1.0 if pull >= 0.0 else -1.0)
@@ -140,32 +136,32 @@ def reduce_slip(spans, friction, state, lying, presliding, factors, shifts, slop
                 kept = math.exp(-bound * share)
                 turn, missing = 0.0, 0.0
                 if abs(share) < 1.0:
-                    turn = -0.5 * bound * pull * kept / presliding
-                    missing = memory[n, stage, i] - share
-                    missing += _mean_slip(slips, n, stage, i) / presliding
+                    turn = -bound * pull * kept / presliding
+                    missing = memory[n, stage, i] - share + slips[n, stage, i] / presliding
                 for j in range(k):
-                    after = slope[i, j] + width * give[n, stage, i, j]
-                    matrix[i, j] = -turn * (slope[i, j] + after)
-                    right[i, j] = turn * width * give[back, last, i, j]
+                    matrix[i, j] = -turn * middle[i, j]
+                    right[i, j] = 0.0
                 matrix[i, i] += 1.0
-                right[i, i] += kept
-                right[i, k] = 2.0 * turn * offset[i] + pull * kept * (1.0 - bound * missing)
+                right[i, i] = kept
+                right[i, k] = turn * offset[i] + pull * kept * (1.0 - bound * missing)
                 right[i, k] -= profile[n, stage, i]
-            solved = np.linalg.solve(matrix, right)
-            factors[n, stage] = solved[:, :k]
-            shifts[n, stage] = solved[:, k]
-            moved, still = np.zeros((k, k)), offset.copy()
+            if not factor_lu(matrix, order):
+                return False
+            solve_lu(matrix, order, right)
             for i in range(k):
+                still = offset[i]
                 for j in range(k):
-                    after = slope[i, j] + width * give[n, stage, i, j]
-                    still[i] += after * solved[j, k]
+                    still += middle[i, j] * right[j, k]
+                    slope[i, j] = width * give[back, last, i, j]
+                    factors[n, stage, i, j] = right[i, j]
                     for m in range(k):
-                        moved[i, m] += after * solved[j, m]
-                    moved[i, j] += width * give[back, last, i, j]
-            slope, offset = moved, still
+                        slope[i, j] += middle[i, m] * right[m, j]
+                offset[i] = still
+                shifts[n, stage, i] = right[i, k]
+    return True
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def move_tensions(friction, state, wraps, sizes, parts, first):
     """Take the step of `reduce_slip` from the base tensions ``first`` (k,) on.
 
@@ -178,7 +174,7 @@ def move_tensions(friction, state, wraps, sizes, parts, first):
     presliding, part = sizes
     count, k = wraps.shape[0], friction.size
     change, moved, after = np.empty(k), np.empty(k), np.empty(k)
-    before, slid = np.empty(k), np.empty(k)
+    before = np.empty(k)
     for n in range(count):
         for stage in range(3):
             for i in range(k):
@@ -195,8 +191,7 @@ def move_tensions(friction, state, wraps, sizes, parts, first):
                 if n + stage == 0:
                     profile[0, 0, i] = first[i]
                 else:
-                    shift = after[i] if stage == 0 else 0.5 * (slid[i] + after[i])
-                    shift += _mean_slip(slips, n, stage, i)
+                    shift = slips[n, stage, i] + after[i]
                     share = min(1.0, max(-1.0, memory[n, stage, i] + shift / presliding))
                     share = shares[n, stage, i] + part * (share - shares[n, stage, i])
                     shares[n, stage, i] = share
@@ -204,4 +199,3 @@ def move_tensions(friction, state, wraps, sizes, parts, first):
                     profile[n, stage, i] = before[i] * math.exp(-bound * share)
                 before[i] = profile[n, stage, i]
             moved[:] = change
-            slid[:] = after

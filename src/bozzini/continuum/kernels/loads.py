@@ -139,7 +139,7 @@ def place_spots(grid, turns, spots, places, rotations, jacobians):
     """Fill places (p, 3), frames (p, 3, 3) and Jacobians (p, 6, 3 n) of points of the body.
 
     Rows of a Jacobian are the rotation and the motion of the point, in the base's frame; columns
-    are the turns, segment by segment.
+    are the turns, segment by segment. No Jacobian is filled where there is no space for one.
     """
     segments, parts, offsets = spots
     n = turns.shape[0]
@@ -160,8 +160,9 @@ def place_spots(grid, turns, spots, places, rotations, jacobians):
             own,
             own_turning,
         )
-        state = places[p], rotations[p], own, own_turning
-        fill_spot_jacobian((turning, moving), spot, state, jacobians[p])
+        if p < len(jacobians):
+            state = places[p], rotations[p], own, own_turning
+            fill_spot_jacobian((turning, moving), spot, state, jacobians[p])
 
 
 @njit(cache=True)

@@ -41,8 +41,11 @@ from ...numeric.kernels.rotations import fill_quaternion_rotation
 FOUND = 1e-15
 """Curvature [1/mm] that is round-off."""
 
-MOST_STEPS = 200
+MOST_STEPS = 400
 """Newton steps for a curvature; it takes a few."""
+
+PATIENCE = 50
+"""Steps after which one may go up."""
 
 SMALLEST_PART = 1e-6
 """Smallest part of a Newton step."""
@@ -50,19 +53,19 @@ SMALLEST_PART = 1e-6
 THIN = 1e-6
 """Part of the rod's stiffness that must be left of it where tendons push."""
 
-SETTLED = 3e-8
+SETTLED = 3e-7
 """Newton step, against the curvature, after which there is only round-off."""
 
 ROUGH = 1e-7
 """Error of a curvature that is taken for round-off, where a stiff part pulls at a flexible one."""
 
 
-@njit(cache=True)
-def expand_potential(stiffness, guides, present, tensions, moment, u, pulled, right, matrix):
+@njit(cache=True, error_model="numpy")
+def expand_potential(stiffness, guides, present, tensions, moment, u, pushing, right, matrix):
     """Expand ``1/2 u K u + sum T_k |t_k(u)| - m u`` about ``u``; its value and its round-off.
 
     ``right`` (3,) gets minus the gradient, the lower half of ``matrix`` (3, 3) the Hessian; of
-    tendons that push only if not ``pulled``, for without them it is always positive.
+    tendons that push the share ``pushing``, for without them it is always positive.
     """
     value = 0.0
     size = 0.0
@@ -91,9 +94,7 @@ def expand_potential(stiffness, guides, present, tensions, moment, u, pulled, ri
         right[0] -= pull * m0
         right[1] -= pull * m1
         right[2] -= pull * m2
-        if pulled and pull < 0.0:
-            continue
-        share = pull / long
+        share = (pull if pull > 0.0 else pushing * pull) / long
         matrix[0, 0] += share * (y * y - m0 * m0)
         matrix[1, 1] += share * (x * x - m1 * m1)
         matrix[2, 2] += share * (x * x + y * y - m2 * m2)
@@ -103,7 +104,7 @@ def expand_potential(stiffness, guides, present, tensions, moment, u, pulled, ri
     return value, 1e-15 * size
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def measure_way(guides, strain):
     """Rate of a tendon's place along the rod in the cross-section's axes, and its length."""
     wide = strain.size - 3
@@ -118,8 +119,8 @@ def measure_way(guides, strain):
     return t0, t1, t2, math.sqrt(t0 * t0 + t1 * t1 + t2 * t2)
 
 
-@njit(cache=True)
-def expand_strain(stiffness, guides, present, tensions, load, strain, pulled, right, matrix):
+@njit(cache=True, error_model="numpy")
+def expand_strain(stiffness, guides, present, tensions, load, strain, pushing, right, matrix):
     """As `expand_potential`, of shear and stretch too: strains and loads are (6,)."""
     value, size = 0.0, 0.0
     for i in range(6):
@@ -142,9 +143,7 @@ def expand_strain(stiffness, guides, present, tensions, load, strain, pulled, ri
         size += abs(pull) * long
         for i in range(6):
             right[i] -= pull * way[i]
-        if pulled and pull < 0.0:
-            continue
-        share = pull / long
+        share = (pull if pull > 0.0 else pushing * pull) / long
         for i in range(6):
             for n in range(i + 1):
                 matrix[i, n] -= share * way[i] * way[n]
@@ -162,75 +161,79 @@ def expand_strain(stiffness, guides, present, tensions, load, strain, pulled, ri
     return value, 1e-15 * size
 
 
-@njit(cache=True)
-def expand(stiffness, guides, present, tensions, load, strain, pulled, right, matrix):
+@njit(cache=True, error_model="numpy")
+def expand(stiffness, guides, present, tensions, load, strain, pushing, right, matrix):
     """Expand the potential by the curvature (3,), or by shear, stretch and curvature (6,)."""
-    args = (stiffness, guides, present, tensions, load, strain, pulled, right, matrix)
+    args = (stiffness, guides, present, tensions, load, strain, pushing, right, matrix)
     return expand_potential(*args) if strain.size == 3 else expand_strain(*args)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _solve(matrix, right, least, step):
-    if right.size == 3:
+    size = right.size
+    if size == 3:
         return solve_three(matrix, right, least, step)
     # ``least`` may be nothing: then what is positive will do.
-    if not factor_cholesky(matrix, 6, 0.0, THIN if least[0] > 0.0 else 0.0, matrix):
+    if not factor_cholesky(matrix, size, 0.0, THIN if least[0] > 0.0 else 0.0, matrix):
         return False
-    step[:] = right
-    solve_lower(matrix, step, 6)
-    solve_upper(matrix, step, 6)
+    for i in range(size):
+        step[i] = right[i]
+    solve_lower(matrix, step, size)
+    solve_upper(matrix, step, size)
     return True
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def find_curvature(stiffness, guides, present, tensions, load, strain, work):
     """Improve ``strain`` until it is a minimum, where the rod's load balances; False if not.
 
     It is the curvature (3,) under a moment, or shear, stretch and curvature (6,) under force and
     moment, all in this frame. ``guides`` (k, 4) are the tendons' places and slopes here. Every
-    step of Newton's method is cut until it goes down. ``work`` is (11, 3) or (11, 6).
+    step of Newton's method is cut until it goes down; but some are not, for without rods that push
+    steps may go to and fro across a valley. ``work`` is (11, 3) or (11, 6).
     """
     size = strain.size
     matrix, right, step, least = work[0:size], work[size], work[size + 1], work[10]
-    before, last, part = math.inf, math.inf, 1.0
-    step[:] = 0.0
-    for _ in range(MOST_STEPS):
+    before, last, part, flat, exact = math.inf, math.inf, 1.0, False, True
+    for count in range(MOST_STEPS):
+        if count % PATIENCE == PATIENCE - 1:
+            before = math.inf
+        pushing = 1.0 if exact else 0.0
         value, round_off = expand(
-            stiffness, guides, present, tensions, load, strain, False, right, matrix
+            stiffness, guides, present, tensions, load, strain, pushing, right, matrix
         )
         if not math.isfinite(value):
             return False
-        if value > before + round_off and part > SMALLEST_PART:
-            for i in range(size):
-                strain[i] -= 0.5 * part * step[i]
-            part *= 0.5
-            continue
-        flat = not value < before - round_off
-        before = value
+        if exact:
+            if value > before + round_off and part > SMALLEST_PART:
+                for i in range(size):
+                    strain[i] -= 0.5 * part * step[i]
+                part *= 0.5
+                continue
+            flat = not value < before - round_off
+            before = value
         for i in range(size):
-            least[i] = THIN * stiffness[i]
-        exact = _solve(matrix, right, least, step)
-        if not exact:
-            expand(stiffness, guides, present, tensions, load, strain, True, right, matrix)
-            least[:] = 0.0
-            if not _solve(matrix, right, least, step):
+            least[i] = THIN * stiffness[i] if exact else 0.0
+        if not _solve(matrix, right, least, step):
+            # Once more without those that push.
+            if not exact:
                 return False
-        part = 1.0
+            exact = False
+            continue
         moved, whole = 0.0, 0.0
         for i in range(size):
-            moved = max(moved, abs(step[i]))
+            moved, whole = max(moved, abs(step[i])), max(whole, abs(strain[i]))
         # Where it does not go down any more, and steps do not get smaller, there is round-off.
         if flat and not moved < 0.5 * last:
-            for i in range(size):
-                whole = max(whole, abs(strain[i]))
             return moved <= ROUGH * whole + FOUND
-        last = moved
+        part, last, whole = 1.0, moved, 0.0
         for i in range(size):
             strain[i] += step[i]
             whole = max(whole, abs(strain[i]))
         # Digits double from one step to the next.
         if moved <= (SETTLED if exact else 1e-14) * whole + FOUND:
             return True
+        exact = True
     return False
 
 
@@ -242,7 +245,7 @@ def find_curvature(stiffness, guides, present, tensions, load, strain, work):
 # lengths, and its Hessian is ``- J H^-1 J^T``.
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def measure_unloaded(grid, tensions, lengths, give):
     """Fill lengths (k,) and how they give way to tension (k, k); the dual's value, or NaN.
 
@@ -268,7 +271,7 @@ def measure_unloaded(grid, tensions, lengths, give):
             matrix, least = work[0:3], work[10]
             least[:] = 0.0
             value, _ = expand_potential(
-                own, here, present[n], tensions, free, u, False, work[3], matrix
+                own, here, present[n], tensions, free, u, 1.0, work[3], matrix
             )
             total += weight * value
             for m in range(k):
@@ -305,7 +308,7 @@ BY_LENGTHS = 9
 """Row of derivatives of tendon lengths; before it turn, moment and force, after it the place."""
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def fill_rates(state, section, line, pulls, strain, frame, rates, work):
     """Rates (16 + k,) of a state; fills the rotation ``frame`` (3, 3) and improves ``strain``.
 
@@ -354,7 +357,7 @@ def fill_rates(state, section, line, pulls, strain, frame, rates, work):
     return True
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def fill_cross(x, y, z, scale, out):
     """Fill ``out`` (3, 3) with the matrix of a cross product."""
     out[0, 0], out[0, 1], out[0, 2] = 0.0, -scale * z, scale * y
@@ -362,7 +365,7 @@ def fill_cross(x, y, z, scale, out):
     out[2, 0], out[2, 1], out[2, 2] = -scale * y, scale * x, 0.0
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def fill_flexibility(section, pulls, strain, frame, give, ways, work):
     """Fill how strains give way (6, 6), and the tendons' ways (k, 6), in base axes.
 
@@ -373,7 +376,7 @@ def fill_flexibility(section, pulls, strain, frame, give, ways, work):
     wide = size - 3
     matrix, column = work[0:size], work[size]
     own, load = stiffness[3 - wide :], work[11]
-    expand(own, guides, present, pulls, load, strain, False, column, matrix)
+    expand(own, guides, present, pulls, load, strain, 1.0, column, matrix)
     if not factor_cholesky(matrix, size, 0.0, 0.0, matrix):
         return False
     give[:] = 0.0
@@ -407,7 +410,7 @@ def fill_flexibility(section, pulls, strain, frame, give, ways, work):
     return True
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def fill_flow(state, rates, frame, line, give, ways, others, free, flow, work):
     """Fill rates of derivatives: ``flow`` (12 + k, 9 + k + m) by turn, moment, force and sources.
 
@@ -471,7 +474,7 @@ def fill_flow(state, rates, frame, line, give, ways, others, free, flow, work):
         flow[3 + b, 6 + c] += rates[a]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def carry(flow, slopes, free, out):
     """Fill rates ``out`` of derivatives by the ``free`` first unknowns, and by sources."""
     rows, columns = slopes.shape
@@ -487,7 +490,7 @@ def carry(flow, slopes, free, out):
                     out[r, c] += part * slopes[j, c]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def integrate_rod(first, last, rod, share, tensions, states, slopes, sections, form):
     """Pass from step ``first`` up to ``last`` by the Runge-Kutta method of fourth order.
 
@@ -497,13 +500,16 @@ def integrate_rod(first, last, rod, share, tensions, states, slopes, sections, f
     (n, 3, k, 4), and whether they run there (n, k). Loads are forces per length (n, 3, 2, 3) in
     axes of base and body, what is put on at the steps' ends (n + 1, 4, 3), force and moment in
     base axes and in the body's, and by how much tensions differ from ``tensions``, (n, 3, k) or
-    empty. A ``share`` of the loads is taken.
+    empty. A ``share`` of the loads is taken. Loads of the world may follow, (n, 3, 3, 3) and
+    (n + 1, 6, 3): those among the ones in base axes that do not turn with the base.
 
     Goes on from ``states[first]`` and fills ``states`` (n + 1, 16 + k), each beyond the load there.
     If not empty, ``slopes`` (9 + k or 12 + k, d + k + 2 m) are carried along: derivatives by d = 6
     or 9 unknowns, turn, moment and force, by the tensions, and by relative changes of EI and GJ of
-    each of m ``sections``, which are those of the steps (n,) and their count. `form` is filled
-    with what `fill_form` has of the steps, if not empty. False where it breaks down.
+    each of m ``sections``, which are those of the steps (n,) and their count. 2 k + 3 columns more
+    are by the routing (`fill_routing`) and by a turn of the base as it changes loads of the world.
+    `form` is filled with what `fill_form` has of the steps, if not empty. False where it breaks
+    down.
     """
     grid, loads, shears = rod
     places, stiffness, rest, guides, present = grid
@@ -511,15 +517,17 @@ def integrate_rod(first, last, rod, share, tensions, states, slopes, sections, f
     count, k = states.shape[1], tensions.size
     pulls, line = tensions.copy(), np.empty((2, 3))
     strain = np.zeros(6 if shears else 3)
-    start, rise, before = strain.copy(), strain.copy(), 0.0
+    past, trend, before = np.zeros((2, strain.size)), np.zeros((2, strain.size)), 0.0
     work, frame = np.zeros((12, strain.size)), np.empty((3, 3))
     rates, trial = np.empty((4, count)), np.empty(count)
     known = slopes.size > 0
     rows, columns = slopes.shape
     owners, parts = sections
-    free = columns - k - 2 * parts
-    give, ways, others = np.zeros((6, 6)), np.zeros((k, 6)), np.zeros((2 * parts, 6))
-    flow, room = np.zeros((12 + k, 9 + k + 2 * parts)), np.zeros((9, 9 + k + 2 * parts))
+    free = min(columns - k - 2 * parts, 9)
+    give, ways = np.zeros((6, 6)), np.zeros((k, 6))
+    others, longer = np.zeros((max(columns - free - k, 0), 6)), np.zeros(2 * k)
+    routed = len(others) > 2 * parts
+    flow, room = np.zeros((12 + k, 9 + k + len(others))), np.zeros((9, 9 + k + len(others)))
     moves, moved = np.zeros((4, rows, columns)), np.zeros((rows, columns))
     for n in range(first, last):
         h = places[n + 1] - places[n]
@@ -536,18 +544,17 @@ def integrate_rod(first, last, rod, share, tensions, states, slopes, sections, f
             if changes.size > 0:
                 for m in range(k):
                     pulls[m] = tensions[m] + changes[n, row, m]
-            # As the step before went on: Newton's method then takes a step or two.
-            if stage == 1:
+            # As the step before went on, in second order: Newton's method then takes a step or two.
+            if before > 0.0 and (stage == 1 or stage == 3):
+                near, far = (0.0 if stage == 1 else 0.5 * h) / before, part / before
                 for i in range(strain.size):
-                    rise[i] = 0.5 * h / before * (strain[i] - start[i]) if before > 0.0 else 0.0
-                    start[i] = strain[i]
-                before = h
-            if stage == 1 or stage == 3:
-                for i in range(strain.size):
-                    strain[i] += rise[i]
+                    strain[i] += (far - near) * (trend[0, i] + (far + near) * trend[1, i])
             section = stiffness[n, row], rest[n, row], guides[n, row], present[n]
             if not fill_rates(trial, section, line, pulls, strain, frame, rates[stage], work):
                 return False
+            if stage == 0 or stage == 2:
+                for i in range(strain.size):
+                    past[stage // 2, i] = strain[i]
             if not known:
                 continue
             if not fill_flexibility(section, pulls, strain, frame, give, ways, work):
@@ -559,7 +566,16 @@ def integrate_rod(first, last, rod, share, tensions, states, slopes, sections, f
                     own *= strain[strain.size - 3 + m] - rest[n, row, m]
                     for i in range(3):
                         others[2 * owners[n] + m // 2, 3 + i] += frame[i, m] * own
+            if routed:
+                fill_routing(
+                    guides[n, row], present[n], pulls, strain, frame, others[2 * parts :], longer
+                )
             fill_flow(trial, rates[stage], frame, line, give, ways, others, free, flow, room)
+            if routed:
+                at = 9 + k + 2 * parts
+                for m in range(2 * k):
+                    flow[BY_LENGTHS + m // 2, at + m] += longer[m]
+                turn_load(lines[n, row, 2], -share, flow[6:9, at + 2 * k :])
             if stage == 0:
                 carry(flow, slopes, free, moves[0])
             else:
@@ -569,6 +585,10 @@ def integrate_rod(first, last, rod, share, tensions, states, slopes, sections, f
                 carry(flow, moved, free, moves[stage])
             if stage == 2 and len(form[0]):
                 fill_form(n, h, trial, rates[2], stiffness[n, 1], frame, give, ways, form)
+        before = h
+        for i in range(strain.size):
+            trend[0, i] = past[0, i] - 4.0 * past[1, i] + 3.0 * strain[i]
+            trend[1, i] = 2.0 * (past[0, i] - 2.0 * past[1, i] + strain[i])
         for i in range(count):
             states[n + 1, i] = states[n, i] + h / 6.0 * (
                 rates[0, i] + 2.0 * rates[1, i] + 2.0 * rates[2, i] + rates[3, i]
@@ -589,16 +609,23 @@ def integrate_rod(first, last, rod, share, tensions, states, slopes, sections, f
                         + moves[3, r, c]
                     )
         put_on(points[n + 1], share, states[n + 1], frame, slopes)
+        if routed:
+            turn_load(points[n + 1, 4], -share, slopes[6:9, columns - 3 :])
+            turn_load(points[n + 1, 5], -share, slopes[3:6, columns - 3 :])
         for i in range(count):
             if not math.isfinite(states[n + 1, i]):
                 return False
     return True
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def put_on(point, share, state, frame, slopes):
     """Take a point's force and moment, (4, 3) as of `integrate_rod`, off a state and its slopes."""
-    if not point.any():
+    size = 0.0
+    for i in range(4):
+        for j in range(3):
+            size += abs(point[i, j])
+    if size == 0.0:
         return
     fill_quaternion_rotation(state[3], state[4], state[5], state[6], frame)
     for part in range(2):
@@ -618,6 +645,55 @@ def put_on(point, share, state, frame, slopes):
             slopes[row + 2, c] += b0 * f1 - b1 * f0
 
 
+# What changes the rod from outside: its tendons' routing, and the way that the base looks.
+
+
+@njit(cache=True)
+def turn_load(load, share, out):
+    """Add ``share`` of a vector's cross products with the axes to the columns of ``out`` (3, 3)."""
+    for c in range(3):
+        a, b = (c + 1) % 3, (c + 2) % 3
+        out[a, c] += share * load[b]
+        out[b, c] -= share * load[a]
+
+
+@njit(cache=True)
+def fill_routing(guides, present, pulls, strain, frame, others, longer):
+    """Fill what a relative change of each tendon's offset does here, and an angle of its clocking.
+
+    Force and moment that the tendons then put on (2 k, 6), in base axes, and by how much they get
+    longer per length of the rod (2 k,).
+    """
+    wide = strain.size - 3
+    u0, u1, u2 = strain[wide], strain[wide + 1], strain[wide + 2]
+    own = np.empty(6)
+    for m in range(2 * pulls.size):
+        others[m] = 0.0
+        longer[m] = 0.0
+        k = m // 2
+        if not present[k]:
+            continue
+        t0, t1, t2, long = measure_way(guides[k], strain)
+        x, y, dx, dy = guides[k, 0], guides[k, 1], guides[k, 0], guides[k, 1]
+        d0, d1 = guides[k, 2], guides[k, 3]
+        if m % 2 == 1:
+            dx, dy, d0, d1 = -y, x, -guides[k, 3], guides[k, 2]
+        d0, d1, d2 = d0 - u2 * dy, d1 + u2 * dx, u0 * dy - u1 * dx
+        t0, t1, t2 = t0 / long, t1 / long, t2 / long
+        more = t0 * d0 + t1 * d1 + t2 * d2
+        longer[m] = more
+        # How the tangent turns.
+        d0, d1, d2 = (d0 - t0 * more) / long, (d1 - t1 * more) / long, (d2 - t2 * more) / long
+        own[0], own[1], own[2] = d0, d1, d2
+        own[3] = y * d2 + dy * t2
+        own[4] = -x * d2 - dx * t2
+        own[5] = x * d1 - y * d0 + dx * t1 - dy * t0
+        for part in range(0, 6, 3):
+            for i in range(3):
+                for j in range(3):
+                    others[m, part + i] += pulls[k] * frame[i, j] * own[part + j]
+
+
 # The second variation of the energy, in steps.
 #
 # Turned by a small rotation ``f`` of its cross-sections, a rod under dead loads and tensions has
@@ -626,7 +702,7 @@ def put_on(point, share, state, frame, slopes):
 # ``- 2 q E f' - q D q`` with ``q = N x f``.
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def fill_form(n, h, state, rates, stiffness, frame, give, ways, form):
     """Fill a step's second variation by the turns of its ends: linear between them.
 
@@ -636,18 +712,33 @@ def fill_form(n, h, state, rates, stiffness, frame, give, ways, form):
     """
     matrices, metrics, rows, softness = form
     p, e, d = np.empty((3, 3)), np.zeros((3, 3)), np.zeros((3, 3))
-    least = np.zeros(3)
-    invert_three(give[3:, 3:], least, p)
+    s, u, cross, part = np.zeros((3, 3)), np.zeros((3, 3)), np.empty((3, 3)), np.zeros((3, 3))
+    for i in range(3):
+        for j in range(3):
+            cross[i, j] = give[3 + i, 3 + j]
+    invert_three(cross, np.zeros(3), p)
     wide = give[0, 0] > 0.0
-    s, u = np.zeros((3, 3)), np.zeros((3, 3))
-    cross = np.empty((3, 3))
     fill_cross(state[10], state[11], state[12], -0.5, s)
     if wide:
         fill_cross(state[7], state[8], state[9], 1.0, cross)
-        e[:] = np.dot(np.ascontiguousarray(give[:3, 3:]), p)
-        d[:] = give[:3, :3] - np.dot(e, np.ascontiguousarray(give[3:, :3]))
-        s -= np.dot(e.T.copy(), cross)
-        u -= np.dot(cross.T.copy(), np.dot(d, cross))
+        for i in range(3):
+            for j in range(3):
+                d[i, j] = give[i, j]
+                for m in range(3):
+                    e[i, j] += give[i, 3 + m] * p[m, j]
+        for i in range(3):
+            for j in range(3):
+                for m in range(3):
+                    d[i, j] -= e[i, m] * give[3 + m, j]
+                    s[i, j] -= e[m, i] * cross[m, j]
+        for i in range(3):
+            for j in range(3):
+                for m in range(3):
+                    part[i, j] += d[i, m] * cross[m, j]
+        for i in range(3):
+            for j in range(3):
+                for m in range(3):
+                    u[i, j] -= cross[m, i] * part[m, j]
     along = state[7] * rates[0] + state[8] * rates[1] + state[9] * rates[2]
     for i in range(3):
         u[i, i] += along

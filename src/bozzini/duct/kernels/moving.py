@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit, prange
 
 from .clearance import field_value, nodes_bound
-from .nearest import DEPTH, nearest
+from .nearest import DEPTH, nearest, round_down
 
 ROUNDING = 1e-12
 """Share of a side's squared length by which the square of its change may be off, and in mm^2."""
@@ -359,12 +359,6 @@ def bound_nodes(field, middles, nodes, blocks, low, limits, places, bounds, kind
             kinds[n] = EXACT
 
 
-@njit(cache=True, inline="always")
-def _round_down(distance):
-    value = np.float32(distance)
-    return np.nextafter(value, np.float32(0.0)) if value > distance else value
-
-
 @njit(cache=True)
 def store_nodes(nodes, bounds, kinds, values, wanted):
     """Store what is bounded in `values`; list the nodes to be measured, and return how many."""
@@ -374,7 +368,7 @@ def store_nodes(nodes, bounds, kinds, values, wanted):
             wanted[count] = n
             count += 1
         elif kinds[n] == BOUND:
-            values[nodes[n, 0], nodes[n, 1], nodes[n, 2]] = -_round_down(bounds[n])
+            values[nodes[n, 0], nodes[n, 1], nodes[n, 2]] = -round_down(bounds[n])
     return count
 
 
@@ -402,4 +396,4 @@ def measure_nodes(tree, nodes, wanted, low, step, limit, places, seeds, values, 
             best, seed = nearest(tree, stack, gaps, x, y, z, limit * limit, seed)
             if seed >= 0:
                 seeds[places[n, 0], places[n, 1], places[n, 2]] = seed + 1
-            values[i, j, k] = -_round_down(math.sqrt(best))
+            values[i, j, k] = -round_down(math.sqrt(best))

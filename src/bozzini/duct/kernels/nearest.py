@@ -239,7 +239,7 @@ def nearest(tree, stack, gaps, x, y, z, best, seed):
 
 
 @njit(cache=True)
-def _round_down(distance):
+def round_down(distance):
     """Return the float32 nearest to a distance that is not above it."""
     value = np.float32(distance)
     return np.nextafter(value, np.float32(0.0)) if value > distance else value
@@ -253,8 +253,8 @@ def _measure(tree, stack, gaps, x, y, z, inside, limit, seed):
     if inside:
         if distance <= ON_WALL:
             return np.float32(0.0), seed
-        return -_round_down(distance), seed
-    return _round_down(min(distance, limit)), seed
+        return -round_down(distance), seed
+    return round_down(min(distance, limit)), seed
 
 
 @njit(cache=True, parallel=True)

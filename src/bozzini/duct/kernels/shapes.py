@@ -300,7 +300,7 @@ def round_cone_slope(params, first, x, y, z):
     return norm - radius, gx / norm, gy / norm, gz / norm
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True)
 def shape_value(kind, params, first, x, y, z):
     """Signed value of one shape."""
     if kind == ROUND_CONE:

@@ -10,7 +10,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...checks import broadcast, check_array, check_number, check_points
+from ...checks import broadcast, check_array, check_number, check_points, refuse_first
 from ...errors import GeometryError, InputError
 from ..base import DuctShape, Kind, PackedDuct
 from ..checks import check_places, freeze_places, set_fields
@@ -306,8 +306,7 @@ class BetweenCurves(DuctShape, PackedDuct):
             ("along", check_array("along", along)), ("across", check_array("across", across))
         )
         for name, array in (("along", u), ("across", v)):
-            if not np.all(np.isfinite(array)):
-                raise InputError(f"{name} has values that are not finite: all must be")
+            refuse_first(~np.isfinite(array), name, array, "it must be finite")
         share = v.reshape(-1, 1)
         flat = u.reshape(-1)
         first, second = (curve(flat) for curve in self._curves)

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...checks import check_array
+from ...checks import check_array, refuse_first
 from ...errors import GeometryError, InputError
 from ...numeric.vectors import cross_planar
 from ..base import DuctShape, Kind, PackedDuct
@@ -284,10 +284,10 @@ class StitchedQuads(DuctShape, PackedDuct):
             raise InputError(
                 f"quad is {wrong}: it must be a whole number in [0, {len(self.left) - 2}]"
             )
-        s, v = (check_array(n, x)[..., None] for n, x in (("along", along), ("across", across)))
+        s, v = (check_array(n, x) for n, x in (("along", along), ("across", across)))
         for name, array in (("along", s), ("across", v)):
-            if not np.all(np.isfinite(array)):
-                raise InputError(f"{name} has values that are not finite: all must be")
+            refuse_first(~np.isfinite(array), name, array, "it must be finite")
+        s, v = s[..., None], v[..., None]
         left = (1.0 - s) * self.left[k] + s * self.left[k + 1]
         right = (1.0 - s) * self.right[k] + s * self.right[k + 1]
         return np.asarray((1.0 - v) * left + v * right)

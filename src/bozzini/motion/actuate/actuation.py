@@ -22,7 +22,7 @@ from ...continuum.coupling import coupling_matrix
 from ...continuum.robot import check_robot
 from ...errors import FileFormatError, InputError
 from ...io.files import write_atomically, write_parquet, write_text
-from ...results import Json, Result, take_axes
+from ...results import Json, Result, take_axes, to_plain
 from .executed import ArcCertificate, place_bodies
 
 if TYPE_CHECKING:
@@ -294,7 +294,7 @@ class Actuation(Result):
             "steps": self.steps,
             "inserted_mm": float(self.head_arc_length.max()),
             "certificate": proof,
-            "clearance_estimated_mm": _finite(float(self.clearance.min())),
+            "clearance_estimated_mm": to_plain(float(self.clearance.min())),
             "fit": {
                 "rms_median_mm": float(np.median(self.fit_rms)),
                 "rms_max_mm": float(self.fit_rms.max()),
@@ -373,10 +373,6 @@ class Actuation(Result):
         axes.plot(self.head_arc_length, self.displacements, label=self.robot.tendon_names)
         axes.legend()
         return axes
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
 
 
 # The file of a robot's motion: a compressed NumPy archive, arrays and one JSON text.

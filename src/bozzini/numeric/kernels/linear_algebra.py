@@ -195,6 +195,7 @@ def solve_complementary(matrix, vector, low, high, values):
     size = vector.size
     state = np.zeros(size, dtype=np.int8)  # 0 free, -1 at the lower bound, 1 at the upper
     wanted = np.zeros(size, dtype=np.int8)
+    free = np.empty(size, dtype=np.int64)
     for k in range(size):
         state[k] = -1 if values[k] <= low[k] else (1 if values[k] >= high[k] else 0)
     fewest, patience = size + 1, BLOCKS
@@ -202,20 +203,24 @@ def solve_complementary(matrix, vector, low, high, values):
         for k in range(size):
             if state[k] != 0:
                 values[k] = low[k] if state[k] < 0 else high[k]
-        free = np.flatnonzero(state == 0)
-        square, order = np.empty((free.size, free.size)), np.empty(free.size, dtype=np.int64)
-        right = np.empty((free.size, 1))
-        for i in range(free.size):
+        count = 0
+        for k in range(size):
+            if state[k] == 0:
+                free[count] = k
+                count += 1
+        square, order = np.empty((count, count)), np.empty(count, dtype=np.int64)
+        right = np.empty((count, 1))
+        for i in range(count):
             right[i, 0] = -vector[free[i]]
             for k in range(size):
                 if state[k] != 0:
                     right[i, 0] -= matrix[free[i], k] * values[k]
-            for k in range(free.size):
+            for k in range(count):
                 square[i, k] = matrix[free[i], free[k]]
         if not factor_lu(square, order):
             return False
         solve_lu(square, order, right)
-        for i in range(free.size):
+        for i in range(count):
             values[free[i]] = right[i, 0]
         wrong, last = 0, -1
         for k in range(size):
@@ -237,10 +242,9 @@ def solve_complementary(matrix, vector, low, high, values):
             fewest, patience = wrong, BLOCKS
         else:
             patience -= 1
-        if patience >= 0:
-            state[:] = wanted
-        else:
-            state[last] = wanted[last]
+        for k in range(size):
+            if patience >= 0 or k == last:
+                state[k] = wanted[k]
     return False
 
 

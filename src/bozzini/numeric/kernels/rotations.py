@@ -26,12 +26,12 @@ def turn_quaternion(quaternion, turn, out):
     """Fill ``out`` (4,) with the quaternion turned by a rotation vector in its own frame."""
     angle = math.sqrt(turn[0] ** 2 + turn[1] ** 2 + turn[2] ** 2)
     share = 0.5 if angle < 1e-12 else math.sin(0.5 * angle) / angle
-    a, b = math.cos(0.5 * angle), share * turn
+    a, b, c, d = math.cos(0.5 * angle), share * turn[0], share * turn[1], share * turn[2]
     w, x, y, z = quaternion[0], quaternion[1], quaternion[2], quaternion[3]
-    out[0] = w * a - x * b[0] - y * b[1] - z * b[2]
-    out[1] = w * b[0] + x * a + y * b[2] - z * b[1]
-    out[2] = w * b[1] + y * a + z * b[0] - x * b[2]
-    out[3] = w * b[2] + z * a + x * b[1] - y * b[0]
+    out[0] = w * a - x * b - y * c - z * d
+    out[1] = w * b + x * a + y * d - z * c
+    out[2] = w * c + y * a + z * b - x * d
+    out[3] = w * d + z * a + x * c - y * b
 
 
 @njit(cache=True)

@@ -1,0 +1,296 @@
+"""The command ``continuum fit``, and what the other commands make of the file that it writes."""
+
+from __future__ import annotations
+
+import functools
+import json
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bozzini.cli.main import main
+from bozzini.continuum import (
+    ContinuumRobot,
+    Marker,
+    RobotMeasurements,
+    RobotSetup,
+    Section,
+    Tendon,
+    predict_points,
+)
+
+ZERO, BACKLASH, OFFSET = 0.2, 0.1, 4.4
+FREE = ("--free", "tendons.a.zero,tendons.*.offset")
+MARKER = "--marker=m-1=20mm,5mm,0mm,0mm"
+NAMES = ("a", "b", "c")
+
+
+def make_robot(offset: float = 4.0) -> ContinuumRobot:
+    tendons = tuple(
+        Tendon(name=name, offset=offset, angle=2.0 * np.pi / 3.0 * k, stiffness=1e3)
+        for k, name in enumerate(NAMES)
+    )
+    section = Section(length=40.0, radius=6.0, discs=1, bending_stiffness=500.0, tendons=tendons)
+    return ContinuumRobot((section,))
+
+
+def write_rows(path: Path, rows: range, *, noise: float = 0.0) -> None:
+    path.write_text(simulate(rows, noise))
+
+
+@functools.cache
+def simulate(rows: range, noise: float) -> str:
+    """Return what a robot with zeros and backlash does, some rows of a sweep in time."""
+    markers = (Marker(name="tip"), Marker(name="m-1", arc_length=20.0, offset=(5.0, 0.0, 0.0)))
+    truth = RobotSetup(make_robot(OFFSET), markers, (ZERO, 0.0, 0.0), backlash=BACKLASH)
+    time_rad = 0.3 * np.arange(rows.stop)[:, None] + 2.0 * np.pi / 3.0 * np.arange(3)
+    commands = 2.0 * np.cos(time_rad) * np.sin(0.2 * time_rad[:, :1])
+    data = RobotMeasurements(
+        command="displacement",
+        tendons=NAMES,
+        commands=commands,
+        markers=truth.markers,
+        points=np.zeros((len(commands), 2, 3)),
+    )
+    points = predict_points(truth, data).predicted
+    points += np.random.default_rng(0).normal(0.0, noise, points.shape)
+    table = np.column_stack([commands, points.reshape(len(points), -1)])[rows.start :]
+    titles = [f"{name} displacement [mm]" for name in NAMES]
+    titles += [f"{name} {axis} [mm]" for name in ("tip", "m-1") for axis in "xyz"]
+    lines = [",".join(titles), *(",".join(map(repr, row)) for row in table.tolist())]
+    return "\n".join(lines) + "\n"
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    robot = make_robot()
+    robot.to_yaml("robot.yaml")
+    write_rows(tmp_path / "rows.csv", range(16))
+    return tmp_path
+
+
+def fit(*words: str, json_: bool = True) -> int:
+    return main(["continuum", "fit", *words, *(["--json"] if json_ else [])])
+
+
+def test_a_fit_writes_a_robot_a_picture_and_a_table(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_rows(folder / "more.csv", range(16, 24))
+    words = ("robot.yaml", "rows.csv", MARKER, "--free", "tendons.a.zero,commands.backlash,"
+             "tendons.*.offset", "--check", "more.csv")  # fmt: skip
+    assert fit(*words, "--out", "fitted.yaml", "--figure", "errors.png", "--folds", "2") == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["estimates"]["tendons.*.offset"]["value"] == pytest.approx(OFFSET, rel=1e-3)
+    assert found["estimates"]["tendons.a.zero"]["value"] == pytest.approx(ZERO, abs=1e-3)
+    assert found["fit"]["rms_mm"] < 1e-2
+    # The rows to check come later in the sweep, with a memory of their own.
+    assert found["checks"]["more.csv"]["rms_mm"] < 0.2
+    assert (folder / "errors.png").stat().st_size > 1000
+    assert fit("fitted.yaml", "rows.csv", "--folds", "0", json_=False) == 0
+    assert "fitted 16 rows with 0 constants" in capsys.readouterr().out
+    assert fit("fitted.yaml", "rows.csv", "--folds", "0") == 0
+    again = json.loads(capsys.readouterr().out)
+    assert again["fit"]["rms_mm"] == pytest.approx(found["fit"]["rms_mm"], rel=1e-6)
+
+
+def test_pose_of_a_fitted_robot_is_what_the_fit_predicts(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ("robot.yaml", "rows.csv", MARKER, "--free", "tendons.a.zero,commands.backlash")
+    assert fit(*words, "--out", "fitted.yaml", "--folds", "0") == 0
+    capsys.readouterr()
+    rows = np.genfromtxt("rows.csv", delimiter=",", skip_header=1)
+    robot = ContinuumRobot.from_yaml("fitted.yaml")
+    data = RobotMeasurements(
+        command="displacement",
+        tendons=NAMES,
+        commands=rows[:, :3],
+        markers=RobotSetup.of(robot).markers,
+        points=rows[:, 3:].reshape(-1, 2, 3),
+    )
+    predicted = predict_points(RobotSetup.of(robot), data).predicted
+    spell = [",".join(f"{name}={value!r}mm" for name, value in zip(NAMES, row, strict=True))
+             for row in rows[:, :3].tolist()]  # fmt: skip
+    for index in (0, 5):
+        before = [word for text in spell[:index] for word in ("--history", text)]
+        command = ["continuum", "pose", "fitted.yaml", "--displacement", spell[index], *before]
+        assert main([*command, "--json"]) == 0
+        found = json.loads(capsys.readouterr().out)
+        assert found["model"] == "energy"
+        seen = [found["markers_world_mm"][name] for name in ("tip", "m-1")]
+        assert np.asarray(seen) == pytest.approx(predicted[index], abs=1e-6)
+    assert main(["continuum", "pose", "fitted.yaml", "--displacement", spell[5]]) == 0
+    assert "marker m-1 in the world at" in capsys.readouterr().out
+
+
+def test_what_reach_commands_is_what_pose_takes(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ("robot.yaml", "rows.csv", MARKER, "--free", "tendons.a.zero,commands.scale")
+    assert fit(*words, "--out", "fitted.yaml", "--folds", "0") == 0
+    capsys.readouterr()
+    target = ("--to", "6mm,4mm,37mm")
+    assert main(["continuum", "reach", "fitted.yaml", *target, "--json"]) in (0, 1)
+    found = json.loads(capsys.readouterr().out)
+    commands = ",".join(f"{name}={value!r}mm" for name, value in found["commands_mm"].items())
+    assert main(["continuum", "pose", "fitted.yaml", "--displacement", commands, "--json"]) == 0
+    posed = json.loads(capsys.readouterr().out)
+    assert posed["tip_mm"] == pytest.approx(found["tip_mm"], abs=1e-3)
+
+
+def test_the_jacobian_of_a_fitted_robot_is_of_its_commands(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ("robot.yaml", "rows.csv", MARKER, "--free", "tendons.a.zero,commands.scale")
+    assert fit(*words, "--out", "fitted.yaml", "--folds", "0") == 0
+    tips = []
+    for pull in (1.5, 1.501):
+        command = ("pose", "fitted.yaml", "--displacement", f"a={pull}mm,b=0.5mm,c=0.5mm")
+        capsys.readouterr()
+        assert main(["continuum", *command, "--json"]) == 0
+        tips.append(json.loads(capsys.readouterr().out)["tip_mm"])
+    assert main(["continuum", "jacobian", *command[1:], "--json"]) == 0
+    rates = json.loads(capsys.readouterr().out)["by_displacement"]["a"][3:]
+    assert np.subtract(tips[1], tips[0]) / 1e-3 == pytest.approx(np.asarray(rates), abs=1e-2)
+
+
+@pytest.mark.slow
+def test_processes_make_no_difference(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write_rows(folder / "rows.csv", range(16), noise=0.2)
+    answers = []
+    for jobs in ("1", "2"):
+        assert fit("robot.yaml", "rows.csv", MARKER, *FREE, "--folds", "2", "--jobs", jobs) == 0
+        answers.append(json.loads(capsys.readouterr().out))
+    assert answers[0] == answers[1]
+
+
+def test_blocks_are_the_labels_of_a_column(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    header, *rows = Path("rows.csv").read_text().splitlines()
+    labels = ["first"] * 4 + ["second"] * 5 + ["third"] * 7
+    lines = [f"{row},{label}" for row, label in zip(rows, labels, strict=True)]
+    Path("labelled.csv").write_text("\n".join([f"{header},phase", *lines]) + "\n")
+    words = ("robot.yaml", "labelled.csv", MARKER, "--free", "tendons.*.zero")
+    assert fit(*words, "--blocks", "phase") == 0
+    assert len(json.loads(capsys.readouterr().out)["validation"]["blocks_mm"]) == 3
+
+
+@pytest.mark.slow
+def test_fewer_constants_that_predict_better_are_named(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_rows(folder / "rows.csv", range(12), noise=1.0)
+    free = "tendons.*.offset,tendons.each.zero,base.position"
+    words = ("robot.yaml", "rows.csv", MARKER, "--free", free, "--folds", "3")
+    assert fit(*words, json_=False) in (0, 1)
+    said = capsys.readouterr().out
+    assert "fewer constants predict better" in said
+    better = said.partition("take --free ")[2].splitlines()[0]
+    assert fit("robot.yaml", "rows.csv", MARKER, "--free", better, "--folds", "3") in (0, 1)
+    alone = json.loads(capsys.readouterr().out)
+    assert fit(*words) in (0, 1)
+    both = json.loads(capsys.readouterr().out)
+    assert both["smaller"]["rms_mm"] <= both["validation"]["rms_mm"]
+    assert alone["validation"]["rms_mm"] == pytest.approx(both["smaller"]["rms_mm"], rel=0.02)
+
+
+def change_cell(path: Path, row: int, column: int, text: str) -> None:
+    lines = path.read_text().splitlines()
+    cells = lines[row].split(",")
+    cells[column] = text
+    lines[row] = ",".join(cells)
+    path.write_text("\n".join(lines) + "\n")
+
+
+@pytest.mark.parametrize(
+    ("cell", "words", "said"),
+    [
+        ((0, 0, "a displacement"), (), "column 'a displacement' has no unit"),
+        ((0, 0, "a displacement [N]"), (), "column 'a displacement [N]'"),
+        ((0, 0, "d displacement [mm]"), (), "there is no tendon 'd'"),
+        ((0, 0, "pull of a [mm]"), (), "there is no column 'a displacement [mm]'"),
+        ((0, 3, "tip w [mm]"), (), "there is no column 'tip x [mm]'"),
+        ((3, 0, "nan"), (), "row 4"),
+        ((3, 0, "much"), (), "row 4"),
+        ((3, 3, "inf"), (), "row 4"),
+        (None, ("--split", "random"), "a random split tests no prediction"),
+        (None, ("--folds", "17"), "16 row(s) are too few for 17 folds"),
+        (None, ("--folds", "1"), "folds is 1: it must be 2 or more, or 0 for none"),
+        (None, ("--jobs", "0"), "jobs is 0"),
+        (None, ("--marker", "m-1=20mm,5mm,0mm,0mm", "--loss", "cubic"), "--loss"),
+        (None, ("--blocks", "phase"), "there is no column 'phase'"),
+        (None, ("--column", "tip x [mm]=x"), "there is no column 'x'"),
+        (None, ("--free", "tendons.*.colour"), "'tendons.*.colour' cannot be fitted"),
+        (None, ("--free", "tendons.*.friction", "--model", "energy"), "take the rod model"),
+        (None, ("--set", "colour=red"), "--set names 'colour': the options are"),
+        (None, ("--model", "energy", "--set", "segment=wrong"), "segment is 'wrong'"),
+        (None, ("--marker", "n=1mm,2mm"), "--marker is 'n=1mm,2mm': it must be NAME=ARC"),
+        (None, ("--check", "none.csv"), "none.csv"),
+    ],
+)
+def test_wrong_input_is_one_line_and_nothing_is_written(
+    cell: tuple[int, int, str] | None,
+    words: tuple[str, ...],
+    said: str,
+    folder: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    if cell is not None:
+        change_cell(folder / "rows.csv", *cell)
+    before = sorted(folder.iterdir())
+    files = ("--out", "fitted.yaml", "--figure", "errors.png")
+    asked = ("robot.yaml", "rows.csv", MARKER, "--free", "tendons.*.zero", *files, *words)
+    assert fit(*asked, json_=False) == 2
+    out, err = capsys.readouterr()
+    assert said in err and err.startswith("bozzini: error: ") and err.count("\n") == 1
+    assert not out
+    assert sorted(folder.iterdir()) == before
+
+
+def test_too_few_rows_are_refused(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write_rows(folder / "rows.csv", range(1))
+    words = ("robot.yaml", "rows.csv", MARKER, "--free", "tendons.each.zero,base", "--folds", "0")
+    assert fit(*words) == 2
+    assert "6 coordinate(s) are too few for 9 constant(s)" in capsys.readouterr().err
+
+
+def test_a_calibration_of_other_tendons_is_refused(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    robot = Path("robot.yaml").read_text() + "calibration: {zeros: {z: 0.1}}\n"
+    Path("other.yaml").write_text(robot)
+    assert main(["continuum", "pose", "other.yaml", "--displacement", "a=1mm"]) == 2
+    err = capsys.readouterr().err
+    assert "zero of tendon 'z': the tendons are a, b, c" in err and err.count("\n") == 1
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform == "win32", reason="signals are others there")
+@pytest.mark.parametrize("jobs", ["1", "2"])
+def test_an_interrupt_leaves_nothing(folder: Path, jobs: str) -> None:
+    write_rows(folder / "rows.csv", range(400), noise=0.5)
+    before = sorted(folder.iterdir())
+    words = ["continuum", "fit", "robot.yaml", "rows.csv", MARKER, "--free",
+             "base,tendons.each.zero,tendons.*.offset", "--folds", "40", "--jobs", jobs,
+             "--out", "fitted.yaml"]  # fmt: skip
+    process = subprocess.Popen(
+        [sys.executable, "-m", "bozzini", *words], stderr=subprocess.PIPE, text=True, bufsize=1
+    )
+    assert process.stderr is not None
+    for line in process.stderr:
+        if "leaving out blocks" in line:
+            break
+    time.sleep(1.0)
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "Traceback" not in err and err.endswith("bozzini: interrupted\n")
+    assert sorted(folder.iterdir()) == before
