@@ -178,6 +178,39 @@ def test_a_straight_rod_buckles_at_the_load_that_is_named(pull) -> None:
     assert 0.02 * float(named[1]) == pytest.approx(brentq(miss, 0.2, 1.9), rel=3e-3)
 
 
+@pytest.mark.parametrize("stiffness", [50.0, 5000.0])
+def test_stability_changes_sign_where_a_column_held_by_cables_buckles(stiffness) -> None:
+    # Cables of held length turn the tip back by 2 a^2 EA / L of its turn, without a force aside:
+    # EI b cos(b L) + 2 a^2 EA / L sin(b L) = 0 for the load EI b^2.
+    length, bending, offset = 100.0, 200.0, 4.0
+    back = 2.0 * offset**2 * stiffness / length
+
+    def miss(b):
+        return bending * b * math.cos(b * length) + back * math.sin(b * length)
+
+    load = bending * brentq(miss, 1.001 * math.pi / 2.0 / length, math.pi / length) ** 2
+    tendons = tuple(
+        Tendon(
+            name=f"T{k}",
+            offset=offset,
+            angle=k * math.pi / 2.0,
+            stiffness=stiffness,
+            pretension=1.0,
+        )
+        for k in range(4)
+    )
+    robot = ContinuumRobot(
+        (Section(length=length, radius=5.0, bending_stiffness=bending, tendons=tendons),)
+    )
+    found = []
+    for share in (0.9995, 1.0005):
+        shape = RodModel(robot, tip_force=(0.0, 0.0, -share * load)).shape([0.0] * 4)
+        straight = bool(np.hypot(*shape.tip[:2]) < 1e-3)
+        found.append((bool(shape.stable), straight))
+    assert found[0] == (True, True)
+    assert found[1] != (True, True)
+
+
 def test_curvature_at_rest_is_the_shape_without_loads() -> None:
     u = (0.004, 0.0, 0.02)
     shape = RodModel(bare(bending_stiffness=BENDING, curvature=u)).shape_under_tensions([])

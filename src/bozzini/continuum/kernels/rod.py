@@ -47,6 +47,9 @@ MOST_STEPS = 840
 PATIENCE = 50
 """Steps after which one may go up."""
 
+OWN, OTHER = 5.0 / 12.0, 1.0 / 12.0
+"""Shares of a step's ends in the square of the turns, by themselves and by each other."""
+
 SMALLEST_PART = 1e-6
 """Smallest part of a Newton step."""
 
@@ -706,6 +709,9 @@ def fill_routing(guides, present, pulls, strain, frame, others, longer):
 def fill_form(n, h, state, rates, stiffness, frame, give, ways, form):
     """Fill a step's second variation by the turns of its ends: linear between them.
 
+    What goes with the turns' square is shared out by 5/12 and 1/12, between linear turns and a sum
+    over the ends: the errors of both in the buckling load cancel to fourth order.
+
     ``form`` is that (n, 6, 6), the backbone's own (n, 3, 3) by the difference of the turns,
     gradients of tendon lengths (n, k, 6), and what shear and stretch add to how these give way to
     tension (n, k, k). Forces are taken to keep their direction.
@@ -747,9 +753,9 @@ def fill_form(n, h, state, rates, stiffness, frame, give, ways, form):
     for i in range(3):
         for j in range(3):
             even, odd = 0.5 * (s[i, j] + s[j, i]), 0.5 * (s[i, j] - s[j, i])
-            matrices[n, i, j] = p[i, j] / h - even + 0.25 * h * u[i, j]
-            matrices[n, 3 + i, 3 + j] = p[i, j] / h + even + 0.25 * h * u[i, j]
-            matrices[n, 3 + i, j] = -p[i, j] / h + odd + 0.25 * h * u[i, j]
+            matrices[n, i, j] = p[i, j] / h - even + OWN * h * u[i, j]
+            matrices[n, 3 + i, 3 + j] = p[i, j] / h + even + OWN * h * u[i, j]
+            matrices[n, 3 + i, j] = -p[i, j] / h + odd + OTHER * h * u[i, j]
             matrices[n, j, 3 + i] = matrices[n, 3 + i, j]
             total = 0.0
             for m in range(3):
