@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -50,6 +50,27 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> object:
             return "continuum" if "continuum" in nodeid else super()._split_scope(nodeid)
 
     return Scheduling(config, log)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def coarse_pictures(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Write pictures with few pixels where tests look at what is said about them alone.
+
+    Of a plan on the command line, most of the time is its pictures.
+    """
+    if request.path.parent.name not in ("cli", "study", "report"):
+        yield
+        return
+    from matplotlib.figure import Figure
+
+    write = Figure.savefig
+
+    def write_coarse(figure: Figure, *place: Any, **options: Any) -> None:
+        write(figure, *place, **{**options, "dpi": 20.0})
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Figure, "savefig", write_coarse)
+        yield
 
 
 def _find_data(name: str) -> Path:

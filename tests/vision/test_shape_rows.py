@@ -1,4 +1,4 @@
-"""Shapes of 20 tubes in rendered pictures of each kind, against the curves that were rendered."""
+"""Shapes of tubes in rendered pictures of each kind, against the curves that were rendered."""
 
 from __future__ import annotations
 
@@ -27,14 +27,15 @@ from tests.vision.sets import BOARD, render_views
 pytest.importorskip("cv2", reason="the extra 'vision' is not installed")
 
 LENGTH = 47.0
-COUNT = 20
+COUNT = 8
+"""Tubes; the table of the guide is of the first 20."""
 LARGE = PairLayout(size=(1920, 1200), pitch=0.057).make_cameras()
 SMALL = PairLayout().make_cameras()
 
 
 @dataclass(frozen=True)
 class Row:
-    """Pictures of one kind, the largest errors of tip and curve [mm], and how many are refused."""
+    """Pictures of one kind: largest errors of tip and curve [mm], and how many of 20 are refused."""
 
     sensor: Sensor = Sensor()
     background: float = 0.03
@@ -43,6 +44,11 @@ class Row:
     tip: float = 0.20
     curve: float = 0.25
     refused: int = 0
+
+    @property
+    def kind(self) -> tuple[float, float, bool]:
+        """What makes another scene."""
+        return self.background, self.gloss, self.covered
 
     def make_scene(self, curve: np.ndarray, seed: int) -> Scene:
         light = Light(position=(-100.0, -400.0, 150.0), gloss=self.gloss)
@@ -146,35 +152,43 @@ def calibrated() -> tuple[CameraSet, tuple[np.ndarray, np.ndarray]]:
     return found.cameras, poses[0]
 
 
-@pytest.fixture(scope="module")
-def found(calibrated) -> dict[str, list[Found]]:
-    """Give what was found in each row; pictures of one scene share its rays."""
+def find_rows(names: list[str], calibrated) -> dict[str, list[Found]]:
+    """What is found in rows of one kind of scene: their pictures share its rays."""
     true = CameraSet(names=("cam0", "cam1"), cameras=LARGE)
-    cameras, (turn, shift) = calibrated
     rows: dict[str, list[Found]] = defaultdict(list)
     for seed in range(COUNT):
         curve = draw_curve(seed)
-        scenes: dict[tuple, Scene] = {}
-        for name, row in ROWS.items():
-            kind = (row.background, row.gloss, row.covered)
-            scene = scenes.setdefault(kind, row.make_scene(curve, seed))
+        scene = ROWS[names[0]].make_scene(curve, seed)
+        for name in names:
+            row = ROWS[name]
             pictures = [
                 render_picture(scene, camera, sensor=row.sensor, seed=2 * seed + i)
                 for i, camera in enumerate(LARGE)
             ]
             rows[name].append(compare(pictures, true, curve))
             if name == "normal":
+                cameras, (turn, shift) = calibrated
                 rows["calibrated"].append(compare(pictures, cameras, (curve - shift) @ turn))
     return rows
 
 
+KINDS = {
+    name: [other for other, one in ROWS.items() if one.kind == row.kind]
+    for name, row in ROWS.items()
+    if name in ("normal", "gloss", "covered")
+}
+
+
 @pytest.mark.slow
-def test_every_row_meets_its_errors_and_its_uncertainty(found) -> None:
+@pytest.mark.parametrize("name", KINDS)
+def test_every_row_meets_its_errors_and_its_uncertainty(name, request) -> None:
+    calibrated = request.getfixturevalue("calibrated") if name == "normal" else None
+    found = find_rows(KINDS[name], calibrated)
     wrong = []
     for name, ones in found.items():
         row = ROWS.get(name, ROWS["normal"])
         kept = [one for one in ones if not one.reason]
-        if len(kept) < COUNT - row.refused:
+        if len(kept) < COUNT - row.refused * COUNT / 20:
             wrong.append((name, "refused", [one.reason for one in ones if one.reason]))
         wrong += [
             (name, field, value, limit)
@@ -185,4 +199,8 @@ def test_every_row_meets_its_errors_and_its_uncertainty(found) -> None:
             ratio = math.sqrt(np.mean([getattr(one, field) ** 2 for one in kept]))
             if not 0.7 <= ratio <= 2.0:
                 wrong.append((name, field, ratio))
-    assert len(found) == len(ROWS) + 1 and not wrong
+    assert not wrong
+
+
+def test_every_row_is_of_one_kind() -> None:
+    assert sorted(sum(KINDS.values(), [])) == sorted(ROWS)

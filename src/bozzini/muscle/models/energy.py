@@ -311,9 +311,7 @@ class EnergyMuscle(MuscleModel):
         iterations = np.empty(pressures.shape, dtype=np.int64)
         code, index = kernels.find_stretches(
             self._design,
-            pressures.ravel(),
-            loads.ravel(),
-            signs.ravel(),
+            *_flatten(pressures, loads, signs),
             stretches.reshape(-1),
             iterations.reshape(-1),
         )
@@ -368,9 +366,8 @@ class EnergyMuscle(MuscleModel):
     def _evaluate(self, pressures: Floats, stretches: Floats, signs: Floats) -> Floats:
         """Return pull, its slope in the stretch, contact pressure and swell, (4, ...)."""
         out = np.empty((4, *pressures.shape))
-        kernels.find_forces(
-            self._design, pressures.ravel(), stretches.ravel(), signs.ravel(), out.reshape(4, -1)
-        )
+        flat = _flatten(pressures, stretches, signs)
+        kernels.find_forces(self._design, *flat, out.reshape(4, -1))
         return out
 
     def _measure_wall(self, stretches: Floats, swells: Floats) -> Floats:
@@ -393,3 +390,8 @@ class EnergyMuscle(MuscleModel):
                 "friction leaves the tapered ends no tension; it must be less, or the ends 'none'"
             )
         return out
+
+
+def _flatten(*arrays: Floats) -> list[Floats]:
+    """Return arrays as rows, writable: kernels are compiled anew for arrays that are not."""
+    return [np.require(array.ravel(), requirements="W") for array in arrays]
