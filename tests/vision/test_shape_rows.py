@@ -35,7 +35,7 @@ SMALL = PairLayout().make_cameras()
 
 @dataclass(frozen=True)
 class Row:
-    """Pictures of one kind: largest errors of tip and curve [mm], and how many of 20 are refused."""
+    """Pictures of one kind, the largest errors [mm], and how many of 20 are refused."""
 
     sensor: Sensor = Sensor()
     background: float = 0.03
