@@ -19,7 +19,7 @@ def load():
     sys.path.remove(str(FOLDER))
 
 
-@pytest.mark.slow
+@pytest.mark.slow(100)
 @pytest.mark.parametrize("name", SETS)
 def test_errors_keep_their_bounds(name, load, data_dir, tmp_path):
     section = load(name).validate(data_dir(name), tmp_path)

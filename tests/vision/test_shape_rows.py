@@ -179,7 +179,7 @@ KINDS = {
 }
 
 
-@pytest.mark.slow
+@pytest.mark.slow(100)
 @pytest.mark.parametrize("name", KINDS)
 def test_every_row_meets_its_errors_and_its_uncertainty(name, request) -> None:
     calibrated = request.getfixturevalue("calibrated") if name == "normal" else None
