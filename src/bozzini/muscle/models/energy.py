@@ -311,7 +311,9 @@ class EnergyMuscle(MuscleModel):
         iterations = np.empty(pressures.shape, dtype=np.int64)
         code, index = kernels.find_stretches(
             self._design,
-            *_flatten(pressures, loads, signs),
+            _flatten(pressures),
+            _flatten(loads),
+            _flatten(signs),
             stretches.reshape(-1),
             iterations.reshape(-1),
         )
@@ -366,8 +368,13 @@ class EnergyMuscle(MuscleModel):
     def _evaluate(self, pressures: Floats, stretches: Floats, signs: Floats) -> Floats:
         """Return pull, its slope in the stretch, contact pressure and swell, (4, ...)."""
         out = np.empty((4, *pressures.shape))
-        flat = _flatten(pressures, stretches, signs)
-        kernels.find_forces(self._design, *flat, out.reshape(4, -1))
+        kernels.find_forces(
+            self._design,
+            _flatten(pressures),
+            _flatten(stretches),
+            _flatten(signs),
+            out.reshape(4, -1),
+        )
         return out
 
     def _measure_wall(self, stretches: Floats, swells: Floats) -> Floats:
@@ -392,6 +399,6 @@ class EnergyMuscle(MuscleModel):
         return out
 
 
-def _flatten(*arrays: Floats) -> list[Floats]:
-    """Return arrays as rows, writable: kernels are compiled anew for arrays that are not."""
-    return [np.require(array.ravel(), requirements="W") for array in arrays]
+def _flatten(array: Floats) -> Floats:
+    """Return an array as a row, writable: kernels are compiled anew for arrays that are not."""
+    return np.require(array.ravel(), requirements="W")
