@@ -4,6 +4,9 @@
 SHELL := /bin/sh
 .DEFAULT_GOAL := help
 
+# Matrices are small: threads of BLAS would only wait for each other where several tests run.
+export OPENBLAS_NUM_THREADS ?= 1
+
 VENV := .venv
 RUN := $(VENV)/bin/python
 PIP := $(RUN) -m pip --disable-pip-version-check --no-input -q -q install

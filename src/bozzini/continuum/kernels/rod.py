@@ -41,8 +41,8 @@ from ...numeric.kernels.rotations import fill_quaternion_rotation
 FOUND = 1e-15
 """Curvature [1/mm] that is round-off."""
 
-MOST_STEPS = 400
-"""Newton steps for a curvature; it takes a few."""
+MOST_STEPS = 840
+"""Newton steps for a curvature; it takes a few. Between two multiples of `PATIENCE`."""
 
 PATIENCE = 50
 """Steps after which one may go up."""
