@@ -20,14 +20,6 @@ settings.register_profile("ci", settings.get_profile("default"), derandomize=Tru
 settings.load_profile("ci" if os.environ.get("CI") else "default")
 
 
-def pytest_configure() -> None:
-    """Give linear algebra one thread, before NumPy is imported: there is a process for each core.
-
-    More threads than cores wait for each other by spinning: small fits then take ten times as long.
-    """
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-
-
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Give slow tests more time than the others have, and begin with those that take longest."""
 
