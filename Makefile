@@ -47,10 +47,13 @@ rig: $(DEV) ## Build the firmware and run the tests of the rig (installs nothing
 	@$(MAKE) --no-print-directory -C firmware BUILD=../build/firmware avr native emulator size
 	@$(RUN) -m pytest -n auto --maxprocesses 4 --dist worksteal tests/rig
 
-opencv: $(DEV) ## Run the tests of pictures with the oldest OpenCV, too
+# The modules that call OpenCV, and its commands; what else reads pictures goes through these.
+CV_TESTS := $(patsubst %,tests/vision/test_%.py,board calibrate camera commands length pictures shape)
+
+opencv: $(DEV) ## Run the tests of what calls OpenCV with the oldest one, too
 	@$(PIP) --no-deps --upgrade --target build/opencv 'opencv-python-headless==4.10.*'
 	@PYTHONPATH=build/opencv $(RUN) -c 'import cv2; assert cv2.__version__.startswith("4.10."), cv2.__version__'
-	@PYTHONPATH=build/opencv $(RUN) -m pytest -m "not slow" -n auto --maxprocesses 4 --dist loadfile tests/vision
+	@PYTHONPATH=build/opencv $(RUN) -m pytest -m "not slow" -n auto --maxprocesses 4 --dist loadfile $(CV_TESTS)
 
 oldest: $(DEV) ## Run the tests with the lowest versions declared, in .venv-oldest
 	@$(PIP) uv

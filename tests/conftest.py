@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +21,13 @@ settings.load_profile("ci" if os.environ.get("CI") else "default")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Give slow tests more time than the others have."""
+    """Give slow tests more time than the others have, and begin with those that take longest."""
+
+    def take_seconds(item: pytest.Item) -> float:
+        mark = item.get_closest_marker("slow")
+        return float(mark.args[0]) if mark is not None and mark.args else 0.0
+
+    items.sort(key=take_seconds, reverse=True)
     for item in items:
         if item.get_closest_marker("slow"):
             item.add_marker(pytest.mark.timeout(1800))
@@ -43,6 +49,27 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> object:
             return "continuum" if "continuum" in nodeid else super()._split_scope(nodeid)
 
     return Scheduling(config, log)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def coarse_pictures(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Write pictures with few pixels where tests look at what is said about them alone.
+
+    Of a plan on the command line, most of the time is its pictures.
+    """
+    if request.path.parent.name not in ("cli", "study", "report"):
+        yield
+        return
+    from matplotlib.figure import Figure
+
+    write = Figure.savefig
+
+    def write_coarse(figure: Figure, *place: Any, **options: Any) -> None:
+        write(figure, *place, **{**options, "dpi": 20.0})
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Figure, "savefig", write_coarse)
+        yield
 
 
 def _find_data(name: str) -> Path:
@@ -70,8 +97,8 @@ def festo10_dir() -> Path:
 
 
 @pytest.fixture(scope="session")
-def robot_dirs() -> Callable[[str], Path]:
-    """Give what gives the directory of a measured robot, by its name."""
+def data_dir() -> Callable[[str], Path]:
+    """Give what gives the directory of measured data, by its name."""
     return _find_data
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -36,10 +37,15 @@ MAY_IMPORT["cli"] = set(MAY_IMPORT) - {"thesis"}
 MODULES = sorted(path.relative_to(SOURCE) for path in SOURCE.rglob("*.py"))
 
 
+@cache
+def _nodes(path: Path) -> tuple[ast.AST, ...]:
+    return tuple(ast.walk(ast.parse((SOURCE / path).read_text(encoding="utf-8"))))
+
+
 def _imported(path: Path) -> Iterator[tuple[str, ...]]:
     """Give every module of Bozzini that a file imports, as its parts after ``bozzini``."""
     here = ("bozzini", *path.parent.parts)
-    for node in ast.walk(ast.parse((SOURCE / path).read_text(encoding="utf-8"))):
+    for node in _nodes(path):
         if isinstance(node, ast.Import):
             names = [tuple(alias.name.split(".")) for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
@@ -101,7 +107,7 @@ def test_private_modules_stay_in_their_package(path: Path) -> None:
 
 @pytest.mark.parametrize("path", MODULES, ids=str)
 def test_library_neither_asserts_nor_prints(path: Path) -> None:
-    for node in ast.walk(ast.parse((SOURCE / path).read_text(encoding="utf-8"))):
+    for node in _nodes(path):
         assert not isinstance(node, ast.Assert), f"{path}:{node.lineno} asserts"
         is_print = isinstance(node, ast.Call) and getattr(node.func, "id", "") == "print"
         assert not is_print, f"{path} prints"

@@ -22,7 +22,7 @@ pytestmark = pytest.mark.slow
 
 Distance = Callable[[np.ndarray], np.ndarray]
 
-EVERY = 20
+EVERY = 40
 """Steps of the motion between those that are re-checked."""
 
 SAMPLES = 33
@@ -163,6 +163,11 @@ def stl(upper_gi_dir: Path) -> Distance:
 
 
 @pytest.fixture(scope="module")
+def faces(upper_gi_dir: Path) -> Distance:
+    return voxel_distance(upper_gi_dir / "upper_gi_labels_1mm.nii.gz", (1, 2, 3))
+
+
+@pytest.fixture(scope="module")
 def surface_plans(
     upper_gi_dir: Path, tmp_path_factory: pytest.TempPathFactory
 ) -> dict[str, SavedPlan]:
@@ -216,9 +221,8 @@ def test_plan_from_the_surface_against_its_triangles(
 
 
 def test_plan_from_labels_against_the_faces_of_the_voxels(
-    label_plan: SavedPlan, upper_gi_dir: Path
+    label_plan: SavedPlan, faces: Distance
 ) -> None:
-    faces = voxel_distance(upper_gi_dir / "upper_gi_labels_1mm.nii.gz", (1, 2, 3))
     assert largest_gap(label_plan, faces) <= label_plan.meta["field"]["clearance_error_mm"]
     check_proof(label_plan, faces)
 

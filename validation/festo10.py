@@ -130,15 +130,17 @@ def validate(folder: Path, images: Path) -> Section:
         ]
         rows.append(cells)
     draw_errors(lengths, {form: found[form][1] for form in (ANCHORED, MEAN)}, images)
-    bounds = []
+    bounds, gaps = [], 0
     for form in (ANCHORED, MEAN):
         for words, most, entry in zip(
             ("inflating", "both"), (20.0, 18.0), found[form], strict=True
         ):
             assert entry.validation is not None
+            gaps += entry.validation.gaps
             bounds.append(
                 Bound(f"{form.words}, left out, {words}", entry.validation.error, most, "N")
             )
+    bounds.append(Bound("left out without an answer, all of these", gaps, 0.0, "rows"))
     return Section(
         title="Festo muscles DMSP-10, force",
         source="Agile-and-Adaptive-Robotics/Muscle_Sensory, commit e3a8277; Bolen et al., "

@@ -133,6 +133,13 @@ def validate(folder: Path, images: Path) -> Section:
         bounds=(
             Bound(f"all markers, {len(best.estimates)} constants", best.rms, 12.5, "mm"),
             Bound("the same, poses left out", best.validation.rms, 15.0, "mm"),
+            Bound("fitted in that form", len(best.estimates), 3, "constants"),
+            Bound(
+                "error with two constants over that of a rod that cannot stretch or shear",
+                found[CHOSEN[:2]].rms / stiff.rms,
+                1.0,
+                "times",
+            ),
         ),
     )
 

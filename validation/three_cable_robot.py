@@ -109,5 +109,9 @@ def validate(folder: Path, images: Path) -> Section:
             "the robot are determined by the curvature of the surface that the tip moves on alone, "
             "and hardly: the fit warns of it.",
         ),
-        bounds=(Bound(f"tip, rows not fitted, {len(known)} constants", errors[CHOSEN], 3.2, "mm"),),
+        bounds=(
+            Bound(f"tip, rows not fitted, {len(known)} constants", errors[CHOSEN], 3.2, "mm"),
+            Bound("fitted in that form", len(known), 9, "constants"),
+            Bound("not determined by the rows", len(best.undetermined), 0, "combinations"),
+        ),
     )

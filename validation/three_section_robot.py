@@ -110,7 +110,7 @@ def validate(folder: Path, images: Path) -> Section:
         left_out = f"{fit.validation.rms:.2f}"
         rows.append([form, str(len(fit.estimates)), left_out, quarters, f"{fit.rms:.2f}"])
     best = found[CHOSEN]
-    assert best.validation is not None
+    assert best.validation is not None and by_length.validation is not None
     draw_errors(best, images)
     return Section(
         title="Robot of three sections, shape under nine tendons",
@@ -131,6 +131,13 @@ def validate(folder: Path, images: Path) -> Section:
                 best.validation.rms,
                 5.5,
                 "mm",
+            ),
+            Bound("fitted in that form", len(best.estimates), 15, "constants"),
+            Bound(
+                "its error over that with tendons that stretch by their length",
+                best.validation.rms / by_length.validation.rms,
+                1.0,
+                "times",
             ),
         ),
     )

@@ -163,7 +163,7 @@ SOFT: dict[str, object] = {"allowed_mm": 5.0, "used_mm": 5.0}
             change(field={"inflation_mm": 5.0}, soft_wall={"allowed_mm": 5.0, "used_mm": 5.0}),
             "grid",
         ),
-        (change(input={"unit": "cm"}), "grid"),
+        pytest.param(change(input={"unit": "cm"}), "grid", marks=pytest.mark.slow),
         (change(input={"voxel_mm": 1.3}), "grid"),
         (change(input={"sha256": None}), "input"),
         (change(field={"nodes": [3, 3, 3]}), "grid"),

@@ -282,7 +282,12 @@ def test_an_interrupt_leaves_nothing(folder: Path, jobs: str) -> None:
              "base,tendons.each.zero,tendons.*.offset", "--folds", "40", "--jobs", jobs,
              "--out", "fitted.yaml"]  # fmt: skip
     process = subprocess.Popen(
-        [sys.executable, "-m", "bozzini", *words], stderr=subprocess.PIPE, text=True, bufsize=1
+        [sys.executable, "-m", "bozzini", *words],
+        stderr=subprocess.PIPE,
+        text=True,
+        bufsize=1,
+        # Where the tests run in the background, interrupts are ignored unless one asks for them.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )
     assert process.stderr is not None
     for line in process.stderr:

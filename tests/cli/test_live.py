@@ -12,6 +12,8 @@ from bozzini.anatomy import write_tract
 from bozzini.cli.main import main
 from tests.duct.test_moving import make_tube
 
+pytestmark = pytest.mark.slow  # its kernels are compiled for little else
+
 CAPTURE = pytest.CaptureFixture[str]
 
 
@@ -45,7 +47,6 @@ def test_a_tube_that_breathes_is_kept_clear(capsys: CAPTURE, tube: Path, tmp_pat
     assert rows["margin_mm"][0] == pytest.approx(found["speed_mm/s"] / found["rate_Hz"])
 
 
-@pytest.mark.slow
 def test_a_wall_too_fast_for_the_rate_is_said_and_drawn(
     capsys: CAPTURE, tube: Path, tmp_path: Path
 ) -> None:

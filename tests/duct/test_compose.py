@@ -259,16 +259,17 @@ def test_inflating_moves_the_lumen_not_the_obstacles(seed, amount):
 
 
 @pytest.mark.parametrize(
-    "duct",
+    "make",
     [
-        union(*solid_parts()),
-        without(capsule(), capsule((5, 0, 2), (5, 0, 4), 1.0)),
-        Opaque(capsule(), kind="sampled", error=0.2),
-        capsule().inflate(0.5),
+        lambda: union(*solid_parts()),
+        lambda: without(capsule(), capsule((5, 0, 2), (5, 0, 4), 1.0)),
+        lambda: Opaque(capsule(), kind="sampled", error=0.2),
+        lambda: capsule().inflate(0.5),
     ],
     ids=["union", "obstacle", "with error", "inflated"],
 )
-def test_a_sampled_duct_keeps_its_bounds(duct):
+def test_a_sampled_duct_keeps_its_bounds(make):
+    duct = make()
     field = duct.sample(0.8)
     assert isinstance(field, SampledField)
     random = np.random.default_rng(0)

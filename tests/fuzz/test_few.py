@@ -16,7 +16,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="each case is a forked process")
-@pytest.mark.slow  # a first run compiles all kernels in one process
+@pytest.mark.slow(60)  # a first run compiles all kernels in one process
 @pytest.mark.parametrize("count", [20])
 def test_a_few_damaged_files_and_odd_options(tmp_path: Path, count: int) -> None:
     options = [

@@ -17,6 +17,8 @@ from bozzini.motion.kernels.chain import make_frame, search_sphere
 from tests.motion.pipes import NAMES, make_pipes
 from tests.motion.test_link import sphere_points
 
+pytestmark = pytest.mark.slow  # links are compiled anew for ducts that are no fields
+
 DIRECTIONS = sphere_points(20_000)
 CIRCLE = np.stack([np.cos(t := np.linspace(0.0, 2.0 * np.pi, 20_000)), np.sin(t)], axis=1)
 
@@ -43,7 +45,6 @@ def draw(duct, random, clearance):
     return head, head + random.uniform(10.0, 30.0) * away / np.linalg.norm(away)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_no_nearer_direction_has_room(name):
     duct = make_pipes()[name]
@@ -79,7 +80,6 @@ def test_no_nearer_direction_has_room(name):
     assert seen == {True, False}
 
 
-@pytest.mark.slow
 @settings(max_examples=60)
 @given(
     centre=st.tuples(*[st.floats(-9.0, 9.0)] * 3),

@@ -13,6 +13,8 @@ from tests.motion.plans import insert
 from tests.motion.test_planar import measure_exact
 from tests.shapes import bend_curve
 
+pytestmark = pytest.mark.slow  # planners are compiled anew for ducts that are no fields
+
 CURVE = bend_curve(25.0, 2.2, 40.0, spacing=4.0)
 
 
@@ -80,7 +82,6 @@ def test_the_passage_is_bounded_from_above(seed):
     assert line.radius.min() <= passage.bound <= 1.15 * radii[0]
 
 
-@pytest.mark.slow
 def test_a_tube_thinner_than_the_scope_is_refused_at_the_entry():
     duct, line = make_tube(3.0)
     plan = insert(duct, line, scope=Scope(diameter=7.0, link_length=9.0))
@@ -109,7 +110,6 @@ def test_the_thesis_scheme_runs_on_the_cones_themselves():
     assert np.linalg.norm(plan.joints[-1] - other.joints[-1], axis=1).max() < 0.3
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("sampled", [True, False])
 def test_a_way_that_exists_is_never_denied(sampled):
     # Starts beside the axis: the way goes to the axis first, and nowhere has less room than here.

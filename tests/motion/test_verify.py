@@ -71,15 +71,15 @@ def test_certificate_and_second_checker_agree(case, options):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("first", range(100, 160, 6))
+@pytest.mark.parametrize("first", range(100, 118, 3))
 def test_certificate_and_second_checker_agree_on_many_plans(first):
     random = np.random.default_rng(first)
     total = sum(
         check_agreement(case, case.plan(**options), random, 20_000)
-        for case in map(Planted, range(first, first + 6))
+        for case in map(Planted, range(first, first + 3))
         for options in VARIANTS
     )
-    assert total > 1_000_000
+    assert total > 500_000
 
 
 def judge(damaged, case, folder):
@@ -119,7 +119,7 @@ def test_damaged_plans_are_not_accepted(case, plan, there_and_back, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [4, 102, 103, 105, 107, 110])
+@pytest.mark.parametrize("seed", [4, 102, 103, 105])
 def test_many_damaged_plans_are_not_accepted(seed, tmp_path):
     case = Planted(seed)
     plans = [
@@ -127,7 +127,7 @@ def test_many_damaged_plans_are_not_accepted(seed, tmp_path):
         case.plan(head_step=1.0, route=(1.0, 0.3, 0.8)),
         case.plan(head_step=1.0, method="thesis"),
     ]
-    check_damage(case, plans, np.random.default_rng(seed), 500, tmp_path)
+    check_damage(case, plans, np.random.default_rng(seed), 200, tmp_path)
 
 
 def check_broken(content, original, random, count, path):

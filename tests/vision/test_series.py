@@ -267,7 +267,7 @@ def test_the_commands_measure_what_the_demonstration_renders(tmp_path, capsys):
     assert len(read_measurements(out / "contractions.csv")) == len(truth) - 1
 
 
-@pytest.mark.slow
+@pytest.mark.slow(60)
 def test_the_fit_recovers_the_muscle_of_the_demonstration(tmp_path):
     muscle, within = preset("effector-45"), 0
     setup = LengthSetup(pitch=0.1, columns=820, rows=660)

@@ -533,7 +533,8 @@ class PackedDuct(Duct):
 
     def _evaluate(self, kernel: Callable[..., None], points: ArrayLike, *columns: int) -> Floats:
         array = check_places("points", points, dim=self.dim)
-        flat = np.ascontiguousarray(self.to_grid(array).reshape(-1, 3))
+        # Writable, as kernels are compiled anew for arrays that are not.
+        flat = np.require(self.to_grid(array).reshape(-1, 3), requirements=["C", "W"])
         result = np.empty((len(flat), *columns))
         kernel(self.pack(), flat, result)
         return result.reshape((*array.shape[:-1], *columns))

@@ -533,8 +533,10 @@ def _search(duct, intro, head, length, needed, slope, planar, known, work, tail)
         if found:
             return WALL, 0.0
     else:
+        # As an int64: for a constant it would be compiled anew beside the one for Python.
+        budget = np.int64(BUDGET)
         found, least, _, _ = search_sphere(
-            duct, intro, head, frame, length, needed, slope, known, GAP, FINEST, BUDGET, start
+            duct, intro, head, frame, length, needed, slope, known, GAP, FINEST, budget, start
         )
         if found:
             a = start[0]

@@ -311,9 +311,9 @@ class EnergyMuscle(MuscleModel):
         iterations = np.empty(pressures.shape, dtype=np.int64)
         code, index = kernels.find_stretches(
             self._design,
-            pressures.ravel(),
-            loads.ravel(),
-            signs.ravel(),
+            _flatten(pressures),
+            _flatten(loads),
+            _flatten(signs),
             stretches.reshape(-1),
             iterations.reshape(-1),
         )
@@ -369,7 +369,11 @@ class EnergyMuscle(MuscleModel):
         """Return pull, its slope in the stretch, contact pressure and swell, (4, ...)."""
         out = np.empty((4, *pressures.shape))
         kernels.find_forces(
-            self._design, pressures.ravel(), stretches.ravel(), signs.ravel(), out.reshape(4, -1)
+            self._design,
+            _flatten(pressures),
+            _flatten(stretches),
+            _flatten(signs),
+            out.reshape(4, -1),
         )
         return out
 
@@ -393,3 +397,8 @@ class EnergyMuscle(MuscleModel):
                 "friction leaves the tapered ends no tension; it must be less, or the ends 'none'"
             )
         return out
+
+
+def _flatten(array: Floats) -> Floats:
+    """Return an array as a row, writable: kernels are compiled anew for arrays that are not."""
+    return np.require(array.ravel(), requirements="W")

@@ -1,0 +1,34 @@
+"""What is validated on measured data keeps its bounds; `make validate` runs the same functions."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from pathlib import Path
+
+import pytest
+
+FOLDER = Path(__file__).resolve().parents[2] / "validation"
+SETS = sorted({path.stem for path in FOLDER.glob("*.py")} - {"report", "section"})
+
+
+@pytest.fixture(scope="module")
+def load():
+    sys.path.insert(0, str(FOLDER))
+    yield importlib.import_module
+    sys.path.remove(str(FOLDER))
+
+
+@pytest.mark.slow(100)
+@pytest.mark.parametrize("name", SETS)
+def test_errors_keep_their_bounds(name, load, data_dir, tmp_path):
+    section = load(name).validate(data_dir(name), tmp_path)
+    assert section.bounds
+    for bound in section.bounds:
+        assert bound.is_kept, bound
+    if name == "three_cable_robot":  # of a form with a factor of the command, too
+        assert "commands.scale" in " ".join(section.text)
+
+
+def test_the_page_has_all_of_them(load):
+    assert sorted(load("report").SETS) == SETS
