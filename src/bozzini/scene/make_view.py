@@ -288,7 +288,9 @@ def _find_level(values: NDArray[np.float32], level: float) -> tuple[Floats, NDAr
     from skimage.measure import marching_cubes
 
     try:
-        vertices, faces, _, _ = marching_cubes(np.asarray(values), level=level)
+        vertices, faces, _, _ = marching_cubes(
+            np.asarray(values), level=level, allow_degenerate=False
+        )
     except ValueError:
         raise GeometryError("the duct has no inside: no node of its grid lies within") from None
     return np.asarray(vertices, dtype=np.float64), np.asarray(faces, dtype=np.int64)

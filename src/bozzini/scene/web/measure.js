@@ -1,5 +1,5 @@
 /** Where a ray meets what is shown, and what can be measured there. */
-import { add, clamp, cross, dot, gap, pointAt, unit } from "./math.js";
+import { add, clamp, cross, dot, gap, pointAt, scaled, unit } from "./math.js";
 
 /** The nearest triangle of a surface on a ray: {far, place, normal against the ray}, or null. */
 export function pickSurface(surface, ray, clip) {
@@ -22,7 +22,10 @@ export function pickSurface(surface, ray, clip) {
     if (far <= 0 || (best && far >= best.far)) continue;
     const place = add(ray.from, ray.way, far);
     if (clip && dot(place, clip) > clip[3]) continue;
-    best = { far, place, normal: unit(cross([ux, uy, uz], [tx, ty, tz])) };
+    // The shading's normal, between those of the corners: a triangle's own is rougher.
+    const own = (i) => pointAt(surface.normals, i / 3);
+    const normal = surface.normals ? add(add(scaled(own(a), 1 - s - t), own(b), s), own(c), t) : cross([ux, uy, uz], [tx, ty, tz]);
+    best = { far, place, normal: unit(normal) };
   }
   return best;
 }
@@ -42,17 +45,15 @@ export function pickLink(joints, radius, ray) {
 }
 
 /**
- * Radius of the largest ball inside that touches the wall at a place: the least over all other
- * vertices q of |q - p|^2 / (2 n (q - p)), with n the normal inwards.
+ * Radius of the largest ball inside that touches the wall at a place: the least over the vertices q
+ * of |q - p|^2 / (2 n (q - p)), with n the normal inwards. Vertices less than 30 degrees above the
+ * tangent plane are left out: there the roughness of the triangles would count, not the lumen.
  */
-export function largestBall(surface, place, inwards) {
-  const v = surface.vertices;
+export function largestBall({ vertices }, p, inwards) {
   let least = Infinity;
-  for (let i = 0; i < v.length; i += 3) {
-    const x = v[i] - place[0], y = v[i + 1] - place[1], z = v[i + 2] - place[2];
-    const depth = x * inwards[0] + y * inwards[1] + z * inwards[2], square = x * x + y * y + z * z;
-    // A place of the same facet, all but in the plane, says nothing of the other side.
-    if (depth > 0.2 * Math.sqrt(square)) least = Math.min(least, square / (2 * depth));
+  for (let i = 0; i < vertices.length; i += 3) {
+    const way = [vertices[i] - p[0], vertices[i + 1] - p[1], vertices[i + 2] - p[2]], depth = dot(way, inwards), square = dot(way, way);
+    if (depth > 0.5 * Math.sqrt(square)) least = Math.min(least, square / (2 * depth));
   }
   return least;
 }

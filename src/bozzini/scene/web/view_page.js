@@ -393,7 +393,8 @@ export function createViewer(root, data, source) {
     n: goTightest, f: () => camera.fit(), t: () => setInside(!inside), m: () => setMeasuring(!measuring), b: turnTheme,
     x: () => setSection(section === null ? (data.patient ? 2 : 3) : null), Escape: () => (setMeasuring(false), setSection(null)),
   };
-  root.addEventListener("keydown", (event) => {
+  // Where the viewer is the page, keys work wherever the focus is.
+  (root.matches("main") ? document : root).addEventListener("keydown", (event) => {
     const { target, key } = event, typing = target.matches("input:not([type=range]):not([type=checkbox]), select, textarea");
     if (typing || event.ctrlKey || event.metaKey || event.altKey || (key === " " && target.matches("button, summary, [type=checkbox]"))) return;
     const act = keys[key.length === 1 ? key.toLowerCase() : key] || (data.axes[key - 1] && (() => camera.standard(key - 1)));
@@ -421,7 +422,13 @@ export function createViewer(root, data, source) {
   });
 
   viewer = {
-    frames: 0, paints: 0, panel, onpick: null, camera, setFrame,
+    frames: 0, paints: 0, panel, onpick: null, camera, setFrame, seek,
+    get data() {
+      return data;
+    },
+    get frame() {
+      return frame;
+    },
     /** Show other data, a new plan for example; the camera stays. */
     setData(next) {
       data = next;
