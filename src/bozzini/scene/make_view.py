@@ -50,7 +50,7 @@ _SIDES = 48
 _INTRODUCER = 60.0  # mm of it that are drawn
 _LINE = "#c99a1e"
 _TIGHT = 3  # tight places that are marked
-_TIPS = 4000
+_TIPS = 2000
 
 
 def make_view(thing: Shown, wall: Wall | None = None, *, title: str = "") -> View:
