@@ -1,6 +1,6 @@
 /** Charts on a canvas: values over the steps, and clearance along the body, both for clicking. */
 import { assign, clamp } from "./math.js";
-import { clearanceColor, smallest } from "./scene_data.js";
+import { smallest } from "./scene_data.js";
 
 const LEFT = 38, RIGHT = 8, TOP = 8, BOTTOM = 18;
 
@@ -62,7 +62,3 @@ export function indexUnder(canvas, chart, event) {
 	const gaps = chart.over.map((_, i) => Math.abs(placeOf(canvas, chart, chart.bars ? i + 0.5 : i) - event.offsetX));
 	return gaps.indexOf(Math.min(...gaps));
 }
-
-/** Css colours for the values of a chart. */
-export const chartColor = (data, kind) =>
-	kind === "clearance" ? (value) => clearanceColor(data.scale, value) : () => "#5b9bd5";

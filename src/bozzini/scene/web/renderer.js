@@ -120,11 +120,16 @@ export function createRenderer(canvas) {
 
 	function addSurface(item) {
 		const made = start(item, item.faces);
-		fill(made.first, item.vertices);
-		feed(0, 3);
-		fill(made.second, (item.normals = findNormals(item.vertices, item.faces)));
+		fillSurface(made);
 		feed(1, 3);
+		gl.bindBuffer(gl.ARRAY_BUFFER, made.first);
+		feed(0, 3);
 		return made;
+	}
+
+	function fillSurface({ item, first, second }) {
+		fill(first, item.vertices);
+		fill(second, (item.normals = findNormals(item.vertices, item.faces)));
 	}
 
 	/** A chain, each link from a joint to the next; or points, each a ball. */
@@ -182,11 +187,8 @@ export function createRenderer(canvas) {
 			fill(body.first, joints);
 			fill(body.second, new Uint8Array(paint));
 		},
-		setVertices(index) {
-			const { item, first, second } = surfaces[index];
-			fill(first, item.vertices);
-			fill(second, (item.normals = findNormals(item.vertices, item.faces)));
-		},
+		/** Take the vertices of a surface again. */
+		setVertices: (index) => fillSurface(surfaces[index]),
 		/**
 		 * Draw one picture.
 		 * @param view {box: [x, y, width, height] in pixels from below, projection, camera, eye, clip,

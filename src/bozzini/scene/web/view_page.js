@@ -1,9 +1,9 @@
 /** The page round the pictures: controls, charts, measuring, keyboard and words for screen readers. */
 import { assign, clamp, dot, gap, lookAlong, multiply, perspective, place, scaled } from "./math.js";
-import { clearanceAt, decodeView, jointsAt, recordedSource, smallest, tipCamera } from "./scene_data.js";
+import { clearanceAt, clearanceColor, decodeView, jointsAt, recordedSource, smallest, tipCamera } from "./scene_data.js";
 import { createRenderer } from "./renderer.js";
 import { createCamera, steerCamera } from "./camera.js";
-import { chartColor, drawChart, indexUnder, show } from "./charts.js";
+import { drawChart, indexUnder, show } from "./charts.js";
 import { arcLengthAt, largestBall, pickLink, pickSurface } from "./measure.js";
 
 const NAMES = { R: "right", L: "left", A: "front", P: "back", S: "head", I: "feet" };
@@ -240,7 +240,7 @@ export function createViewer(root, data, source) {
 		const side = (i) => NAMES[axes[i].letter] || axes[i].letter;
 		series = (data.steps > 1 ? data.charts : []).map((chart) => Object.assign(figure(chart.name, chart.unit, seek), {
 			x: () => 0,
-			chart: { ...chart, over, overUnit: scope?.insertion ? "mm in" : "steps", color: chartColor(data, chart.kind), high: chart.kind === "clearance" && 1.6 * scale.high },
+			chart: { ...chart, over, overUnit: scope?.insertion ? "mm in" : "steps", ...(chart.kind === "clearance" ? clearanceChart() : { color: () => "#5b9bd5" }) },
 		}));
 		along = scope?.clearance ? figure("clearance along the body", "mm", lightLink) : null;
 		charts.replaceChildren(...[...series, along].filter(Boolean).map((item) => item.box));
@@ -272,10 +272,12 @@ export function createViewer(root, data, source) {
 		resize();
 	}
 
+	const clearanceChart = () => ({ color: (value) => clearanceColor(data.scale, value), high: 1.6 * data.scale.high });
+
 	function drawAlong() {
 		if (!along || !frame.clearance) return;
 		const values = Array.from(frame.clearance);
-		along.chart = { values, over: values.map((_, i) => i + 1), overUnit: "links from the head", bars: true, high: 1.6 * data.scale.high, color: chartColor(data, "clearance") };
+		along.chart = { ...clearanceChart(), values, over: values.map((_, i) => i + 1), overUnit: "links from the head", bars: true };
 		drawChart(along.area, along.chart, lit);
 	}
 
