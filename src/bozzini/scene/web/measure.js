@@ -33,8 +33,8 @@ export function pickLink(joints, radius, ray) {
 
 /**
  * Radius of the largest ball inside that touches the wall at a place: the least over the vertices q
- * of |q - p|^2 / (2 n (q - p)), with n the normal inwards. Vertices less than 30 degrees above the
- * tangent plane are left out: there the roughness of the triangles would count, not the lumen.
+ * of |q - p|^2 / (2 n (q - p)), n inwards. Within 30 degrees of the tangent plane the roughness of the
+ * triangles would count and not the lumen.
  */
 export function largestBall({ vertices }, p, inwards) {
 	let least = Infinity;
