@@ -1,0 +1,368 @@
+/** The page round the pictures: controls, charts, measuring, keyboard and words for screen readers. */
+import { assign, clamp, dot, gap, lookAlong, multiply, perspective, place, scaled } from "./math.js";
+import { clearanceAt, clearanceColor, decodeView, jointsAt, recordedSource, smallest, tipCamera } from "./scene_data.js";
+import { createRenderer } from "./renderer.js";
+import { createCamera, steerCamera } from "./camera.js";
+import { drawChart, indexUnder, show } from "./charts.js";
+import { arcLengthAt, largestBall, pickLink, pickSurface } from "./measure.js";
+
+const NAMES = { R: "right", L: "left", A: "front", P: "back", S: "head", I: "feet" };
+/** Make an element, such as "div" or "div.row": properties or attributes, then children. */
+export function make(tag, props = {}, ...children) {
+	const [name, kind = ""] = tag.split("."), made = assign(document.createElement(name), props);
+	if (kind) made.classList.add(kind);
+	made.append(...children);
+	return made;
+}
+
+// The name space comes from a parser, so that no address stands in a page that loads nothing.
+const SVG = new DOMParser().parseFromString("<svg>", "text/html").querySelector("svg").namespaceURI;
+
+/** Make an element of a drawing: attributes only, as its properties cannot be written. */
+function draft(tag, attributes, words = "") {
+	const made = document.createElementNS(SVG, tag);
+	for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
+	made.textContent = words;
+	return made;
+}
+
+const button = (text, title, onclick, kind = "") => make(`button.${kind}`, { type: "button", title, onclick }, text);
+
+/**
+ * Make a viewer of `data` (see `decodeView`) in `root`, which holds the parts of view.html, played by
+ * `source` ({kind, seek(step), play(on, speed)}, and `onframe` if it is recorded).
+ */
+export function createViewer(root, data, source) {
+	let frame = { step: 0, joints: null, clearance: null }, inside = false, measuring = false, playing = false, planned = false;
+	let section = null, clip = null, picks = [], lit = -1, series = [], along = null;
+
+	const parts = {};
+	for (const item of root.querySelectorAll("[class]")) parts[item.classList[0]] = item;
+	const { picture: canvas, overlay, said, trouble, title, readout, legend, tools, inset, slider, play: playButton, pace, tightest, timeline } = parts;
+	const { panel, charts, places, measure, hint, measured, planes, depth, shown, opacity, notes } = parts;
+	root.classList.add("bozzini");
+
+	const renderer = createRenderer(canvas), camera = createCamera(data, () => paint());
+	const night = matchMedia("(prefers-color-scheme: dark)"), isDark = () => (root.dataset.theme || (night.matches && "dark")) === "dark";
+	const say = (text) => (said.textContent = text);
+	const fail = (text) => assign(trouble, { textContent: text, hidden: !text });
+
+	function paint() {
+		if (!planned) requestAnimationFrame(draw);
+		planned = true;
+	}
+
+	function tipView(box) {
+		const { joints } = frame, radius = data.scope?.radius;
+		const eye = frame.camera || (joints?.length > 3 && tipCamera(joints, radius, data.axes[2].way));
+		return eye && {
+			box, eye: eye.place, inside: true, hand: camera.hand, reach: 6 * radius, ground: [0.02, 0.01, 0.01, 1],
+			camera: lookAlong(eye.place, eye.way, eye.up, camera.hand),
+			projection: perspective(1.75, box[2] / box[3], 0.05 * radius, 2 * camera.box.size),
+		};
+	}
+
+	function outsideView(box, ground) {
+		return { ...camera.look(box[2] / box[3]), box, clip, ground, dark: ground || isDark() };
+	}
+
+	function draw() {
+		planned = false;
+		viewer.paints++;
+		const ratio = Math.min(devicePixelRatio, 2), pixels = (...all) => all.map((v) => Math.round(v * ratio));
+		const all = canvas.getBoundingClientRect(), box = inset.getBoundingClientRect(), [w, h] = pixels(all.width, all.height);
+		if (!w || !h) return;
+		if (canvas.width !== w || canvas.height !== h) [canvas.width, canvas.height] = [w, h];
+		const full = [0, 0, w, h], small = pixels(box.left - all.left, all.bottom - box.bottom, box.width, box.height);
+		if (renderer && !renderer.gl.isContextLost()) {
+			renderer.draw((inside && tipView(full)) || outsideView(full));
+			const view = !inset.hidden && (inside ? outsideView(small, [0.04, 0.07, 0.1, 1]) : tipView(small));
+			if (view) renderer.draw(view);
+		}
+		overlay.setAttribute("viewBox", `0 0 ${all.width} ${all.height}`);
+		overlay.replaceChildren(...(inside ? [] : drawOverlay(outsideView(full), all.width, all.height)));
+	}
+
+	/** Labels, measured places and the patient's axes, over the picture. */
+	function drawOverlay({ projection, camera: m }, w, h) {
+		const items = [], used = [], matrix = multiply(projection, m);
+		const spot = (p) => (([x, y]) => [x * w, y * h])(place(matrix, p) || [-9, -9]);
+		const label = (p, words, kind) => {
+			const [x, y] = spot(p), left = used.some(([u, v]) => Math.abs(y - v) < 14 && Math.abs(x - u) < 120);
+			used.push([x, y]);
+			items.push(draft("circle", { cx: x, cy: y, r: 4.5, class: kind }), draft("text", { x: left ? x - 9 : x + 9, y: y + 4, class: left ? "left" : "" }, words));
+		};
+		for (const mark of data.marks) label(mark.place, mark.text, mark.kind);
+		const ends = picks.map((pick) => spot(pick.place));
+		if (ends[1]) items.push(draft("path", { d: `M${ends.join("L")}`, class: "ruler" }));
+		picks.forEach((pick, i) => label(pick.place, "AB"[i], "pick"));
+		return items.concat(data.axes
+			.map(({ letter, way }) => [letter, ...[0, 1, 2].map((i) => dot([m[i], m[4 + i], m[8 + i]], way))])
+			.sort((one, other) => one[3] - other[3])
+			.flatMap(([letter, x, y, z]) => {
+				const kind = z < -0.05 ? "axis faint" : "axis", [u, v] = [46, h - 46];
+				return [draft("path", { d: `M${u} ${v}l${26 * x} ${-26 * y}`, class: kind }), draft("text", { x: u + 37 * x, y: v - 37 * y + 4, class: kind }, letter)];
+			}));
+	}
+
+	// What is shown at a step.
+	function setFrame(next) {
+		viewer.frames++;
+		frame = { ...frame, ...next };
+		if (next.playing !== undefined) setPlaying(next.playing);
+		const { step, joints, clearance } = frame, { scope, steps } = data;
+		data.bodies.forEach((body, i) => {
+			if (body === scope) joints && renderer?.setPose(i, joints, clearance, data.scale);
+			else if (body.steps > 1) renderer?.setPose(i, jointsAt(body, step));
+		});
+		const inserted = scope?.insertion?.[step], least = smallest(clearance), words = [];
+		if (inserted !== undefined) words.push(`${show(inserted)} mm in`);
+		if (clearance) words.push(Number.isFinite(least) ? `clearance ${show(least, 2)} mm` : "all in the introducer");
+		if (steps > 1) words.push(`step ${step + 1} of ${steps}`);
+		readout.replaceChildren(...words.map((word) => make("span", {}, word)));
+		readout.classList.toggle("through", least < 0);
+		slider.value = step;
+		slider.setAttribute("aria-valuetext", words.join(", "));
+		for (const { cursor, value, x, chart } of series) {
+			cursor.style.left = `${x(step)}px`;
+			value.textContent = show(chart.values[step] ?? NaN, 2);
+		}
+		drawAlong();
+		paint();
+	}
+
+	function play(on) {
+		setPlaying(on);
+		source.play(on, Number(pace.value));
+	}
+
+	function setPlaying(on) {
+		playing = on;
+		const word = on ? "Pause" : "Play";
+		assign(playButton, { textContent: on ? "\u275a\u275a" : "\u25b6", ariaLabel: word, title: `${word} (Space)` });
+	}
+
+	function seek(step) {
+		if (playing) play(false);
+		source.seek(clamp(step, 0, data.steps - 1));
+	}
+
+	function goTightest() {
+		if (data.tightest === null) return;
+		seek(data.tightest);
+		say(`Tightest: ${slider.getAttribute("aria-valuetext")}`);
+	}
+
+	function setInside(on) {
+		if (inset.hidden) return;
+		inside = on;
+		root.classList.toggle("inside", on);
+		say(on ? "From the tip." : "From outside.");
+		paint();
+	}
+
+	function setSection(index) {
+		section = index;
+		planes.value = index ?? "";
+		depth.disabled = index === null;
+		const { way } = data.axes[index ?? 0], [from, to] = [camera.box.low, camera.box.high].map((p) => dot(p, way)).sort((a, b) => a - b);
+		clip = index === null ? null : [...way, from + Number(depth.value) * (to - from)];
+		paint();
+	}
+
+	// Measuring.
+	function setMeasuring(on) {
+		measuring = on;
+		picks = [];
+		measure.ariaPressed = on;
+		canvas.classList.toggle("measuring", on);
+		showMeasured();
+		paint();
+	}
+
+	function click(x, y) {
+		if (inside) return;
+		const ray = camera.ray(x, y), hits = data.surfaces.map((item, surface) => ({ ...(!item.hidden && pickSurface(item, ray, clip)), surface }));
+		const wall = hits.filter((hit) => hit.place).sort((a, b) => a.far - b.far)[0];
+		if (!measuring) {
+			const hit = frame.joints && pickLink(frame.joints, data.scope.radius, ray);
+			if (!hit && wall && viewer.onpick) viewer.onpick(wall);
+			else lightLink(hit ? hit.link : -1);
+		} else if (wall) {
+			wall.radius = largestBall(data.surfaces[wall.surface], wall.place, scaled(wall.normal, -1));
+			wall.arc = data.way ? arcLengthAt(data.way.joints, wall.place) : NaN;
+			picks = [...picks, wall].slice(picks.length === 2 ? 2 : 0);
+			showMeasured();
+			paint();
+		}
+	}
+
+	function showMeasured() {
+		const [a, b] = picks, rows = picks.flatMap((pick, i) => [[`Radius at ${"AB"[i]}`, pick.radius], [`Arc length of ${"AB"[i]}`, pick.arc]]);
+		if (b) rows.push(["Distance A to B", gap(a.place, b.place)], ["Arc length A to B", Math.abs(b.arc - a.arc)]);
+		const cells = rows.filter((row) => Number.isFinite(row[1])).flatMap(([name, value]) => [make("dt", {}, name), make("dd", {}, `${show(value, 2)} mm`)]);
+		hint.hidden = !measuring || cells.length > 0;
+		measured.replaceChildren(...cells);
+		if (cells.length) say(cells.map((cell) => cell.textContent).join(" "));
+	}
+
+	function lightLink(link) {
+		lit = link;
+		if (renderer) renderer.lit = link;
+		const value = frame.clearance?.[link], known = Number.isFinite(value);
+		if (along) along.value.textContent = known ? `link ${link + 1}: ${show(value, 2)}` : "";
+		if (link >= 0) say(`Link ${link + 1} from the head${known ? `: clearance ${show(value, 2)} mm` : ", in the introducer"}.`);
+		drawAlong();
+		paint();
+	}
+
+	// The panel.
+	function figure(name, unit, pick, chart) {
+		const area = make("canvas", { role: "img", ariaLabel: name }), cursor = make("i.cursor"), value = make("b");
+		const item = { area, cursor, value, chart, box: make("figure", {}, make("figcaption", {}, `${name} [${unit}]`, value), make("div", {}, area, cursor)) };
+		const choose = (event) => event.buttons && pick(indexUnder(area, item.chart, event));
+		assign(area, { onpointermove: choose, onpointerdown: (event) => (area.setPointerCapture(event.pointerId), choose(event)) });
+		return item;
+	}
+
+	function fillPanel() {
+		const { scope, scale, axes } = data, over = scope?.insertion || [...Array(data.steps).keys()];
+		const side = (i) => NAMES[axes[i].letter] || axes[i].letter;
+		series = (data.steps > 1 ? data.charts : []).map((chart) => figure(chart.name, chart.unit, seek, {
+			...chart, over, overUnit: scope?.insertion ? "mm in" : "steps", ...(chart.kind === "clearance" ? clearanceChart() : { color: () => "#5b9bd5" }),
+		}));
+		along = scope?.clearance ? figure("clearance along the body", "mm", lightLink) : null;
+		charts.replaceChildren(...[...series, along].filter(Boolean).map((item) => item.box));
+		places.replaceChildren(...data.marks.map((mark) => button(mark.text, "Go there", () => {
+			if (mark.step !== null) seek(mark.step);
+			setInside(false);
+			camera.visit(mark.place);
+		}, mark.kind)));
+		places.parentElement.hidden = !data.marks.length;
+		planes.replaceChildren(make("option", { value: "" }, "none"), ...axes.map((_, i) => make("option", { value: i }, `without ${side(i)}`)));
+		tools.replaceChildren(
+			...axes.map(({ letter }, i) => button(letter, `From ${side(i)} (${i + 1})`, () => (setInside(false), camera.standard(i)))),
+			button("Fit", "See everything (F)", () => camera.fit()), assign(button("\u25d0", "Light or dark (B)", turnTheme), { ariaLabel: "Light or dark" }),
+		);
+		shown.replaceChildren(...[...data.surfaces, ...data.bodies, ...data.clouds].map((item) => make("label", {}, make("input", { type: "checkbox", checked: !item.hidden, onchange: (event) => ((item.hidden = !event.target.checked), paint()) }), item.name)));
+		const wall = data.surfaces.findLast((item) => item.opacity < 1);
+		opacity.parentElement.hidden = !wall;
+		if (wall) assign(opacity, { value: wall.opacity, oninput: () => ((wall.opacity = Number(opacity.value)), paint()) });
+		notes.replaceChildren(...data.notes.map((text) => make("p", {}, text)));
+		legend.children[1].style.background = `linear-gradient(to right, ${scale.colors})`;
+		[legend.children[0].textContent, legend.children[2].textContent] = [show(scale.low, 0), `${show(scale.high, 0)} mm clearance`];
+		legend.hidden = !along;
+		timeline.hidden = data.steps < 2;
+		tightest.hidden = data.tightest === null;
+		inset.hidden = !scope || !data.surfaces.length;
+		slider.max = data.steps - 1;
+		title.textContent = data.title;
+		resize();
+	}
+
+	const clearanceChart = () => ({ color: (value) => clearanceColor(data.scale, value), high: 1.6 * data.scale.high });
+
+	function drawAlong() {
+		if (!along || !frame.clearance) return;
+		const values = Array.from(frame.clearance);
+		along.chart = { ...clearanceChart(), values, over: values.map((_, i) => i + 1), overUnit: "links from the head", bars: true };
+		drawChart(along.area, along.chart, lit);
+	}
+
+	function resize() {
+		for (const item of series) {
+			item.x = drawChart(item.area, item.chart);
+			item.cursor.style.left = `${item.x(frame.step)}px`;
+		}
+		drawAlong();
+		paint();
+	}
+
+	function turnTheme() {
+		root.dataset.theme = isDark() ? "light" : "dark";
+		resize();
+	}
+
+	steerCamera(canvas, camera, click);
+	const arrows = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
+	canvas.addEventListener("keydown", (event) => {
+		const { key } = event, [x, y] = arrows[key] || [];
+		if (arrows[key]) camera[event.shiftKey ? "pan" : "turn"](0.1 * x, 0.1 * y);
+		else if ("+=-".includes(key)) camera.zoom(key === "-" ? 1.18 : 0.85);
+		else if (key === "Enter" && measuring) click(0.5, 0.5);
+		else return;
+		event.preventDefault();
+	});
+	const moving = { " ": () => play(!playing), ",": () => seek(frame.step - 1), ".": () => seek(frame.step + 1), Home: () => seek(0), End: () => seek(data.steps - 1), n: goTightest };
+	const keys = {
+		f: () => camera.fit(), t: () => setInside(!inside), m: () => setMeasuring(!measuring), b: turnTheme,
+		x: () => setSection(section === null ? 2 : null), Escape: () => (setMeasuring(false), setSection(null)),
+	};
+	// Where the viewer is the page, keys work wherever the focus is.
+	(root.matches("main") ? document : root).addEventListener("keydown", (event) => {
+		const { target } = event, key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
+		if (event.ctrlKey || event.metaKey || event.altKey || target.matches("select, textarea, input:not([type=range], [type=checkbox])")) return;
+		if (key === " " && target.matches("button, summary, [type=checkbox]")) return;
+		const act = keys[key] || (data.steps > 1 && moving[key]) || (data.axes[key - 1] && (() => camera.standard(key - 1)));
+		if (!act) return;
+		act();
+		event.preventDefault();
+	});
+	playButton.onclick = () => play(!playing);
+	tightest.onclick = goTightest;
+	inset.onclick = () => setInside(!inside);
+	measure.onclick = () => setMeasuring(!measuring);
+	slider.oninput = () => seek(Number(slider.value));
+	pace.onchange = () => playing && play(true);
+	planes.onchange = () => setSection(planes.value === "" ? null : Number(planes.value));
+	depth.oninput = () => setSection(section);
+	night.addEventListener("change", resize);
+	new ResizeObserver(resize).observe(root);
+	canvas.addEventListener("webglcontextlost", (event) => {
+		event.preventDefault();
+		fail("The browser took the graphics away; the picture comes back with them.");
+	});
+	canvas.addEventListener("webglcontextrestored", () => (fail(""), viewer.setData(data)));
+
+	const viewer = {
+		/** `frames` came and `paints` were drawn; a click on the wall calls `onpick({place, normal, surface})`. */
+		frames: 0, paints: 0, panel, onpick: null, setFrame, seek, say,
+		get data() { return data; },
+		get frame() { return frame; },
+		/** Show other data, a new plan for example; the camera stays. */
+		setData(next) {
+			data = next;
+			picks = [];
+			camera.setData(data);
+			renderer?.setData(data);
+			fillPanel();
+			showMeasured();
+			lightLink(-1);
+			const step = Math.min(frame.step, data.steps - 1), { scope } = data;
+			data.bodies.forEach((body, i) => renderer?.setPose(i, jointsAt(body, step), clearanceAt(body, step), data.scale));
+			setFrame({ step, joints: scope && jointsAt(scope, step), clearance: scope && clearanceAt(scope, step) });
+			setSection(section);
+		},
+		/** Move the vertices of a surface: tissue that moves. */
+		setSurfaceVertices(index, vertices) {
+			data.surfaces[index].vertices = vertices;
+			renderer?.setVertices(index);
+			paint();
+		},
+	};
+	trouble.hidden = Boolean(renderer);
+	setPlaying(false);
+	setMeasuring(false);
+	viewer.setData(data);
+	if ("onframe" in source) source.onframe = setFrame;
+	if (data.tightest !== null) source.seek(data.tightest);
+	return viewer;
+}
+
+/** Start the viewer of a page that holds its data: base64 of the gzipped container, in #view. */
+export async function startPage() {
+	const bytes = Uint8Array.from(atob(document.getElementById("view").textContent), (letter) => letter.charCodeAt(0));
+	const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
+	const data = decodeView(await new Response(stream).arrayBuffer());
+	window.viewer = createViewer(document.getElementById("viewer"), data, recordedSource(data));
+}
