@@ -37,6 +37,9 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def _choose_tolerances(where: str) -> dict[str, float]:
     """Return the relative and the absolute tolerance of a value."""
+    if where.endswith("outside_found_mm"):
+        # Of several maxima about as large, round-off decides which one the search finds.
+        return {"rel": 0.02, "abs": 1e-4}
     if not where.startswith(("muscle", "effector")):
         return {"rel": 1e-4, "abs": 1e-4}
     return {"rel": 1e-3 if any(word in where for word in SEARCHED) else 1e-5, "abs": 1e-6}
