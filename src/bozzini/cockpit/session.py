@@ -1,0 +1,374 @@
+"""The session: one state that all windows share, and the clock that shows it to them."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from ..results import Json
+from .drive import Drive, DriveState
+from .wire import (
+    Change,
+    Flags,
+    Message,
+    Play,
+    RigCommand,
+    Seek,
+    Snapshot,
+    StickMove,
+    echo_frame,
+    pack_tissue,
+    stamp_frame,
+)
+
+Floats = NDArray[np.float64]
+
+RATE = 60.0
+"""Ticks of the clock a second [Hz]; a tick without a change sends nothing."""
+LONGEST_SILENCE = 0.4
+"""Time after which a window that holds the stick and says nothing has let go of it [s]."""
+
+
+class Distance(Protocol):
+    """Where a place is to the wall."""
+
+    def signed_distance(self, points: Floats) -> Floats:
+        """Return distances (n,) of points (n, 3) to the wall, negative inside [mm]."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ShownPlan:
+    """A plan as the windows need it.
+
+    Attributes
+    ----------
+    version : int
+        Grows with each plan.
+    view : bytes
+        What the page draws: see `bozzini.scene.view`.
+    joints, clearance : (steps, links + 1, 3), (steps, links) float32
+        Of the body [mm]; clearance is NaN where a link is not in the tract.
+    travel : (steps,) float
+        Way of the head [mm].
+    radius : float
+        Of the scope [mm].
+    wall : Distance, optional
+        The lumen, for the clearance of the bent tip.
+    info : dict
+        What the page shows of it: verdict, reason, sizes, tendons.
+    """
+
+    version: int
+    view: bytes = field(repr=False)
+    joints: NDArray[np.float32] = field(repr=False)
+    clearance: NDArray[np.float32] = field(repr=False)
+    travel: Floats = field(repr=False)
+    radius: float
+    wall: Distance | None = field(default=None, repr=False)
+    info: Json = field(default_factory=dict)
+
+    @property
+    def steps(self) -> int:
+        """How many steps it has."""
+        return len(self.joints)
+
+    @cached_property
+    def frames(self) -> Floats:
+        """Across, up and along the head at each step (steps, 3, 3); turned as little as can be."""
+        ahead = (self.joints[:, 0] - self.joints[:, 1]).astype(np.float64)
+        ahead /= np.linalg.norm(ahead, axis=1, keepdims=True)
+        frames = np.empty((self.steps, 3, 3))
+        up = np.eye(3)[int(np.argmin(np.abs(ahead[0])))]
+        for k, way in enumerate(ahead):
+            up = up - (up @ way) * way
+            up = up / np.linalg.norm(up)
+            frames[k] = np.cross(up, way), up, way
+        return frames
+
+    def place_tip(self, step: int, state: DriveState, length: float) -> tuple[Floats, Floats]:
+        """Return the bent tip (points, 3) [mm] and its camera (3, 3) in the tract.
+
+        The bend of the end-effector is laid over the last `length` mm of the body: straight it is
+        the body itself.
+        """
+        chain = self.joints[step].astype(np.float64)
+        lengths = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(chain, axis=0), axis=1))]
+        along = np.linspace(0.0, length, len(state.backbone))
+        behind = np.minimum(length - along, lengths[-1])
+        straight = np.stack([np.interp(behind, lengths, column) for column in chain.T], axis=1)
+        bend = state.backbone - along[:, None] * np.array([0.0, 0.0, 1.0])
+        frame = self.frames[step]
+        tip = straight + bend @ frame
+        way = state.direction @ frame
+        up = frame[1] - (frame[1] @ way) * way
+        return tip, np.stack([tip[-1], way, up / np.linalg.norm(up)])
+
+    def measure_tip(self, step: int, tip: Floats) -> float:
+        """Return the clearance of the part of the bent tip that is in the tract [mm], or NaN."""
+        inside = int(np.isfinite(self.clearance[step]).sum())
+        if self.wall is None or not inside:
+            return float("nan")
+        link = float(np.linalg.norm(self.joints[step, 0] - self.joints[step, 1]))
+        behind = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(tip[::-1], axis=0), axis=1))][::-1]
+        return float(-np.max(self.wall.signed_distance(tip[behind <= inside * link])) - self.radius)
+
+
+@dataclass(eq=False)
+class Window:
+    """One page that is connected."""
+
+    ready: asyncio.Event = field(default_factory=asyncio.Event)
+    travel: Floats = field(default_factory=lambda: np.zeros(2))
+    heard: float = 0.0
+    echo: float = 0.0
+    shown: int = 0
+    status_shown: int = 0
+    tissue_shown: int = 0
+
+
+class Session:
+    """What is shown and steered, by whichever window.
+
+    Parameters
+    ----------
+    may_arm : bool
+        Whether windows have shown a token: without, no rig is armed.
+    """
+
+    def __init__(self, *, may_arm: bool = False) -> None:
+        self.may_arm = may_arm
+        self.windows: set[Window] = set()
+        self.drive: Drive | None = None
+        self.plan: ShownPlan | None = None
+        self.step, self.place, self.speed, self.is_playing = 0, 0.0, 20.0, False
+        self.holder: Window | None = None
+        self.planning: Json = {"busy": True, "stage": "starting", "message": ""}
+        self.ask_plan: Callable[[Change], None] | None = None
+        self.note = ""
+        self.number, self.status_number, self.tissue_number = 0, 0, 0
+        self.frame, self.tissue = bytearray(), b""
+        self.status: Json = {}
+        self.tip_clearance = float("nan")
+        self._packed = b""
+        self._last_tick = time.monotonic()
+
+    # What windows do.
+
+    def open(self) -> Window:
+        """Return a new window."""
+        window = Window()
+        self.windows.add(window)
+        return window
+
+    def close(self, window: Window) -> None:
+        """Let a window go: its stick is let go with it."""
+        self.windows.discard(window)
+        if self.holder is window:
+            self.holder = None
+
+    def take(self, window: Window, message: Message) -> None:
+        """Do what a window asks for."""
+        window.heard = time.monotonic()
+        if isinstance(message, StickMove):
+            window.travel, window.echo = np.array([message.x, message.y]), message.time
+            self._hold(window)
+        elif isinstance(message, Seek):
+            self.is_playing, window.echo = False, message.time
+            self.go_to(message.step)
+        elif isinstance(message, Play):
+            self.is_playing, self.speed = message.on, message.speed
+            if message.on and self.plan is not None and self._is_at_end:
+                self.go_to(0 if message.speed >= 0.0 else self.plan.steps - 1)
+        elif isinstance(message, RigCommand):
+            self.note = self._command(message.what)
+        elif self.ask_plan is None:
+            self.note = "there is nothing to plan yet"
+        else:
+            self.ask_plan(message)
+
+    def _hold(self, window: Window) -> None:
+        """Let one window at a time hold the stick: the first, until it lets go."""
+        if window.travel.any():
+            self.holder = self.holder or window
+        elif self.holder is window:
+            self.holder = None
+
+    def _command(self, what: str) -> str:
+        """Pass a command on to the rig; return why not."""
+        if self.drive is None:
+            return "the rig is not ready yet"
+        if what == "arm" and not self.may_arm:
+            return "arming needs a token: open the link that the command printed"
+        if what == "arm" and self.holder is not None:
+            return "let go of the stick before the rig is armed"
+        try:
+            self.drive.command(what)
+        except InputError as error:
+            return str(error)
+        return ""
+
+    def go_to(self, step: float) -> None:
+        """Show a step of the plan, the nearest there is."""
+        if self.plan is not None:
+            self.step = int(np.clip(step, 0, self.plan.steps - 1))
+            self.place = float(self.plan.travel[self.step])
+
+    @property
+    def _is_at_end(self) -> bool:
+        plan = self.plan
+        return plan is not None and self.step == (plan.steps - 1 if self.speed >= 0.0 else 0)
+
+    # What is made elsewhere.
+
+    def show(self, plan: ShownPlan) -> None:
+        """Show another plan, with the head as far in as it was."""
+        self.plan = plan
+        self.place = min(self.place, float(plan.travel[-1]))
+        self.step = int(np.clip(np.searchsorted(plan.travel, self.place), 0, plan.steps - 1))
+
+    def show_tissue(self, vertices: Floats) -> None:
+        """Show the wall where it has moved to, its vertices (n, 3) [mm]."""
+        self.tissue, self.tissue_number = pack_tissue(vertices), self.tissue_number + 1
+        self._wake()
+
+    # The clock.
+
+    async def run(self) -> None:
+        """Tick for ever, at absolute times."""
+        loop = asyncio.get_running_loop()
+        due = loop.time()
+        while True:
+            due = max(due + 1.0 / RATE, loop.time() - 1.0 / RATE)
+            await asyncio.sleep(due - loop.time())
+            self.tick(time.monotonic())
+
+    def tick(self, now: float) -> None:
+        """Go on to a time [s], and wake the windows if what they show has changed."""
+        passed, self._last_tick = now - self._last_tick, now
+        self._advance(passed)
+        holder = self.holder
+        if holder is not None and now - holder.heard > LONGEST_SILENCE:
+            holder.travel, self.holder = np.zeros(2), None
+        travel = np.zeros(2) if self.holder is None else self.holder.travel
+        if self.drive is not None:
+            self.drive.hold(travel)
+        packed = self._snap(travel).pack()
+        status = self.describe()
+        if packed != self._packed:
+            self._packed, self.number = packed, self.number + 1
+            self.frame = stamp_frame(packed, self.number, time=now)
+            self._wake()
+        if status != self.status:
+            self.status, self.status_number = status, self.status_number + 1
+            self._wake()
+
+    def _wake(self) -> None:
+        for window in self.windows:
+            window.ready.set()
+
+    def _advance(self, passed: float) -> None:
+        """Let the head go on while it plays."""
+        plan = self.plan
+        if not self.is_playing or plan is None:
+            return
+        last = float(plan.travel[-1])
+        self.place = float(np.clip(self.place + self.speed * passed, 0.0, last))
+        self.step = int(np.clip(np.searchsorted(plan.travel, self.place), 0, plan.steps - 1))
+        if self._is_at_end:
+            self.is_playing = False
+
+    def _snap(self, travel: Floats) -> Snapshot:
+        """Return what is shown now."""
+        drive, plan, empty = self.drive, self.plan, np.zeros((0, 3), dtype=np.float32)
+        state = None if drive is None else drive.state
+        tip, camera = np.zeros((0, 3)), np.zeros((3, 3))
+        self.tip_clearance = float("nan")
+        if plan is not None and drive is not None and state is not None:
+            tip, camera = plan.place_tip(self.step, state, drive.length)
+            self.tip_clearance = plan.measure_tip(self.step, tip)
+        elif plan is not None:
+            frame = plan.frames[self.step]
+            camera = np.stack([plan.joints[self.step, 0], frame[2], frame[1]])
+        pressures, places = np.zeros((2, 0)), np.vstack([travel, np.zeros((3, 2))])
+        if state is not None:
+            pressures = np.stack([state.setpoints, state.measured])
+            places = np.stack([travel, state.target, state.delivered, state.tip])
+        return Snapshot(
+            step=self.step,
+            flags=self._flags(state),
+            windows=len(self.windows),
+            speed=self.speed,
+            joints=empty if plan is None else plan.joints[self.step],
+            clearance=empty[:, 0] if plan is None else plan.clearance[self.step],
+            pressures=pressures,
+            places=places,
+            backbone=tip,
+            camera=camera,
+        )
+
+    def _flags(self, state: DriveState | None) -> Flags:
+        known = {
+            Flags.PLAYING: self.is_playing,
+            Flags.REACHED: state is None or state.reached,
+            Flags.RIG: self.drive is not None and self.drive.has_rig,
+            Flags.ARMED: state is not None and state.name == "ARMED",
+            Flags.FAULT: state is not None and state.name in ("FAULT", "LOST"),
+            Flags.INSIDE: bool(np.isfinite(self.tip_clearance)),
+            Flags.PLANNING: bool(self.planning["busy"]),
+            Flags.PRESSED: self.holder is not None,
+        }
+        flags = Flags.NONE
+        for flag, is_set in known.items():
+            flags |= flag if is_set else Flags.NONE
+        return flags
+
+    def describe(self) -> Json:
+        """Return the status: what the windows show as text."""
+        drive, plan = self.drive, self.plan
+        state = None if drive is None else drive.state
+        clear = self.tip_clearance
+        return {
+            "kind": "status",
+            "rig": None if state is None else state.name,
+            "note": (state.note if state is not None and state.note else self.note),
+            "reason": "" if state is None else state.reason,
+            "reservoir_MPa": None
+            if state is None or not np.isfinite(state.reservoir)
+            else round(state.reservoir, 2),
+            "tip_clearance_mm": round(clear, 2) if np.isfinite(clear) else None,
+            "planning": dict(self.planning),
+            "plan": None if plan is None else {"version": plan.version, **plan.info},
+        }
+
+    def describe_all(self) -> Json:
+        """Return the whole state, for `GET /state`."""
+        state = None if self.drive is None else self.drive.state
+        return {
+            **self.describe(),
+            "step": self.step,
+            "steps": 0 if self.plan is None else self.plan.steps,
+            "playing": self.is_playing,
+            "windows": len(self.windows),
+            "frames": self.number,
+            "stick": [0.0, 0.0] if self.holder is None else self.holder.travel.tolist(),
+            "reached": state is None or state.reached,
+            "setpoints_MPa": None if state is None else state.setpoints.tolist(),
+            "pressures_MPa": None if state is None else state.measured.tolist(),
+            "target_mm": None if state is None else state.target.tolist(),
+            "delivered_mm": None if state is None else state.delivered.tolist(),
+            "tip_mm": None if state is None else state.tip.tolist(),
+        }
+
+    def frame_for(self, window: Window) -> bytes:
+        """Return the newest frame for a window."""
+        window.shown = self.number
+        return echo_frame(self.frame, window.echo)
