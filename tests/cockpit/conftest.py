@@ -30,15 +30,13 @@ def wait_until(is_so: Callable[[], object], limit: float = 10.0) -> None:
         time.sleep(0.005)
 
 
-def make_plan(version: int = 1, *, links: int = LINKS, steps: int = STEPS) -> ShownPlan:
+def make_plan(*, links: int = LINKS, steps: int = STEPS) -> ShownPlan:
     """A straight body of links of 10 mm that goes up by 1 mm a step."""
     heads = np.arange(steps, dtype=np.float64)
     joints = np.zeros((steps, links + 1, 3), dtype=np.float32)
     joints[:, :, 2] = heads[:, None] - 10.0 * np.arange(links + 1)
     clearance = np.where(joints[:, 1:, 2] < 0.0, np.nan, 2.0).astype(np.float32)
-    return ShownPlan(
-        version=version, view=b"view", joints=joints, clearance=clearance, travel=heads, radius=2.0
-    )
+    return ShownPlan(view=b"view", joints=joints, clearance=clearance, travel=heads, radius=2.0)
 
 
 @dataclass

@@ -92,8 +92,8 @@ def test_stick_bends_the_tip_within_the_workspace_and_says_why_not_further(sessi
         np.testing.assert_allclose(state.target, session.drive.scale * np.array([x, y]))
         np.testing.assert_allclose(state.tip, state.delivered, atol=1e-5)
         assert state.reached == np.allclose(state.target, state.delivered)
-        assert bool(session.status["reason"]) == (not state.reached)
-    assert not state.reached and "muscle" in session.status["reason"]
+        assert bool(session.describe()["reason"]) == (not state.reached)
+    assert not state.reached and "muscle" in session.describe()["reason"]
     # The bend is that of the model, laid over the body.
     tip, camera = session.plan.place_tip(session.step, state, session.drive.length)
     frame = session.plan.frames[session.step]
@@ -185,7 +185,7 @@ def test_without_a_rig_nothing_is_armed(session) -> None:
 
 def test_new_plan_keeps_the_head_where_it_was(session) -> None:
     session.go_to(30)
-    session.show(make_plan(2, steps=100))
+    session.show(make_plan(steps=100))
     assert session.step == 30
-    session.show(make_plan(3, steps=10))
+    session.show(make_plan(steps=10))
     assert session.step == 9

@@ -91,10 +91,9 @@ def make_application(session: Session, *, page: str, folders: tuple[Path, ...]) 
         return Response(file.read_bytes(), media_type=KINDS[file.suffix])
 
     async def show_view(request: Request) -> Response:
-        plan = session.plan
-        if plan is None:
-            return Response("there is no plan yet\n", 404, media_type="text/plain")
-        return Response(plan.view, media_type="application/octet-stream")
+        if not session.view:
+            return Response("there is nothing to draw yet\n", 404, media_type="text/plain")
+        return Response(session.view, media_type="application/octet-stream")
 
     async def show_info(request: Request) -> Response:
         return JSONResponse(describe_drive(session))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Protocol
 
@@ -33,6 +33,8 @@ Floats = NDArray[np.float64]
 
 RATE = 60.0
 """Ticks of the clock a second [Hz]; a tick without a change sends nothing."""
+STATUS_TICKS = 6
+"""Ticks from one look at the status, which is text, to the next."""
 LONGEST_SILENCE = 0.4
 """Time after which a window that holds the stick and says nothing has let go of it [s]."""
 
@@ -51,8 +53,6 @@ class ShownPlan:
 
     Attributes
     ----------
-    version : int
-        Grows with each plan.
     view : bytes
         What the page draws: see `bozzini.scene.view`.
     joints, clearance : (steps, links + 1, 3), (steps, links) float32
@@ -62,18 +62,20 @@ class ShownPlan:
     radius : float
         Of the scope [mm].
     wall : Distance, optional
-        The lumen, for the clearance of the bent tip.
+        The lumen, for the clearance of the bent tip; None: that of the plan before.
+    tendons : (steps, n) float
+        Displacements of a robot's tendons [mm].
     info : dict
         What the page shows of it: verdict, reason, sizes, tendons.
     """
 
-    version: int
     view: bytes = field(repr=False)
     joints: NDArray[np.float32] = field(repr=False)
     clearance: NDArray[np.float32] = field(repr=False)
     travel: Floats = field(repr=False)
     radius: float
     wall: Distance | None = field(default=None, repr=False)
+    tendons: Floats = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
     info: Json = field(default_factory=dict)
 
     @property
@@ -149,6 +151,7 @@ class Session:
         self.windows: set[Window] = set()
         self.drive: Drive | None = None
         self.plan: ShownPlan | None = None
+        self.view, self.view_version = b"", 0
         self.step, self.place, self.speed, self.is_playing = 0, 0.0, 20.0, False
         self.holder: Window | None = None
         self.planning: Json = {"busy": True, "stage": "starting", "message": ""}
@@ -158,7 +161,7 @@ class Session:
         self.frame, self.tissue = bytearray(), b""
         self.status: Json = {}
         self.tip_clearance = float("nan")
-        self._packed = b""
+        self._packed, self._ticks = b"", -1
         self._last_tick = time.monotonic()
 
     # What windows do.
@@ -229,9 +232,16 @@ class Session:
 
     # What is made elsewhere.
 
+    def show_scene(self, view: bytes) -> None:
+        """Let the pages draw something else: see `bozzini.scene.view`."""
+        self.view, self.view_version = view, self.view_version + 1
+
     def show(self, plan: ShownPlan) -> None:
         """Show another plan, with the head as far in as it was."""
+        if plan.wall is None and self.plan is not None:
+            plan = replace(plan, wall=self.plan.wall)
         self.plan = plan
+        self.show_scene(plan.view)
         self.place = min(self.place, float(plan.travel[-1]))
         self.step = int(np.clip(np.searchsorted(plan.travel, self.place), 0, plan.steps - 1))
 
@@ -262,12 +272,12 @@ class Session:
         if self.drive is not None:
             self.drive.hold(travel)
         packed = self._snap(travel).pack()
-        status = self.describe()
         if packed != self._packed:
             self._packed, self.number = packed, self.number + 1
             self.frame = stamp_frame(packed, self.number, time=now)
             self._wake()
-        if status != self.status:
+        self._ticks += 1
+        if self._ticks % STATUS_TICKS == 0 and (status := self.describe()) != self.status:
             self.status, self.status_number = status, self.status_number + 1
             self._wake()
 
@@ -345,8 +355,12 @@ class Session:
             if state is None or not np.isfinite(state.reservoir)
             else round(state.reservoir, 2),
             "tip_clearance_mm": round(clear, 2) if np.isfinite(clear) else None,
+            "tendons_mm": None
+            if plan is None or not plan.tendons.size
+            else plan.tendons[self.step].round(2).tolist(),
             "planning": dict(self.planning),
-            "plan": None if plan is None else {"version": plan.version, **plan.info},
+            "view": self.view_version,
+            "plan": None if plan is None else plan.info,
         }
 
     def describe_all(self) -> Json:
@@ -355,6 +369,7 @@ class Session:
         return {
             **self.describe(),
             "step": self.step,
+            "drive": self.drive is not None,
             "steps": 0 if self.plan is None else self.plan.steps,
             "playing": self.is_playing,
             "windows": len(self.windows),
