@@ -1,0 +1,356 @@
+"""From what has a shape to a `View`: plans, tracts, ducts, robots, poses, workspaces."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..anatomy.tract import LabelTract, SurfaceTract
+from ..continuum.kinematics import ContinuumRobot
+from ..continuum.shape import Shape
+from ..continuum.workspace import ContinuumWorkspace, WorkspaceSample, sample_workspace
+from ..duct.base import Duct, SampledField
+from ..effector.effector import Effector
+from ..effector.pose import EffectorPose
+from ..effector.workspace import Workspace
+from ..errors import GeometryError, InputError
+from ..motion.plan import Plan
+from ..motion.scope import Introducer
+from ..plot.plan_data import find_link_length, find_radius, find_refusal, read_centreline
+from ..plot.scope import REST
+from ..plot.style import choose_clearance_scale
+from .scene import TractMesh, prepare_tract
+from .view import (
+    Body,
+    Chart,
+    Cloud,
+    Floats,
+    Mark,
+    Surface,
+    View,
+)
+
+Wall = LabelTract | SurfaceTract | Duct
+Shown = (
+    Plan | Wall | ContinuumRobot | Shape | WorkspaceSample | ContinuumWorkspace | Effector
+    | EffectorPose | Workspace
+)  # fmt: skip
+
+MOST_FACES = 120_000
+"""Faces of a wall that are shown; a finer one is simplified, and the view says so."""
+
+MOST_JOINTS = 1_200_000
+"""Joints of all steps that are kept; of more, steps are left out, and the view says so."""
+
+_GRID_NODES = 96  # of a duct without a grid, along its longest side
+_SIDES = 48
+_INTRODUCER = 60.0  # mm of it that are drawn
+_LINE = "#c99a1e"
+_TIGHT = 3  # tight places that are marked
+_TIPS = 4000
+
+
+def make_view(thing: Shown, wall: Wall | None = None, *, title: str = "") -> View:
+    """Return the view of anything that has a shape.
+
+    Parameters
+    ----------
+    thing : Plan, tract, duct, robot, shape, end-effector, pose or workspace
+    wall : tract or duct, optional
+        What is round it.
+    title : str
+
+    Raises
+    ------
+    InputError
+        If there is no view of it.
+    GeometryError
+        If a duct is planar, or has no inside.
+    """
+    first = view_plan(thing, wall) if isinstance(thing, Plan) else _view_thing(thing)
+    around = [] if wall is None or isinstance(thing, Plan) else [_view_wall(wall)]
+    return join_views([first, *around], title=title)
+
+
+def join_views(views: Sequence[View], *, title: str = "") -> View:
+    """Return one view of several; the first that has axes, a scale or charts gives them."""
+    return View(
+        title=title or views[0].title,
+        surfaces=tuple(item for view in views for item in view.surfaces),
+        bodies=tuple(item for view in views for item in view.bodies),
+        points=tuple(item for view in views for item in view.points),
+        marks=tuple(item for view in views for item in view.marks),
+        charts=next((view.charts for view in views if view.charts), ()),
+        axes=next((view.axes for view in views if view.axes), None),
+        scale=next((view.scale for view in views if view.scale), None),
+        notes=tuple(dict.fromkeys(note for view in views for note in view.notes)),
+    )
+
+
+def _view_thing(thing: Shown) -> View:
+    if isinstance(thing, (LabelTract, SurfaceTract, Duct)):
+        return _view_wall(thing)
+    if isinstance(thing, Shape):
+        return _view_shape(thing)
+    if isinstance(thing, ContinuumRobot):
+        straight = _view_shape(thing.forward(np.zeros(len(thing.tendons))))
+        if not (thing.is_parallel and thing.is_straight):
+            return straight
+        tips = sample_workspace(thing, _TIPS).tips
+        return join_views([straight, _view_tips(tips, f"{_TIPS} places of the tip")])
+    if isinstance(thing, (ContinuumWorkspace, WorkspaceSample)):
+        sample = thing.sample if isinstance(thing, ContinuumWorkspace) else thing
+        return _view_tips(sample.tips, "places of the tip")
+    if isinstance(thing, Workspace):
+        return _view_tips(np.concatenate([thing.tip, thing.boundary_tip]), "places of the tip")
+    if isinstance(thing, Effector):
+        pose = _view_pose(thing.forward(np.zeros(len(thing.models))), radius=thing.design.offset)
+        return join_views([pose, _view_thing(thing.workspace())])
+    if isinstance(thing, EffectorPose):
+        return _view_pose(thing)
+    raise InputError(f"there is no view of a {type(thing).__name__}")
+
+
+def view_plan(plan: Plan, wall: Wall | None = None, *, title: str = "") -> View:
+    """Return the view of a plan: the scope at every step, the way, marks and charts.
+
+    Parameters
+    ----------
+    plan : Plan
+    wall : tract or duct, optional
+        The wall. Without it the widest tube round the centreline that stays inside is shown.
+    title : str
+
+    Raises
+    ------
+    InputError
+        If the plan is planar.
+    """
+    if plan.joints.shape[2] != 3:
+        raise InputError(f"joints has shape {plan.joints.shape}: a view needs (steps, joints, 3)")
+    line = read_centreline(plan)
+    known = plan.head_arc_length[:, None] - find_link_length(plan) * np.arange(plan.links) >= -1e-9
+    clearance = np.where(known & np.isfinite(plan.clearance), plan.clearance, np.nan)
+    least = np.where(np.isnan(clearance), np.inf, clearance).min(axis=1)
+    radius = find_radius(plan) or 0.05 * find_link_length(plan)
+    notes = []
+    count = min(plan.steps, max(2, MOST_JOINTS // plan.joints.shape[1]))
+    steps = np.unique(np.linspace(0, plan.steps - 1, count).astype(np.int64))
+    steps = np.union1d(steps, [int(np.argmin(least))])
+    if len(steps) < plan.steps:
+        notes.append(f"{len(steps)} of {plan.steps} steps are shown, the tightest among them.")
+    surfaces = [] if plan.introducer is None else [_draw_introducer(plan.introducer)]
+    if wall is None:
+        tube = _draw_tube(line.points, line.radius)
+        surfaces.insert(0, Surface(vertices=tube[0], faces=tube[1], name="inscribed tube"))
+        notes.append(
+            "The wall is not known here: shown is a tube round the centreline, as wide as the "
+            "largest ball at each place."
+        )
+    scope = Body(
+        joints=plan.joints[steps],
+        radius=radius,
+        clearance=clearance[steps],
+        insertion=plan.head_arc_length[steps],
+    )
+    way = Body(
+        joints=line.points[None],
+        radius=0.08 * radius,
+        name="centreline" if line.is_centreline else "path of the head",
+        color=_LINE,
+        role="line",
+    )
+    bodies = [scope, way]
+    reached = max(0.0, float(line.to_centreline(plan.head_arc_length).max()))
+    rest = line.points_beyond(reached)
+    if plan.status == "stopped" and len(rest) > 1:
+        bodies.append(
+            Body(
+                joints=rest[None], radius=0.2 * radius, name="not reached", color=REST, role="line"
+            )
+        )
+    charts = (
+        Chart(name="smallest clearance", unit="mm", values=least[steps]),
+        Chart(
+            name="largest joint angle",
+            unit="\N{DEGREE SIGN}",
+            values=np.degrees(measure_angles(plan.joints[steps]).max(axis=1, initial=0.0)),
+            kind="angle",
+        ),
+    )
+    around = [] if wall is None else [_view_wall(wall)]
+    source = plan.input.source if plan.input is not None else None
+    view = View(
+        title=title or f"Insertion plan{f': {source}' if source else ''}",
+        surfaces=tuple(surfaces),
+        bodies=tuple(bodies),
+        marks=_list_marks(plan, clearance, steps),
+        charts=charts,
+        axes=getattr(wall, "frame", None) or "RAS",
+        scale=choose_clearance_scale(clearance),
+        notes=tuple(notes),
+    )
+    return join_views([view, *around])
+
+
+def measure_angles(joints: Floats) -> Floats:
+    """Return the angle at each joint between two links [rad], (..., n, 3) to (..., n - 2)."""
+    links = np.diff(joints, axis=-2)
+    links /= np.maximum(np.linalg.norm(links, axis=-1, keepdims=True), 1e-12)
+    sine = np.linalg.norm(np.cross(links[..., :-1, :], links[..., 1:, :]), axis=-1)
+    cosine = (links[..., :-1, :] * links[..., 1:, :]).sum(axis=-1)
+    return np.asarray(np.arctan2(sine, cosine))
+
+
+def _list_marks(plan: Plan, clearance: Floats, steps: NDArray[np.int64]) -> tuple[Mark, ...]:
+    """Return the ends of the way, the tightest places at these steps, and the refusal."""
+    line = read_centreline(plan)
+    marks = [
+        Mark(place=line.points[0], text="entry", kind="start"),
+        Mark(place=line.points[-1], text="goal", kind="goal"),
+    ]
+    refusal = find_refusal(plan)
+    if refusal is not None:
+        marks.append(Mark(place=line.point_at(refusal.at), text=refusal.text, kind="refused"))
+    # The tightest moments, each a twentieth of the way or more from those before it.
+    open_ = np.where(np.isnan(clearance), np.inf, clearance)[steps]
+    places = 0.5 * (plan.joints[steps, 1:] + plan.joints[steps, :-1])
+    for k in range(_TIGHT):
+        step, link = np.unravel_index(int(np.argmin(open_)), open_.shape)
+        value = float(open_[step, link])
+        if not np.isfinite(value):
+            break
+        word = "tightest" if k == 0 else "tight"
+        sign = "\N{MINUS SIGN}" if value < 0.0 else ""
+        place = places[step, link]
+        text = f"{word}: {sign}{abs(value):.2f} mm"
+        marks.append(Mark(place=place, text=text, kind="tight", step=int(step)))
+        near = np.linalg.norm(places - place, axis=-1) < 0.08 * line.length
+        open_ = np.where(near, np.inf, open_)
+    return tuple(marks)
+
+
+def draw_wall(wall: Wall, *, most_faces: int = MOST_FACES) -> tuple[TractMesh, tuple[str, ...]]:
+    """Return the wall as triangles that turn outwards, and in sentences what is not exact.
+
+    Raises
+    ------
+    GeometryError
+        If a duct is planar, or has no inside.
+    """
+    notes = []
+    if isinstance(wall, SurfaceTract):
+        vertices, faces = wall.vertices, wall.faces
+    elif isinstance(wall, LabelTract):
+        mask = wall.mask.astype(np.float32)
+        vertices, faces = _find_level(-mask, -0.5)
+        vertices = vertices @ wall.affine[:3, :3].T + wall.affine[:3, 3]
+    elif isinstance(wall, SampledField):
+        vertices, faces = _find_level(wall.values, wall.inflation)
+        vertices = wall.to_world(vertices * wall.spacing)
+        grid = " x ".join(f"{size:.3g}" for size in wall.spacing)
+        notes.append(f"The wall is drawn from distances on a grid of {grid} mm.")
+    else:
+        vertices, faces, step = _sample_duct(wall)
+        notes.append(f"The wall is drawn from distances on a grid of {step:.3g} mm.")
+    mesh = prepare_tract((vertices, faces), max_faces=most_faces)
+    if len(faces) > most_faces:
+        notes.append(
+            f"The wall is simplified from {len(faces)} to {len(mesh.faces)} triangles to look at; "
+            "clearances are of the wall itself."
+        )
+    return mesh, tuple(notes)
+
+
+def _view_wall(wall: Wall) -> View:
+    mesh, notes = draw_wall(wall)
+    return View(
+        title=getattr(wall, "source", "") or getattr(wall, "wall", "") or "wall",
+        surfaces=(Surface(vertices=mesh.vertices, faces=mesh.faces),),
+        axes=getattr(wall, "frame", None),
+        notes=notes,
+    )
+
+
+def _find_level(values: NDArray[np.float32], level: float) -> tuple[Floats, NDArray[np.int64]]:
+    """Return the level set of values on a grid, in steps of the grid."""
+    from skimage.measure import marching_cubes
+
+    try:
+        vertices, faces, _, _ = marching_cubes(np.asarray(values), level=level)
+    except ValueError:
+        raise GeometryError("the duct has no inside: no node of its grid lies within") from None
+    return np.asarray(vertices, dtype=np.float64), np.asarray(faces, dtype=np.int64)
+
+
+def _sample_duct(duct: Duct) -> tuple[Floats, NDArray[np.int64], float]:
+    """Return the wall of a duct by distances on a grid of its own, and the step [mm]."""
+    low, high = duct.bounds
+    if len(low) != 3:
+        raise GeometryError("the duct is planar: a view needs one in space")
+    step = float((high - low).max()) / _GRID_NODES
+    sides = [
+        np.arange(a - 2.0 * step, b + 2.0 * step, step) for a, b in zip(low, high, strict=True)
+    ]
+    nodes = np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1)
+    values = duct.signed_distance(nodes.reshape(-1, 3)).reshape(nodes.shape[:3])
+    vertices, faces = _find_level(values.astype(np.float32), 0.0)
+    return vertices * step + nodes[0, 0, 0], faces, step
+
+
+def _draw_introducer(tube: Introducer) -> Surface:
+    ends = tube.entry + np.linspace(0.0, _INTRODUCER, 2)[:, None] * tube.outward
+    vertices, faces = _draw_tube(ends, np.full(2, tube.bore))
+    return Surface(vertices=vertices, faces=faces, name="introducer", color="#8a97a5", opacity=0.35)
+
+
+def _draw_tube(points: Floats, radius: Floats) -> tuple[Floats, NDArray[np.int64]]:
+    """Return rings round a curve (n, 3), joined: open at both ends, outwards."""
+    ways = np.gradient(points, axis=0)
+    ways /= np.maximum(np.linalg.norm(ways, axis=1, keepdims=True), 1e-12)
+    angles = 2.0 * np.pi * np.arange(_SIDES) / _SIDES
+    side = np.eye(3)[np.argmin(np.abs(ways[0]))]
+    rings = np.empty((len(points), _SIDES, 3))
+    for k, way in enumerate(ways):  # carried along, so that the rings do not twist
+        side = side - (side @ way) * way
+        side /= np.linalg.norm(side)
+        across = np.cross(way, side)
+        rings[k] = np.cos(angles)[:, None] * side + np.sin(angles)[:, None] * across
+    rings = points[:, None] + radius[:, None, None] * rings
+    here = _SIDES * np.arange(len(points) - 1)[:, None] + np.arange(_SIDES)
+    after = here + np.where(np.arange(_SIDES) == _SIDES - 1, 1 - _SIDES, 1)
+    first = np.stack([here, after, after + _SIDES], axis=-1).reshape(-1, 3)
+    second = np.stack([here, after + _SIDES, here + _SIDES], axis=-1).reshape(-1, 3)
+    return rings.reshape(-1, 3), np.concatenate([first, second])
+
+
+def _view_shape(shape: Shape) -> View:
+    """Return the backbone of a robot, a step for each shape of a batch, and its tendons."""
+    robot = shape.robot
+    poses = [shape.world_points, *_place_tendons(shape)]
+    chains = [points.reshape(-1, *points.shape[-2:]) for points in poses]
+    body = Body(joints=chains[0], radius=robot.radius, name=robot.name)
+    tendons = [
+        Body(joints=chain, radius=0.06 * robot.radius, name=f"tendon {name}", color=_LINE)
+        for name, chain in zip(robot.tendon_names, chains[1:], strict=True)
+    ]
+    return View(title=f"Robot: {robot.name}", bodies=(body, *tendons))
+
+
+def _place_tendons(shape: Shape) -> list[Floats]:
+    """Return the tendons (..., n, 3) in the world, as the base stands there."""
+    base = shape.robot.base_frame
+    return [points @ base[:3, :3].T + base[:3, 3] for points in shape.tendon_points]
+
+
+def _view_pose(pose: EffectorPose, *, radius: float | None = None) -> View:
+    chain = pose.backbone.reshape(-1, *pose.backbone.shape[-2:])
+    length = float(np.linalg.norm(np.diff(chain[0], axis=0), axis=1).sum())
+    body = Body(joints=chain[:, ::-1], radius=radius or 0.05 * length, name="end-effector")
+    return View(title="End-effector", bodies=(body,))
+
+
+def _view_tips(points: Floats, name: str) -> View:
+    return View(title="Workspace", points=(Cloud(points=points, name=name),))
