@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import base64
 import dataclasses
-import json
+import gzip
+import hashlib
 import re
 from html.parser import HTMLParser
 
@@ -14,7 +15,8 @@ import pytest
 from bozzini.anatomy.tract import Finding
 from bozzini.errors import InputError, OutputError
 from bozzini.report.report import write_report
-from tests.plot.fake_motion import make_field, make_plan, make_stopped, make_summary
+from tests.plot.fake_motion import END, make_field, make_plan, make_stopped, make_summary
+from tests.scene.decode_view import decode_view
 
 VOID = {"meta", "link", "img", "input", "br", "hr"}
 
@@ -28,6 +30,7 @@ class Page(HTMLParser):
         self.tags: list[tuple[str, dict[str, str | None]]] = []
         self.words: list[str] = []
         self.scripts: list[str] = []
+        self.style = ""
         self.feed(text)
         self.close()
         assert not self.open, f"not closed: {self.open}"
@@ -44,7 +47,9 @@ class Page(HTMLParser):
     def handle_data(self, data):
         if self.open and self.open[-1] == "script":
             self.scripts.append(data)
-        elif self.open and self.open[-1] != "style":
+        elif self.open and self.open[-1] == "style":
+            self.style += data
+        elif self.open:
             self.words.append(data)
 
     @property
@@ -52,8 +57,9 @@ class Page(HTMLParser):
         return re.sub(r"\s+", " ", " ".join(self.words))
 
     @property
-    def motion(self):
-        return json.loads(self.scripts[0])
+    def view(self):
+        """What the page shows in 3-D."""
+        return decode_view(gzip.decompress(base64.b64decode(self.scripts[0], validate=True)))
 
 
 def read_report(tmp_path, plan, *, summary=None, findings=(), field=None, comparison=()):
@@ -85,10 +91,21 @@ def test_nothing_is_loaded_from_anywhere(page):
     assert not re.search(r"https?:|fetch\(|import\b|XMLHttpRequest|innerHTML|eval\(", script)
 
 
+def test_the_policy_allows_the_one_script_and_the_one_style_alone(page):
+    metas = [attributes for tag, attributes in page.tags if tag == "meta"]
+    policy = next(meta["content"] for meta in metas if "http-equiv" in meta)
+    assert policy.startswith("default-src 'none'") and "unsafe" not in policy
+    for text in (page.scripts[1], page.style):
+        digest = base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
+        assert f"'sha256-{digest}'" in policy
+    assert len(page.scripts) == 2
+    assert not any("style" in attributes or "onclick" in attributes for _, attributes in page.tags)
+
+
 def test_no_placeholder_is_left_and_every_picture_is_one(page):
     assert "{{" not in page.text
     images = [attributes for tag, attributes in page.tags if tag == "img"]
-    assert len(images) == 4 and all(image["alt"] for image in images)
+    assert len(images) == 2 and all(image["alt"] for image in images)
     for image in images:
         raw = base64.b64decode(image["src"].partition(",")[2], validate=True)
         assert raw.startswith(b"\x89PNG")
@@ -106,23 +123,22 @@ def test_numbers_are_those_of_plan_and_summary(page):
     assert "/data/" not in text.split("Numbers")[0]
 
 
-def test_slider_holds_the_plan(page):
-    plan, motion = make_plan(dent=5.25), page.motion
-    assert motion["count"] == plan.steps and motion["joints"] == plan.links + 1
-    assert motion["insertion"][-1] == 80.0
-    assert min(v for v in motion["smallest"] if v is not None) == -1.25
-    clearance = np.frombuffer(base64.b64decode(motion["clearance"]), "<i2").reshape(41, 10)
+def test_the_view_holds_the_plan(page):
+    plan, view = make_plan(dent=5.25), page.view
+    scope = view["bodies"][0]
+    assert scope["joints"].shape == plan.joints.shape
+    assert scope["insertion"][-1] == 80.0 and scope["radius"] == plan.scope.radius
+    np.testing.assert_allclose(scope["joints"], plan.joints, atol=0.011)
     waiting = ~np.isfinite(plan.clearance)
-    assert (clearance[waiting] == -32768).all()
-    np.testing.assert_allclose(0.01 * clearance[~waiting], plan.clearance[~waiting], atol=0.006)
-    for view in motion["views"]:
-        joints = 0.1 * np.frombuffer(base64.b64decode(view["joints"]), "<i2").reshape(41, 11, 2)
-        length = np.linalg.norm(np.diff(joints, axis=1), axis=-1)
-        np.testing.assert_allclose(length, 8.0, atol=0.15)  # the tract lies in both pictures
-        assert (np.diff(joints[:, 0, 1]) > 0).all()  # and the head goes down in them
-        assert 0 < joints[-1, 0, 1] < view["height"]
-    # The head stands where the tract ends: its round end is one radius and the margin further.
-    assert motion["views"][0]["height"] - joints[-1, 0, 1] == pytest.approx(16.0, abs=3.0)
+    assert np.isnan(scope["clearance"][waiting]).all()
+    np.testing.assert_allclose(scope["clearance"][~waiting], plan.clearance[~waiting], atol=0.006)
+    least = view["charts"][0]["values"]
+    assert min(v for v in least if v is not None) == -1.25
+    # The wall is where the field's distance is 0, and all of the tract is there.
+    wall = next(item for item in view["surfaces"] if item["name"] == "wall")
+    assert np.abs(make_field().signed_distance(wall["vertices"])).max() < 0.3
+    low, high = wall["vertices"].min(axis=0), wall["vertices"].max(axis=0)
+    np.testing.assert_allclose([low[2], high[2]], [END[2] - 6.0, 66.0], atol=0.5)
 
 
 def count(page, tag):
@@ -151,18 +167,18 @@ def test_a_refusal_is_shown_where_it_is_and_in_numbers(tmp_path):
     page = read_report(tmp_path, plan, summary=summary)
     for words in (
         "Refused at this place of the centreline 70.0 mm", "diameter of at most 1.99 mm",
-        "inflated by about 1.1 mm", "Orange dots are the centreline not reached",
+        "inflated by about 1.1 mm", "The orange line is the centreline not reached",
     ):  # fmt: skip
         assert words in page.text
-    assert count(page, "svg") == count(page, "polyline") == 2 and count(page, "path") == 4
-    view = page.motion["views"][0]
-    shapes = [attributes for tag, attributes in page.tags if tag == "polyline"]
-    points = np.array([pair.split(",") for pair in shapes[0]["points"].split()], dtype=float)
-    joints = np.frombuffer(base64.b64decode(view["joints"]), "<i2").reshape(41, 11, 2)
-    # The dots begin at the head's last place and go on for the missing 30 mm.
-    np.testing.assert_allclose(points[0], 0.1 * joints[-1, 0], atol=0.11)
-    assert np.linalg.norm(points[-1] - points[0]) == pytest.approx(30.0, abs=0.1)
-    assert count(read_report(tmp_path, make_plan()), "svg") == 0
+    view = page.view
+    rest = next(body for body in view["bodies"] if body["name"] == "not reached")["joints"][0]
+    # The line begins at the head's last place and goes on for the missing 30 mm.
+    np.testing.assert_allclose(rest[0], view["bodies"][0]["joints"][-1, 0], atol=0.03)
+    assert np.linalg.norm(rest[-1] - rest[0]) == pytest.approx(30.0, abs=0.1)
+    mark = next(mark for mark in view["marks"] if mark["kind"] == "refused")
+    assert np.linalg.norm(np.array(mark["place"]) - rest[-1]) == pytest.approx(10.0, abs=0.1)
+    whole = read_report(tmp_path, make_plan()).view
+    assert len(whole["bodies"]) == 2 and all(m["kind"] != "refused" for m in whole["marks"])
 
 
 @pytest.mark.slow
@@ -230,7 +246,7 @@ def test_extreme_plans_make_a_page(tmp_path, changes):
     plan = make_plan(**changes)
     summary = {k: v for k, v in make_summary(plan).items() if v != np.inf}
     page = read_report(tmp_path, plan, summary=summary)
-    assert page.motion["count"] == plan.steps
+    assert page.view["bodies"][0]["joints"].shape[0] == plan.steps
     assert "Nothing unusual was found" in page.text
 
 
@@ -242,8 +258,8 @@ def test_a_bare_plan_and_summary_are_enough(tmp_path):
 def test_long_plans_stay_small(tmp_path):
     plan = make_plan(steps=5000, links=150, link_length=1.0)
     page = read_report(tmp_path, plan)
-    assert page.motion["count"] <= 301
-    assert (tmp_path / "report.html").stat().st_size < 4_000_000
+    assert page.view["bodies"][0]["joints"].shape == plan.joints.shape  # no step is left out
+    assert (tmp_path / "report.html").stat().st_size < 2_000_000
 
 
 def test_what_does_not_belong_together_is_refused(tmp_path):

@@ -221,7 +221,7 @@ def test_the_page_loads_nothing_and_allows_its_own_script_alone():
     for part in (scripts[0], style[1]):
         digest = base64.b64encode(hashlib.sha256(part.encode()).digest()).decode()
         assert f"'sha256-{digest}'" in policy[1]
-    assert not re.search(r"https?://(?!www\.w3\.org/2000/svg)|fetch\(|innerHTML|eval\(", text)
+    assert not re.search(r"https?:|fetch\(|innerHTML|eval\(", text)
     assert "</title><script>" not in text
 
 

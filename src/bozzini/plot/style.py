@@ -45,8 +45,8 @@ DASHES: tuple[Dash, ...] = ((0, ()), (0, (6, 2)), (0, (2, 1.5)), (0, (6, 2, 1.5,
 Look = dict[str, Any]
 """Keywords of a line for matplotlib."""
 
-STOPS_BELOW = ("#7a0a2e", "#f2453d")
-STOPS_ABOVE = ("#ffe066", "#8fd6a8", "#45b5d9", "#2f7fd0")
+_NEGATIVE = ("#7a0a2e", "#f2453d")
+_POSITIVE = ("#ffe066", "#8fd6a8", "#45b5d9", "#2f7fd0")
 _LUMEN = ((0.0, NIGHT), (0.25, "#223140"), (0.6, "#5d7388"), (1.0, "#cfdae3"))
 
 
@@ -91,8 +91,8 @@ class ClearanceScale:
     def color(self, clearance: ArrayLike) -> NDArray[np.float64]:
         """Return RGB in 0..1 of shape ``(..., 3)`` for clearances [mm]."""
         values = np.asarray(clearance, dtype=np.float64)
-        through = _blend(STOPS_BELOW, np.clip(1.0 - values / self.low, 0.0, 1.0))
-        clear = _blend(STOPS_ABOVE, np.clip(values / self.high, 0.0, 1.0))
+        through = _blend(_NEGATIVE, np.clip(1.0 - values / self.low, 0.0, 1.0))
+        clear = _blend(_POSITIVE, np.clip(values / self.high, 0.0, 1.0))
         return np.where((values < 0.0)[..., None], through, clear)
 
     def build_color_map(self, count: int = 512) -> tuple[Colormap, Normalize]:

@@ -19,37 +19,20 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..io.files import write_text
 from ..motion.plan import Plan, write_record
 from ..plot.fluoroscopy import Projection, render_fluoroscopy
 from ..plot.plan_data import (
-    MotionSample,
-    PlanCentreline,
     PlanClearance,
     Record,
     check_plan,
-    find_radius,
-    find_refusal,
-    place_tightest,
-    read_centreline,
     read_clearance,
-    sample_motion,
     share_centreline,
 )
-from ..plot.scope import MARK, REST, choose_bar_length, find_violations, list_marks
-from ..plot.style import (
-    AMBER,
-    GREEN,
-    RED,
-    ClearanceScale,
-    choose_clearance_scale,
-    color_lumen,
-    list_clearance_colors,
-)
-from ..results import Json
+from ..scene.make_view import view_plan
+from ..scene.page import allow_only, bundle_scripts, pack_view, read_web
 from .text import (
     list_limitations,
     list_rows,
@@ -68,150 +51,7 @@ if TYPE_CHECKING:
     from ..anatomy.tract import Finding
     from ..duct.field import SampledField
 
-# What the report's slider needs: a thinned plan, packed small, and the pictures behind it.
-
-JOINT_STEP = 0.1
-CLEARANCE_STEP = 0.01
-IN_INTRODUCER = -32768
-_PICTURE_PIXELS = 900
-
-
-def encode_picture(picture: Projection) -> str:
-    """Return a projection as a ``data:`` address of a PNG, enlarged smoothly."""
-    from PIL import Image
-
-    zoom = _PICTURE_PIXELS / max(picture.width, picture.height)
-    size = (max(1, round(zoom * picture.width)), max(1, round(zoom * picture.height)))
-    levels = Image.fromarray(np.rint(255.0 * picture.image).astype(np.uint8))
-    indexed = levels.resize(size, Image.Resampling.BICUBIC)
-    colors = np.rint(255.0 * color_lumen(np.linspace(0.0, 1.0, 256))).astype(np.uint8)
-    indexed.putpalette(colors.tobytes())
-    stream = io.BytesIO()
-    indexed.save(stream, format="PNG", compress_level=6)
-    return "data:image/png;base64," + base64.b64encode(stream.getvalue()).decode("ascii")
-
-
-def pack_viewer(
-    sample: MotionSample,
-    pictures: Sequence[Projection],
-    *,
-    places: NDArray[np.float64],
-    scale: ClearanceScale,
-    radius: float,
-) -> Json:
-    """Return a JSON-able object for the report's script.
-
-    `places` is where along the tract each step is tightest [mm]. Joints are given per picture
-    from its upper left corner, right and down, in steps of 0.1 mm; clearances in steps of
-    0.01 mm, with -32768 for links still in the introducer. Both are little-endian 16-bit
-    integers in base64.
-    """
-    views = []
-    for picture in pictures:
-        place = picture.project(sample.joints)
-        corner = np.array([picture.extent[0], picture.extent[3]])
-        views.append(
-            {
-                "width": round(picture.width, 3),
-                "height": round(picture.height, 3),
-                "joints": _pack((place - corner) * [1.0, -1.0] / JOINT_STEP),
-            }
-        )
-    clearance = np.where(sample.in_tract, sample.clearance / CLEARANCE_STEP, IN_INTRODUCER)
-    return {
-        "count": len(sample.steps),
-        "joints": int(sample.joints.shape[1]),
-        "radius": radius,
-        "steps": [int(step) for step in sample.steps],
-        "insertion": [round(float(value), 2) for value in sample.insertion],
-        "smallest": [
-            round(float(value), 3) if np.isfinite(value) else None for value in sample.smallest
-        ],
-        "place": [round(float(value), 1) for value in places],
-        "spots": [find_violations(row) for row in sample.visible],
-        "clearance": _pack(clearance),
-        "views": views,
-        "scale": {
-            "low": scale.low,
-            "high": scale.high,
-            "colors": list_clearance_colors(scale),
-        },
-    }
-
-
-def _pack(values: NDArray[np.float64]) -> str:
-    whole = np.clip(np.rint(values), -32768, 32767).astype("<i2")
-    return base64.b64encode(whole.tobytes()).decode("ascii")
-
-
-# Parts of the report that are drawn: the slider's pictures, contact, methods side by side.
-
-
-def render_panel(picture: Projection, plan: Plan, line: PlanCentreline, summary: Record) -> str:
-    """Return one picture of the slider, with what was not reached, its scale bar and letters."""
-    left, right, bottom, top = picture.labels
-    bar = choose_bar_length(picture.width)
-    return (
-        f'<div class="panel" style="flex:{picture.width:.3f} 1 0">'
-        f'<img src="{encode_picture(picture)}" alt="{picture.axis} view of the lumen">'
-        f'<span class="name">{picture.axis}</span><span class="l">{left}</span>'
-        f'<span class="r">{right}</span><span class="t">{top}</span><span class="b">{bottom}</span>'
-        f'<span class="bar" style="width:{100.0 * bar / picture.width:.2f}%">{bar:g} mm</span>'
-        f"{_render_marks(picture, plan)}{_render_rest(picture, plan, line, summary)}"
-        "<canvas></canvas></div>"
-    )
-
-
-def _render_marks(picture: Projection, plan: Plan) -> str:
-    """Return the ends of the tract as numbered rings, "" where the plan records none."""
-    marks = list_marks(plan)
-    if not marks:
-        return ""
-    corner = np.array([picture.extent[0], picture.extent[3]])
-    size = 0.012 * picture.height
-    parts = [
-        f'<svg viewBox="0 0 {picture.width:.2f} {picture.height:.2f}" fill="none" '
-        f'stroke="{MARK}" stroke-width="{0.25 * size:.2f}" aria-hidden="true">'
-    ]
-    for mark in marks:
-        u, v = (picture.project(mark.point) - corner) * [1.0, -1.0]
-        parts.append(
-            f'<circle cx="{u:.1f}" cy="{v:.1f}" r="{size:.2f}"/><text x="{u + 1.4 * size:.1f}" '
-            f'y="{v + 0.8 * size:.1f}" fill="{MARK}" stroke="none" font-size="{2.4 * size:.1f}">'
-            f"{mark.number}</text>"
-        )
-    return "".join(parts) + "</svg>"
-
-
-def _render_rest(picture: Projection, plan: Plan, line: PlanCentreline, summary: Record) -> str:
-    """Return the centreline that was not reached, and the refusal's place, as an overlay."""
-    if plan.status != "stopped":
-        return ""
-    reached = max(0.0, float(line.to_centreline(plan.head_arc_length).max()))
-    corner = np.array([picture.extent[0], picture.extent[3]])
-    size = 0.018 * picture.height
-    parts = [
-        f'<svg viewBox="0 0 {picture.width:.2f} {picture.height:.2f}" fill="none" '
-        f'stroke="{REST}" stroke-linecap="round" aria-hidden="true">'
-    ]
-    rest = line.points_beyond(reached)
-    if len(rest):
-        place = (picture.project(rest) - corner) * [1.0, -1.0]
-        points = " ".join(f"{u:.1f},{v:.1f}" for u, v in place)
-        parts.append(
-            f'<polyline points="{points}" stroke-width="{0.4 * size:.2f}" '
-            f'stroke-dasharray="0 {1.1 * size:.2f}"/>'
-        )
-    mark = find_refusal(plan, summary)
-    if mark is not None:
-        u, v = (picture.project(line.point_at(mark.at)) - corner) * [1.0, -1.0]
-        cross = (
-            f"M{u - size:.1f} {v - size:.1f}l{2 * size:.1f} {2 * size:.1f}"
-            f"m0 {-2 * size:.1f}l{-2 * size:.1f} {2 * size:.1f}"
-        )
-        parts.append(f'<path d="{cross}" stroke="#05080c" stroke-width="{1.1 * size:.2f}"/>')
-        parts.append(f'<path d="{cross}" stroke-width="{0.6 * size:.2f}"/>')
-    return "".join(parts) + "</svg>"
+# Parts of the report that are drawn: contact, methods side by side.
 
 
 def render_contact(plan: Plan, field: SampledField, known: PlanClearance) -> str:
@@ -269,12 +109,7 @@ def encode_figure(figure: Figure, *, dpi: float) -> str:
     return "data:image/png;base64," + base64.b64encode(stream.getvalue()).decode("ascii")
 
 
-_TONES = {"green": GREEN, "amber": AMBER, "red": RED}
-_VIEWER_JOINTS = 60_000
-_VIEWER_STEPS = 300
-_NOTE_REST = (
-    "Orange dots are the centreline not reached, an orange cross the place that was refused."
-)
+_NOTE_REST = "The orange line is the centreline not reached, a red dot the place that was refused."
 
 
 def write_report(
@@ -319,47 +154,31 @@ def write_report(
     for other in comparison:
         check_plan(other)
         _check_field(other, field)
-    known, line = read_clearance(plan, summary), read_centreline(plan)
+    known = read_clearance(plan, summary)
     error = float(getattr(field, "error", 0.0))
     verdict = judge_plan(plan, summary, error=error)
-    count = int(np.clip(_VIEWER_JOINTS // plan.joints.shape[1], 2, _VIEWER_STEPS))
-    sample = sample_motion(plan, count=count)
-    scale = choose_clearance_scale(sample.visible)
     pictures = [render_fluoroscopy(field, axis=axis) for axis in ("coronal", "sagittal")]
     depths = min(5, plan.steps)
-    motion = pack_viewer(
-        sample,
-        pictures,
-        places=place_tightest(sample, field),
-        scale=scale,
-        radius=find_radius(plan),
-    )
     title = _find_title(plan)
-    colors = list_clearance_colors(scale)
+    view = view_plan(plan, field, title=title)
+    style, script = _read_package_text("report.css") + read_web("view.css"), bundle_scripts()
     page = _fill(
         _read_package_text("report_template.html"),
         {
             "title": escape(title),
-            "tone_color": _TONES[verdict.tone],
+            "policy": allow_only((script,), (style,)),
+            "style": style,
+            "tone": verdict.tone,
             "label": escape(verdict.label),
             "sentence": escape(verdict.sentence),
             "basis": escape(_describe_basis(known, plan, field)),
             "notes": render_notes(verdict.notes),
             "ends": render_ends(plan, summary),
             "cards": render_cards(plan, summary),
-            "panels": "".join(render_panel(picture, plan, line, summary) for picture in pictures),
-            "below": "pushing the wall" if known.soft is not None else "through the wall",
             "below_long": "pushes the wall outwards"
             if known.soft is not None
             else "is through the wall",
             "rest_note": _NOTE_REST if plan.status == "stopped" else "",
-            "panels_shape": f"{sum(p.width for p in pictures) / pictures[0].height:.4f}",
-            "gradient": ",".join(
-                f"{color} {100.0 * k / len(colors):.2f}% {100.0 * (k + 1) / len(colors):.2f}%"
-                for k, color in enumerate(colors)
-            ),
-            "scale_low": f"{scale.low:g} mm".replace("-", "&minus;"),
-            "scale_high": f"{scale.high:g} mm",
             "depths_image": encode_figure(draw_depths(plan, field, depths=depths), dpi=100.0),
             "depths_alt": f"Two views of the scope in the tract at {depths} insertion depths",
             "depths_text": f"{depths} depths up to {plan.inserted:.0f} mm",
@@ -374,8 +193,8 @@ def write_report(
                 f"<li>{escape(text)}</li>" for text in list_limitations(plan, field, summary)
             ),
             "provenance": _render_provenance(plan, summary),
-            "motion": _embed_json(motion),
-            "script": _read_package_text("report_viewer.js"),
+            "view": pack_view(view),
+            "script": script,
         },
     )
     return write_text(path, page)
@@ -463,11 +282,6 @@ def _show(value: object) -> str:
     if isinstance(value, float):
         return f"{value:.6g}"
     return value if isinstance(value, str) else json.dumps(value, default=str, ensure_ascii=False)
-
-
-def _embed_json(value: Json) -> str:
-    """Return JSON that no browser takes for the end of its script element."""
-    return json.dumps(value, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
 
 
 def _fill(template: str, values: Mapping[str, str]) -> str:

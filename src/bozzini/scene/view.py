@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from ..anatomy.frame import check_frame, find_axis
 from ..checks import check_number, check_points, check_word
 from ..errors import InputError
-from ..plot.style import STOPS_ABOVE, STOPS_BELOW, ClearanceScale
+from ..plot.style import ClearanceScale, list_clearance_colors
 from ..results import Json
 
 Floats = NDArray[np.float64]
@@ -251,8 +251,8 @@ def encode_view(view: View) -> bytes:
         "scale": {
             "low": scale.low,
             "high": scale.high,
-            "below": list(STOPS_BELOW),
-            "above": list(STOPS_ABOVE),
+            # 0.05 mm a colour: the break at 0 then lies between two of them.
+            "colors": list_clearance_colors(scale, round(20.0 * (scale.high - scale.low))),
         },
         "notes": list(view.notes),
         "surfaces": [

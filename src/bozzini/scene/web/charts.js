@@ -91,4 +91,4 @@ export function indexUnder(canvas, chart, event) {
 
 /** Css colours for the values of a chart. */
 export const chartColor = (data, kind) =>
-  kind === "clearance" ? (value) => `rgb(${clearanceColor(data.scale, value)})` : () => "#5b9bd5";
+  kind === "clearance" ? (value) => clearanceColor(data.scale, value) : () => "#5b9bd5";

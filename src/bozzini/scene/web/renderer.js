@@ -214,10 +214,10 @@ export function createRenderer(canvas) {
     },
     /** Put a body where its joints are; `clearance` colours its links, else its own colour does. */
     setPose(index, joints, clearance, scale) {
-      const body = bodies[index], plain = parseColor(body.item.color);
+      const body = bodies[index], plain = body.item.color;
       body.links = joints.length / 3 - 1;
       const paint = new Uint8Array(4 * body.links);
-      for (let i = 0; i < body.links; i++) paint.set([...(clearance ? clearanceColor(scale, clearance[i]) : plain), 255], 4 * i);
+      for (let i = 0; i < body.links; i++) paint.set([...parseColor(clearance ? clearanceColor(scale, clearance[i]) : plain), 255], 4 * i);
       for (const [target, values] of [[body.joints, joints], [body.paint, paint]]) {
         gl.bindBuffer(gl.ARRAY_BUFFER, target);
         gl.bufferData(gl.ARRAY_BUFFER, values, gl.DYNAMIC_DRAW);

@@ -77,15 +77,10 @@ export function tipCamera(joints, radius, up) {
 export const smallest = (values) =>
   Array.from(values || []).reduce((a, b) => (Number.isFinite(b) && !(b >= a) ? b : a), NaN);
 
-/** Colour of a clearance [mm] as [red, green, blue] of 255; grey where there is none. */
-export function clearanceColor(scale, value) {
-  if (!Number.isFinite(value)) return [138, 150, 163];
-  const stops = value < 0 ? scale.below : scale.above;
-  const f = Math.min(Math.max(value < 0 ? 1 - value / scale.low : value / scale.high, 0), 1) * (stops.length - 1);
-  const k = Math.min(Math.floor(f), stops.length - 2);
-  const [a, b] = [stops[k], stops[k + 1]].map(parseColor);
-  return a.map((x, i) => Math.round(x + (f - k) * (b[i] - x)));
-}
+/** Colour of a clearance [mm]; grey where there is none. */
+export const clearanceColor = ({ low, high, colors }, value) => Number.isFinite(value)
+  ? colors[Math.min(Math.max(Math.floor(((value - low) / (high - low)) * colors.length), 0), colors.length - 1)]
+  : "#8a96a3";
 
 /** "#rrggbb" as three numbers up to 255. */
 export const parseColor = (text) => [1, 3, 5].map((i) => parseInt(text.slice(i, i + 2), 16));

