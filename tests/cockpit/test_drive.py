@@ -66,7 +66,7 @@ def test_stick_drives_the_rig_once_it_is_armed_and_letting_go_vents(session, rig
     _keep_on(session, is_there)
     state = rig.state
     np.testing.assert_allclose(state.measured, state.setpoints, atol=0.02)
-    np.testing.assert_allclose(state.target, [0.3 * rig.scale, 0.0])
+    np.testing.assert_allclose(state.target, [-0.3 * rig.scale, 0.0], atol=1e-9)
     session.close(window)  # a window that goes away
     _keep_on(session, lambda: rig.state.measured.max() < 0.02)
     assert rig.state.name == "ARMED" and not rig.state.setpoints.any()

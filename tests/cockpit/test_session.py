@@ -89,24 +89,30 @@ def test_stick_bends_the_tip_within_the_workspace_and_says_why_not_further(sessi
         session.take(window, StickMove(x=x, y=y))
         session.tick(window.heard)
         state = session.drive.state
-        np.testing.assert_allclose(state.target, session.drive.scale * np.array([x, y]))
+        np.testing.assert_allclose(state.target, session.drive.scale * np.array([-x, y]))
         np.testing.assert_allclose(state.tip, state.delivered, atol=1e-5)
         assert state.reached == np.allclose(state.target, state.delivered)
         assert bool(session.describe()["reason"]) == (not state.reached)
     assert not state.reached and "muscle" in session.describe()["reason"]
-    # The bend is that of the model, laid over the body.
-    tip, camera = session.plan.place_tip(session.step, state, session.drive.length)
+    # The bend is that of the model, laid over the body; the stick's right is the camera's.
+    body = session.plan.place(session.step, state)
     frame = session.plan.frames[session.step]
-    aside = (tip[-1] - session.plan.joints[session.step, 0]) @ frame.T
-    np.testing.assert_allclose(aside[:2], state.backbone[-1, :2], atol=1e-4)
-    np.testing.assert_allclose(np.linalg.norm(camera[1:], axis=1), 1.0)
+    aside = body.tip[-1] - session.plan.joints[session.step, 0]
+    np.testing.assert_allclose((aside @ frame.T)[:2], state.backbone[-1, :2], atol=1e-4)
+    right = np.cross(frame[2], frame[1])
+    np.testing.assert_allclose([aside @ right > 0.0, aside @ frame[1] > 0.0], [x > 0.0, y > 0.0])
+    np.testing.assert_allclose(np.linalg.norm(body.camera[1:], axis=1), 1.0)
+    np.testing.assert_allclose(body.joints[0], body.tip[-1], atol=1e-6)
+
+
+class Wall:
+    """A straight round tube of 10 mm about the z axis."""
+
+    def signed_distance(self, points):
+        return np.hypot(points[:, 0], points[:, 1]) - 10.0
 
 
 def test_tip_clearance_is_that_of_the_nearest_place(session) -> None:
-    class Wall:
-        def signed_distance(self, points):
-            return np.hypot(points[:, 0], points[:, 1]) - 10.0
-
     plan = make_plan()
     object.__setattr__(plan, "wall", Wall())
     session.show(plan)
@@ -115,10 +121,21 @@ def test_tip_clearance_is_that_of_the_nearest_place(session) -> None:
     assert not np.isfinite(session.tip_clearance)  # the body stands in the introducer
     session.go_to(STEPS - 1)
     session.tick(window.heard)
-    tip, _ = plan.place_tip(session.step, session.drive.state, session.drive.length)
-    most = np.hypot(tip[:, 0], tip[:, 1]).max()
-    assert most == np.hypot(*tip[-1, :2]) > 4.0
-    assert session.tip_clearance == pytest.approx(10.0 - most - plan.radius)
+    body = plan.place(session.step, session.drive.state)
+    away = np.hypot(body.tip[:, 0], body.tip[:, 1])
+    assert away.max() == away[-1] > 4.0
+    assert session.tip_clearance == pytest.approx(10.0 - away.max() - plan.radius)
+    # Links that the bend moves have their own clearance, those in the introducer none.
+    assert body.clearance[0] == pytest.approx(session.tip_clearance)
+    assert (np.diff(body.clearance[:3]) > 0.0).all()
+    np.testing.assert_array_equal(
+        np.isfinite(body.clearance), np.isfinite(plan.clearance[session.step])
+    )
+    session.take(window, StickMove(x=0.0, y=0.0))
+    session.tick(window.heard)
+    body = plan.place(session.step, session.drive.state)
+    np.testing.assert_array_equal(body.clearance, plan.clearance[session.step])
+    np.testing.assert_array_equal(body.joints, plan.joints[session.step])
 
 
 def test_one_window_holds_the_stick_until_it_lets_go(session) -> None:
@@ -189,3 +206,5 @@ def test_new_plan_keeps_the_head_where_it_was(session) -> None:
     assert session.step == 30
     session.show(make_plan(steps=10))
     assert session.step == 9
+    session.show(make_plan(steps=100))
+    assert session.step == 30

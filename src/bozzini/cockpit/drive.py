@@ -21,6 +21,9 @@ Floats = NDArray[np.float64]
 
 PERIOD = 0.01
 """Of the loop that drives the rig [s]."""
+SEEN = np.array([-1.0, 1.0])
+"""The stick's right and up are those of the tip's camera, which looks along the model's +z: there
+the model's +x is left."""
 HOLD_LIMIT = 0.5
 """Without a word of the session for longer than this [s] the stick counts as let go."""
 BACKLOG = 0.05
@@ -42,7 +45,7 @@ class DriveState:
     time : float
         Of the rig's clock [s].
     travel : (2,) float
-        Of the stick, right and up, as a share of the full one.
+        Of the stick, right and up as the tip's camera sees them, as a share of the full one.
     target, delivered, tip : (2,) float
         Lateral place of the tip that the stick asks for, that the set-points give, and that the
         measured pressures give [mm].
@@ -103,15 +106,11 @@ class Drive:
         self.listeners: list[Callable[[DriveState], None]] = []
         self.state = self.find_state(self.solve(self.travel), np.zeros(3))
 
-    @property
-    def length(self) -> float:
-        """From the base to the end of the holder, straight [mm]."""
-        return self.effector.design.backbone_length + self.effector.design.holder_length
-
     def solve(self, travel: Floats) -> EffectorInverse:
         """Return the pressures for a travel of the stick, as `bozzini.rig.Steering` does."""
         unit = Stick()
-        raw = unit.centre + unit.span * np.clip(travel, -1.0, 1.0) * np.array([1.0, -1.0])
+        wanted = SEEN * np.clip(travel, -1.0, 1.0)
+        raw = unit.centre + unit.span * wanted * np.array([1.0, -1.0])  # y of a stick goes down
         return steer(self.effector, raw, stick=unit, scale=self.scale)
 
     def find_state(self, found: EffectorInverse, measured: Floats) -> DriveState:

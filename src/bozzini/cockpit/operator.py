@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..results import Json, Result, list_coordinates, take_axes
-from .drive import Drive, DriveState
+from .drive import SEEN, Drive, DriveState
 from .guard import Access
 
 if TYPE_CHECKING:
@@ -117,7 +117,8 @@ class Drawing(Result):
     @property
     def errors(self) -> Floats:
         """Distances of the tip from where the stick wanted it at that time (n,) [mm]."""
-        return np.linalg.norm(self._stack("tip") - self._stack("target"), axis=-1)
+        away = self._stack("tip") - self._stack("target")
+        return np.asarray(np.linalg.norm(away, axis=-1))
 
     @property
     def off_path(self) -> Floats:
@@ -273,7 +274,7 @@ async def _move(
     drive.listeners.append(keep)
     try:
         while (time := loop.time() - begin) < figure.duration:
-            x, y = figure.place(time) / drive.scale
+            x, y = SEEN * figure.place(time) / drive.scale
             await window.send(json.dumps({"kind": "stick", "x": x, "y": y}))
             if drive.has_rig and drive.state.name != "ARMED":
                 return f"the rig has left ARMED: {drive.state.note or drive.state.name}"

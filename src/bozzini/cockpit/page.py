@@ -14,6 +14,7 @@ PAGE = """<!doctype html>
 <meta charset="utf-8">
 <meta name="viewport" content="width=device-width, initial-scale=1">
 <title>Bozzini cockpit</title>
+<link rel="icon" href="data:,">
 <link rel="stylesheet" href="/web/view.css">
 <link rel="stylesheet" href="/web/cockpit.css">
 </head>

@@ -35,7 +35,9 @@ if TYPE_CHECKING:
     from ..scene.view import View
 
 HEAD_STEP = 0.5
-"""Of the head, in a plan [mm]."""
+"""Of the head, in a plan [mm]; more where the plan would have more than `MOST_JOINTS`."""
+MOST_JOINTS = 1_000_000
+"""Joints of all steps; the view of a plan holds some more."""
 MOST_INFLATION = 10.0
 """By which the wall may be moved outwards in the page [mm]."""
 PATIENCE = 1.0
@@ -127,7 +129,9 @@ class Bench:
             length=self.job.scope.length,
         )
         space = self._find_space(asked, progress)
-        options = PlannerOptions(head_step=min(HEAD_STEP, scope.link_length), advise=False)
+        joints = scope.count_links(space.centreline.length) + 1
+        step = max(HEAD_STEP, space.centreline.length * joints / MOST_JOINTS)
+        options = PlannerOptions(head_step=min(step, scope.link_length), advise=False)
         make = {"scope": scope, "method": "best", "progress": progress}
         plan = plan_insertion(space.duct, space.centreline, options=options, **make)  # type: ignore[arg-type]
         self.asked = asked
@@ -190,6 +194,7 @@ class Bench:
     ) -> ShownPlan:
         """Return a plan as the windows need it."""
         robot = robot or {}
+        plan = replace(plan, centreline=space.centreline)
         moves = robot.pop("moves", np.zeros((plan.steps, 0)))
         inflation = space.duct.inflation
         wall = space.duct if self._sent != inflation else None

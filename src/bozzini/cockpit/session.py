@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
+from ..numeric.polylines import measure_arc_length
 from ..results import Json
 from .drive import Drive, DriveState
 from .wire import (
@@ -35,6 +36,8 @@ RATE = 60.0
 """Ticks of the clock a second [Hz]; a tick without a change sends nothing."""
 STATUS_TICKS = 6
 """Ticks from one look at the status, which is text, to the next."""
+STRAIGHT = 0.01
+"""A bend of less than this is none [mm]: a transducer at rest is never quite at 0."""
 LONGEST_SILENCE = 0.4
 """Time after which a window that holds the stick and says nothing has let go of it [s]."""
 
@@ -96,32 +99,71 @@ class ShownPlan:
             frames[k] = np.cross(up, way), up, way
         return frames
 
-    def place_tip(self, step: int, state: DriveState, length: float) -> tuple[Floats, Floats]:
-        """Return the bent tip (points, 3) [mm] and its camera (3, 3) in the tract.
+    def place(self, step: int, state: DriveState) -> PlacedBody:
+        """Return the body with its tip bent.
 
-        The bend of the end-effector is laid over the last `length` mm of the body: straight it is
-        the body itself.
+        The bend of the end-effector is laid over the end of the body: straight it is the body as
+        planned.
         """
-        chain = self.joints[step].astype(np.float64)
-        lengths = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(chain, axis=0), axis=1))]
-        along = np.linspace(0.0, length, len(state.backbone))
-        behind = np.minimum(length - along, lengths[-1])
-        straight = np.stack([np.interp(behind, lengths, column) for column in chain.T], axis=1)
-        bend = state.backbone - along[:, None] * np.array([0.0, 0.0, 1.0])
-        frame = self.frames[step]
-        tip = straight + bend @ frame
+        chain, frame = self.joints[step].astype(np.float64), self.frames[step]
+        arcs, along = measure_arc_length(chain), measure_arc_length(state.backbone)
+        length = float(along[-1])
+        behind = np.minimum(length - along, arcs[-1])
+        straight = np.stack([np.interp(behind, arcs, column) for column in chain.T], axis=1)
+        aside = (state.backbone - along[:, None] * np.array([0.0, 0.0, 1.0])) @ frame
+        is_bent = bool(np.abs(aside).max() > STRAIGHT)
+        if not is_bent:
+            aside[:] = 0.0
+        tip = straight + aside
+        near = arcs < length
+        for axis in range(3):
+            chain[near, axis] += np.interp(length - arcs[near], along, aside[:, axis])
         way = state.direction @ frame
         up = frame[1] - (frame[1] @ way) * way
-        return tip, np.stack([tip[-1], way, up / np.linalg.norm(up)])
+        camera = np.stack([tip[-1], way, up / np.linalg.norm(up)])
+        clearance, gap = self._measure(step, tip, arcs=arcs, behind=behind, is_bent=is_bent)
+        return PlacedBody(chain, clearance, gap, tip, camera)
 
-    def measure_tip(self, step: int, tip: Floats) -> float:
-        """Return the clearance of the part of the bent tip that is in the tract [mm], or NaN."""
-        inside = int(np.isfinite(self.clearance[step]).sum())
-        if self.wall is None or not inside:
-            return float("nan")
-        link = float(np.linalg.norm(self.joints[step, 0] - self.joints[step, 1]))
-        behind = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(tip[::-1], axis=0), axis=1))][::-1]
-        return float(-np.max(self.wall.signed_distance(tip[behind <= inside * link])) - self.radius)
+    def _measure(
+        self, step: int, tip: Floats, *, arcs: Floats, behind: Floats, is_bent: bool
+    ) -> tuple[NDArray[np.float32], float]:
+        """Return the clearance of the links, and of the bent tip, as far as it is in the tract."""
+        clearance = self.clearance[step]
+        inside = int(np.isfinite(clearance).sum())
+        here = behind <= arcs[inside] + 1e-6
+        if self.wall is None or not inside or not here.any():
+            return clearance, float("nan")
+        gaps = -self.wall.signed_distance(tip) - self.radius
+        if is_bent:
+            clearance = clearance.copy()
+            for link in np.unique(np.searchsorted(arcs, behind[here], side="right") - 1):
+                on_it = (behind >= arcs[link] - 1e-6) & (behind <= arcs[link + 1] + 1e-6)
+                if link < inside:
+                    clearance[link] = gaps[on_it].min()
+        return clearance, float(gaps[here].min())
+
+
+@dataclass(frozen=True, eq=False)
+class PlacedBody:
+    """The body at a step, its tip bent.
+
+    Attributes
+    ----------
+    joints, clearance : (links + 1, 3), (links,) float
+        Clearances of links that the bend moves are those where they are now [mm].
+    gap : float
+        Clearance of the bent tip [mm]; NaN where it is not in the tract.
+    tip : (points, 3) float
+        Of the end-effector, to the end of its holder [mm].
+    camera : (3, 3) float
+        Place, way and up.
+    """
+
+    joints: Floats
+    clearance: NDArray[np.floating]
+    gap: float
+    tip: Floats
+    camera: Floats
 
 
 @dataclass(eq=False)
@@ -237,12 +279,11 @@ class Session:
         self.view, self.view_version = view, self.view_version + 1
 
     def show(self, plan: ShownPlan) -> None:
-        """Show another plan, with the head as far in as it was."""
+        """Show another plan, with the head as far in as it was, or as it can be."""
         if plan.wall is None and self.plan is not None:
             plan = replace(plan, wall=self.plan.wall)
         self.plan = plan
         self.show_scene(plan.view)
-        self.place = min(self.place, float(plan.travel[-1]))
         self.step = int(np.clip(np.searchsorted(plan.travel, self.place), 0, plan.steps - 1))
 
     def show_tissue(self, vertices: Floats) -> None:
@@ -298,16 +339,16 @@ class Session:
 
     def _snap(self, travel: Floats) -> Snapshot:
         """Return what is shown now."""
-        drive, plan, empty = self.drive, self.plan, np.zeros((0, 3), dtype=np.float32)
+        drive, plan, empty = self.drive, self.plan, np.zeros((0, 3))
         state = None if drive is None else drive.state
-        tip, camera = np.zeros((0, 3)), np.zeros((3, 3))
-        self.tip_clearance = float("nan")
-        if plan is not None and drive is not None and state is not None:
-            tip, camera = plan.place_tip(self.step, state, drive.length)
-            self.tip_clearance = plan.measure_tip(self.step, tip)
+        body = PlacedBody(empty, empty[:, 0], float("nan"), empty, np.zeros((3, 3)))
+        if plan is not None and state is not None:
+            body = plan.place(self.step, state)
         elif plan is not None:
-            frame = plan.frames[self.step]
-            camera = np.stack([plan.joints[self.step, 0], frame[2], frame[1]])
+            joints, frame = plan.joints[self.step], plan.frames[self.step]
+            camera = np.stack([joints[0], frame[2], frame[1]])
+            body = PlacedBody(joints, plan.clearance[self.step], float("nan"), empty, camera)
+        self.tip_clearance = body.gap
         pressures, places = np.zeros((2, 0)), np.vstack([travel, np.zeros((3, 2))])
         if state is not None:
             pressures = np.stack([state.setpoints, state.measured])
@@ -317,12 +358,12 @@ class Session:
             flags=self._flags(state),
             windows=len(self.windows),
             speed=self.speed,
-            joints=empty if plan is None else plan.joints[self.step],
-            clearance=empty[:, 0] if plan is None else plan.clearance[self.step],
+            joints=body.joints,
+            clearance=body.clearance,
             pressures=pressures,
             places=places,
-            backbone=tip,
-            camera=camera,
+            backbone=body.tip,
+            camera=body.camera,
         )
 
     def _flags(self, state: DriveState | None) -> Flags:

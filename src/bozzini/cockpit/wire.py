@@ -3,10 +3,11 @@
 A frame is little-endian: eight u32 (`MAGIC`, number of the frame, step, links, points of the
 backbone, muscles, flags, windows), three f64 (time, echo of the last input's time of this window,
 speed), then f32: joints (links + 1, 3), clearance (links; NaN: not in the tract), set-points and
-measured pressures (muscles each), stick, target, delivered and measured place of the tip (2 each),
-backbone (points, 3), camera (place, way and up, 3 each). Moved tissue is another kind of frame:
-`TISSUE`, number of the vertices, then their places as f32 (vertices, 3). Lengths in mm, pressures
-in MPa, times in s, speed in mm/s.
+measured pressures (muscles each), stick, target, delivered and measured place of the tip (2 each,
+the places in the end-effector's frame), backbone (points, 3), camera (place, way and up, 3 each).
+Without links there are no joints. Moved tissue is another kind of frame: `TISSUE`, number of the
+vertices, then their places as f32 (vertices, 3). Lengths in mm, pressures in MPa, times in s, speed
+in mm/s.
 """
 
 from __future__ import annotations
@@ -126,7 +127,7 @@ def pack_tissue(vertices: ArrayLike) -> bytes:
 
 @dataclass(frozen=True, kw_only=True)
 class StickMove:
-    """The stick of a window: right and up are positive, as a share of the full travel."""
+    """The stick of a window: right and up, as the tip's camera sees them; 1 is the full travel."""
 
     x: float = quantity(low=-1.0, high=1.0)
     y: float = quantity(low=-1.0, high=1.0)
