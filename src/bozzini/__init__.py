@@ -18,6 +18,7 @@ if _TYPE_CHECKING:
     from .effector import Effector
     from .errors import BozziniError
     from .motion import Plan, Scope, plan_insertion
+    from .scene import show
 
 __version__ = "0.1.0"
 
@@ -40,6 +41,7 @@ __all__ = [
     "plan_insertion",
     "plot",
     "read_tract",
+    "show",
     "study",
 ]
 
@@ -54,6 +56,7 @@ _PLACES = {
     "make_phantom": "anatomy",
     "plan_insertion": "motion",
     "read_tract": "anatomy",
+    "show": "scene",
 }
 
 # Before Numba is loaded: it reads the variable then. Asking costs less than a millisecond.

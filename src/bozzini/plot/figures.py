@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import os
 import warnings
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from ..checks import check_integer
 from ..errors import InputError
@@ -202,6 +204,47 @@ def draw_overview(
     if path is not None:
         write_figure(figure, path)
     return figure
+
+
+def film_motion(
+    plan: Plan, field: SampledField, *, count: int = 200
+) -> Iterator[NDArray[np.uint8]]:
+    """Give X-ray pictures (720, 1280, 3) of a motion, from its first to its last step.
+
+    Parameters
+    ----------
+    plan : Plan
+    field : SampledField
+        The lumen that the plan was made in.
+    count : int
+        About how many pictures.
+
+    Raises
+    ------
+    InputError
+        If the plan's arrays do not fit each other, or `count` is below 2.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    view = _View(plan, sample_motion(plan, count=count))
+    pictures = [render_fluoroscopy(field, axis=axis) for axis in ("coronal", "sagittal")]
+    per_mm = min(12.4 / sum(p.width for p in pictures), 5.5 / max(p.height for p in pictures))
+    for row, value in enumerate(view.sample.smallest):
+        figure = Figure(figsize=(12.8, 7.2), dpi=100, facecolor=NIGHT)
+        canvas, left = FigureCanvasAgg(figure), 0.15
+        for picture in pictures:
+            wide, tall = per_mm * picture.width, per_mm * picture.height
+            place = _add_axes(figure, left, 1.6 + 0.5 * (5.5 - tall), wide, tall)
+            view.draw(place, picture, row, first=left < 0.2)
+            left += wide + 0.1
+        strip = _add_axes(figure, 1.05, 0.62, 11.4, 0.85)
+        _draw_strip(strip, view.sample, view.scale, [row])
+        words = f"{view.sample.insertion[row]:.0f} mm inserted"
+        if np.isfinite(value):
+            words += f", clearance {value:.2f} mm".replace("-", "\N{MINUS SIGN}")
+        figure.text(0.985, 0.965, words, color="white", fontsize=15, ha="right", va="top")
+        canvas.draw()  # type: ignore[no-untyped-call]
+        yield np.asarray(canvas.buffer_rgba())[..., :3]  # type: ignore[no-untyped-call]
 
 
 def _pick_depths(sample: MotionSample, count: int) -> list[int]:

@@ -1,12 +1,20 @@
-"""The animated scene of a plan: one GLB file."""
+"""What can be turned: a plan as an animated scene (GLB), and pages that show anything in 3-D."""
 
 from __future__ import annotations
 
+from .make_view import make_view
+from .page import Page, render_page, show
 from .scene import SceneInfo, SceneOptions, write_scene
+from .view import View
 
 __all__ = [
+    "Page",
     "SceneInfo",
     "SceneOptions",
+    "View",
+    "make_view",
+    "render_page",
+    "show",
     "write_scene",
 ]
 

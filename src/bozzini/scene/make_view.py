@@ -12,6 +12,7 @@ from ..continuum.kinematics import ContinuumRobot
 from ..continuum.shape import Shape
 from ..continuum.workspace import ContinuumWorkspace, WorkspaceSample, sample_workspace
 from ..duct.base import Duct, SampledField
+from ..duct.field import RefinedField
 from ..effector.effector import Effector
 from ..effector.pose import EffectorPose
 from ..effector.workspace import Workspace
@@ -35,7 +36,7 @@ from .view import (
 Wall = LabelTract | SurfaceTract | Duct
 Shown = (
     Plan | Wall | ContinuumRobot | Shape | WorkspaceSample | ContinuumWorkspace | Effector
-    | EffectorPose | Workspace
+    | EffectorPose | Workspace | Cloud
 )  # fmt: skip
 
 MOST_FACES = 120_000
@@ -57,7 +58,7 @@ def make_view(thing: Shown, wall: Wall | None = None, *, title: str = "") -> Vie
 
     Parameters
     ----------
-    thing : Plan, tract, duct, robot, shape, end-effector, pose or workspace
+    thing : Plan, tract, duct, robot, shape, end-effector, pose, workspace or points
     wall : tract or duct, optional
         What is round it.
     title : str
@@ -110,6 +111,8 @@ def _view_thing(thing: Shown) -> View:
         return join_views([pose, _view_thing(thing.workspace())])
     if isinstance(thing, EffectorPose):
         return _view_pose(thing)
+    if isinstance(thing, Cloud):
+        return View(title=thing.name, points=(thing,))
     raise InputError(f"there is no view of a {type(thing).__name__}")
 
 
@@ -181,6 +184,10 @@ def view_plan(plan: Plan, wall: Wall | None = None, *, title: str = "") -> View:
         ),
     )
     around = [] if wall is None else [_view_wall(wall)]
+    if plan.inflation > 0.0 and getattr(wall, "inflation", 0.0) != plan.inflation:
+        notes.append(
+            f"The plan is for a wall moved outwards by {plan.inflation:g} mm; it is shown as given."
+        )
     source = plan.input.source if plan.input is not None else None
     view = View(
         title=title or f"Insertion plan{f': {source}' if source else ''}",
@@ -241,6 +248,8 @@ def draw_wall(wall: Wall, *, most_faces: int = MOST_FACES) -> tuple[TractMesh, t
         If a duct is planar, or has no inside.
     """
     notes = []
+    if isinstance(wall, RefinedField):
+        wall = wall.coarse
     if isinstance(wall, SurfaceTract):
         vertices, faces = wall.vertices, wall.faces
     elif isinstance(wall, LabelTract):

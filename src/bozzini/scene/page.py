@@ -12,11 +12,15 @@ from __future__ import annotations
 import base64
 import gzip
 import hashlib
+import os
 import re
 from functools import cache
 from html import escape
 from importlib.resources import files
+from pathlib import Path
 
+from ..io.files import write_text
+from .make_view import Shown, Wall, make_view
 from .view import View, encode_view
 
 MODULES = (
@@ -98,3 +102,52 @@ def render_page(view: View, *, title: str = "") -> str:
         data=pack_view(view),
         script=script,
     )
+
+
+class Page:
+    """A page as a notebook shows it: inside the cell, and cut off from the notebook.
+
+    Parameters
+    ----------
+    view : View
+    height : int
+        Of the cell [px].
+    """
+
+    def __init__(self, view: View, *, height: int = 640) -> None:
+        self.view = view
+        self.height = height
+
+    def _repr_html_(self) -> str:
+        return (
+            f'<iframe srcdoc="{escape(render_page(self.view))}" title="{escape(self.view.title)}" '
+            f'sandbox="allow-scripts" width="100%" height="{self.height}" style="border:0">'
+            "</iframe>"
+        )
+
+    def save(self, path: str | os.PathLike[str]) -> Path:
+        """Write the page as one file and return its path.
+
+        Raises
+        ------
+        OutputError
+            If the file cannot be written.
+        """
+        return write_text(path, render_page(self.view))
+
+
+def show(thing: Shown, wall: Wall | None = None) -> Page:
+    """Return a page that shows anything that has a shape; see `make_view`.
+
+    Parameters
+    ----------
+    thing : Plan, tract, duct, robot, shape, end-effector, pose, workspace or points
+    wall : tract or duct, optional
+        What is round it.
+
+    Raises
+    ------
+    InputError
+        If there is no view of it.
+    """
+    return Page(make_view(thing, wall))

@@ -441,6 +441,11 @@ export function createViewer(root, data, source) {
       renderer?.setVertices(index, vertices);
       paint();
     },
+    /** Show a step on a stage without controls, for a picture of it. */
+    film(step) {
+      root.classList.add("film");
+      source.seek(step);
+    },
     /** Tell the users of screen readers. */
     say(text) {
       said.textContent = text;

@@ -1,0 +1,163 @@
+"""``bozzini show``: one page in 3-D for everything that has a shape."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from ..errors import FileFormatError, InputError
+from ..study.options import ReadOptions
+from ._tract_options import list_given, report_findings
+from .common import Answer, answer_options, options_of
+
+if TYPE_CHECKING:
+    from ..motion.plan import Plan
+    from ..scene.make_view import Shown
+    from ..scene.view import View
+
+__all__ = ["command"]
+
+_DATA = (".json", ".yaml", ".yml")
+
+
+@click.command("show")
+@click.argument(
+    "sources", metavar="FILE...", nargs=-1, required=True, type=click.Path(path_type=Path)
+)
+@options_of(ReadOptions, "reading")
+@click.option("--open", "opened", is_flag=True, help="Open the page in the browser.")
+@answer_options(
+    ".html",
+    default="bozzini-view.html",
+    show_default=True,
+    help="The page: one file that needs no network.",
+)
+def command(sources: tuple[Path, ...], reading: ReadOptions, opened: bool, answer: Answer) -> None:
+    """Show plans, tracts, shapes, robots, muscles and points in 3-D, on one page.
+
+    A FILE is a plan (.npz), a label volume or a surface as for 'bozzini plan', shapes, a robot or a
+    muscle (.yaml, .json; a muscle is shown as the three of an end-effector), or points (.csv with
+    x_mm, y_mm and z_mm, as the tips of a workspace). A plan and the file that it was made from are
+    shown together. The page turns, plays, measures, and shows what a camera at the tip sees.
+    """
+    if list_given(reading) and not any(map(_is_tract, sources)):
+        raise InputError("there is no tract among the files: leave out how one is read")
+    with answer.show_progress() as progress:
+        things = []
+        for k, path in enumerate(sources):
+            progress("read", k / len(sources))
+            things.append(read_shown(path, reading))
+        progress("view", 0.0)
+        view = _join(sources, things)
+        from ..io.files import write_text
+        from ..scene.page import render_page
+
+        page = write_text(answer.target, render_page(view))
+    parts = {
+        "surfaces": [item.name for item in view.surfaces],
+        "bodies": [item.name for item in view.bodies],
+        "points": [item.name for item in view.points],
+    }
+    size = page.stat().st_size
+    result = {"file": str(page), "bytes": size, "title": view.title, **parts, "notes": view.notes}
+    answer.give(result, "\n".join([f"{page}: {size / 1e6:.2f} MB", *view.notes]))
+    if opened:
+        import webbrowser
+
+        webbrowser.open(page.absolute().as_uri())
+
+
+def read_shown(path: Path, reading: ReadOptions) -> Shown:
+    """Return what a file holds that can be shown.
+
+    Raises
+    ------
+    FileFormatError
+        If it cannot be read, or holds nothing of that kind.
+    """
+    from ..anatomy.files import check_file
+
+    check_file(path)
+    suffix = path.suffix.lower()
+    if suffix == ".npz":
+        from .routing import read_plan
+
+        return read_plan(path)
+    if suffix in _DATA:
+        return _read_data(path)
+    if suffix == ".csv":
+        from ..scene.view import Cloud
+        from .routing import read_points
+
+        return Cloud(points=read_points(path), name=path.stem)
+    tract = reading.read(path)
+    report_findings(tract.findings)
+    return tract
+
+
+def _read_data(path: Path) -> Shown:
+    """Return the shapes, the robot or the end-effector of a file of plain data."""
+    from ..io.records import load_data
+
+    data = load_data(path)
+    keys = data if isinstance(data, dict) else {}
+    if "shapes" in keys:
+        from ..duct.shape_files import load_shapes
+
+        return load_shapes(path)
+    if "sections" in keys:
+        from ..continuum import ContinuumRobot
+
+        return ContinuumRobot.from_yaml(path)
+    if "muscle" in keys:
+        from ..effector import Effector
+        from ..effector.design import effector_preset
+        from ..muscle import read_muscle
+
+        muscle = read_muscle(path).muscle
+        design = effector_preset("prototype")
+        muscles = tuple(replace(each, muscle=muscle) for each in design.muscles)
+        return Effector(design.replace(muscles=muscles, backbone_length=muscle.length))
+    raise FileFormatError(
+        f"{path} has no 'shapes', 'sections' or 'muscle': it must hold shapes, a robot or a muscle"
+    )
+
+
+def _is_tract(path: Path) -> bool:
+    return path.suffix.lower() not in (".npz", ".csv", *_DATA)
+
+
+def _join(sources: tuple[Path, ...], things: list[Shown]) -> View:
+    """Return the view of all; a plan takes the only wall that there is."""
+    from ..anatomy.tract import LabelTract, SurfaceTract
+    from ..duct.base import Duct
+    from ..motion.plan import Plan
+    from ..scene.make_view import join_views, make_view
+
+    walls = [
+        (path, thing)
+        for path, thing in zip(sources, things, strict=True)
+        if isinstance(thing, (LabelTract, SurfaceTract, Duct))
+    ]
+    plans = [thing for thing in things if isinstance(thing, Plan)]
+    wall = walls[0][1] if plans and len(walls) == 1 else None
+    if wall is not None:
+        _check_origin(plans[0], walls[0][0])
+    views = [
+        make_view(thing, wall if thing is plans[0] else None) if plans else make_view(thing)
+        for thing in things
+        if thing is not wall
+    ]
+    return join_views(views, title=", ".join(path.name for path in sources))
+
+
+def _check_origin(plan: Plan, path: Path) -> None:
+    """Raise `InputError` if a plan states that it was made from another file."""
+    from ..anatomy.read import hash_input
+
+    known = plan.input.sha256 if plan.input is not None else None
+    if known is not None and known != hash_input(path):
+        raise InputError(f"{path} is not the file that the plan was made from")
