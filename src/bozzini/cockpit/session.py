@@ -38,7 +38,7 @@ STATUS_TICKS = 6
 """Ticks from one look at the status, which is text, to the next."""
 STRAIGHT = 0.01
 """A bend of less than this is none [mm]: a transducer at rest is never quite at 0."""
-LONGEST_SILENCE = 0.4
+LONGEST_SILENCE = 0.8
 """Time after which a window that holds the stick and says nothing has let go of it [s]."""
 
 

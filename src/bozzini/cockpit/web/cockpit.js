@@ -33,7 +33,7 @@ document.body.append(banner);
 
 /** What tests read: the viewer, the last frame and status, and the times from input to frame [ms]. */
 const cockpit = (window.cockpit = { viewer: null, frame: null, status: null, delays: [], connections: 0 });
-let socket = null, data = null, shown = 0, fetching = false, drive = null, planning = null, echo = 0, isReady = false;
+let socket = null, data = null, shown = 0, fetching = false, drive = null, planning = null, echo = 0, drawn = "", isReady = false;
 
 function send(message) {
   if (TIMED.includes(message.kind)) message.time = performance.now();
@@ -67,6 +67,7 @@ async function refresh() {
         cockpit.viewer.panel.prepend(planning.element);
         isReady = true;
       }
+      drawn = "";
       if (cockpit.frame) show(cockpit.frame);
       planning.update(cockpit.status);
     }
@@ -78,19 +79,23 @@ async function refresh() {
       drive.tell(cockpit.status);
     }
   } catch (error) {
-    shown = 0; // a later status tries again
-  } finally {
-    fetching = false;
+    console.warn(error);
+    shown = 0;
+    setTimeout(refresh, 1000);
   }
+  fetching = false;
 }
 
 function show(frame) {
   cockpit.frame = frame;
   if (frame.echo && frame.echo !== echo) cockpit.delays.push(performance.now() - (echo = frame.echo));
   drive?.update(frame);
-  // A frame of another plan waits for that plan's data.
-  const { step, joints, clearance, camera, playing } = frame;
-  if (cockpit.viewer && (data.scope?.links || 0) === frame.links) cockpit.viewer.setFrame({ step, joints, clearance, camera, playing });
+  const { step, joints, clearance, camera, playing } = frame, { viewer } = cockpit;
+  // A frame of another plan waits for that plan's data; one in which only pressures change draws nothing.
+  if (!viewer || (data.scope?.links || 0) !== frame.links) return;
+  const pose = [step, playing, joints, Object.values(camera || {})].join();
+  if (pose !== drawn) viewer.setFrame({ step, joints, clearance, camera, playing });
+  drawn = pose;
 }
 
 function hear(status) {

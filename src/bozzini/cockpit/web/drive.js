@@ -45,7 +45,7 @@ export function createDrive(info, send, viewer) {
   const element = make("section", { className: "drive", ariaLabel: "Drive" }, make("h3", {}, "Drive"), make("p", { className: "state" }, state, note),
     ...(info.has_rig ? [make("div", { className: "buttons" }, arm, disarm, clear)] : []), pad, why,
     make("table", {}, make("caption", {}, caption), make("tbody", {}, ...rows.map(({ row }) => row))), gap,
-    make("p", {}, "Drag the pad, hold arrow keys or W A S D on it, or use a gamepad. Letting go is neutral."));
+    make("p", {}, "Drag the pad, hold arrow keys or W A S D on it, or use a gamepad."));
   tip.toggleAttribute("hidden", !info.has_rig);
 
   const keys = new Set();

@@ -2,7 +2,7 @@
 import { make } from "./view_page.js";
 
 const SIZES = [["diameter", "Diameter", 0.1, 500], ["link", "Link", 0.1, 10000], ["inflate", "Inflation", 0, 30]];
-const STAGES = { read: "reading the tract", plan: "planning", certify: "proving", advice: "looking for what would fit", robot: "moving the robot" };
+const STAGES = { plan: "planning", certify: "proving", advice: "looking for what would fit" };
 const FITS = { diameter_max: ["diameter", "Diameter", Math.floor], link_max: ["link", "Link", Math.floor], inflate: ["inflate", "Inflation", Math.ceil] };
 
 /** Make the section; a click on the wall moves the end that was chosen before. */
