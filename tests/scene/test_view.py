@@ -16,6 +16,7 @@ from hypothesis.extra.numpy import arrays
 from bozzini import Effector, anatomy, duct
 from bozzini.continuum import ContinuumRobot, sample_workspace
 from bozzini.errors import GeometryError, InputError
+from bozzini.scene import make_view as views
 from bozzini.scene.make_view import draw_wall, join_views, make_view, measure_angles, view_plan
 from bozzini.scene.page import MODULES, bundle_scripts, read_web, render_page
 from bozzini.scene.view import (
@@ -106,13 +107,18 @@ def test_a_refusal_is_marked_where_it_is():
     mark = next(mark for mark in view.marks if mark.kind == "refused")
     np.testing.assert_allclose(np.linalg.norm(mark.place - START), 70.0)
     rest = view.bodies[-1].joints[0]
+    for surface in view.surfaces:  # the tubes turn outwards, away from the tract's straight middle
+        a, b, c = (surface.vertices[surface.faces[:, k]] for k in range(3))
+        out = (a + b + c) / 3.0 - START
+        out[:, 2] = 0.0
+        assert ((np.cross(b - a, c - a) * out).sum(axis=1) >= -1e-9).all()
     np.testing.assert_allclose(rest[0], plan.joints[-1, 0], atol=0.1)
     np.testing.assert_allclose(rest[-1], END, atol=1e-9)
     assert any("not known" in note for note in view.notes)
 
 
 def test_long_motions_are_thinned_aloud_and_keep_the_tightest(monkeypatch):
-    monkeypatch.setattr("bozzini.scene.make_view.MOST_JOINTS", 11 * 7)
+    monkeypatch.setattr(views, "MOST_JOINTS", 11 * 7)
     plan = make_plan(dent=5.25)
     view = view_plan(plan)
     steps = len(view.bodies[0].joints)

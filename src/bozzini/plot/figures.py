@@ -231,13 +231,14 @@ def film_motion(
     per_mm = min(12.4 / sum(p.width for p in pictures), 5.5 / max(p.height for p in pictures))
     for row, value in enumerate(view.sample.smallest):
         figure = Figure(figsize=(12.8, 7.2), dpi=100, facecolor=NIGHT)
-        canvas, left = FigureCanvasAgg(figure), 0.15
+        canvas = FigureCanvasAgg(figure)
+        left = 6.4 - 0.5 * per_mm * sum(p.width for p in pictures)
         for picture in pictures:
             wide, tall = per_mm * picture.width, per_mm * picture.height
             place = _add_axes(figure, left, 1.6 + 0.5 * (5.5 - tall), wide, tall)
-            view.draw(place, picture, row, first=left < 0.2)
+            view.draw(place, picture, row, first=picture is pictures[0])
             left += wide + 0.1
-        strip = _add_axes(figure, 1.05, 0.62, 11.4, 0.85)
+        strip = _add_axes(figure, 1.25, 0.62, 11.2, 0.9)
         _draw_strip(strip, view.sample, view.scale, [row])
         words = f"{view.sample.insertion[row]:.0f} mm inserted"
         if np.isfinite(value):

@@ -193,6 +193,7 @@ def write_report(
                 f"<li>{escape(text)}</li>" for text in list_limitations(plan, field, summary)
             ),
             "provenance": _render_provenance(plan, summary),
+            "parts": read_web("view.html"),
             "view": pack_view(view),
             "script": script,
         },

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from .make_view import make_view
 from .page import Page, render_page, show
 from .scene import SceneInfo, SceneOptions, write_scene
 from .view import View
@@ -12,7 +11,6 @@ __all__ = [
     "SceneInfo",
     "SceneOptions",
     "View",
-    "make_view",
     "render_page",
     "show",
     "write_scene",

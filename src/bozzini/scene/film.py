@@ -175,7 +175,8 @@ def _open_page(page: Path, browser: str) -> Iterator[Callable[[int], Picture]]:
     from playwright.sync_api import sync_playwright
 
     show = """step => new Promise(done => {
-        viewer.film(step);
+        document.querySelector(".bozzini").classList.add("film");
+        viewer.seek(step);
         requestAnimationFrame(() => requestAnimationFrame(done));
     })"""
     # The sandbox of Chromium does not work for the superuser, in containers above all.

@@ -50,7 +50,7 @@ _SIDES = 48
 _INTRODUCER = 60.0  # mm of it that are drawn
 _LINE = "#c99a1e"
 _TIGHT = 3  # tight places that are marked
-_TIPS = 4000
+_TIPS = 2000
 
 
 def make_view(thing: Shown, wall: Wall | None = None, *, title: str = "") -> View:
@@ -288,7 +288,9 @@ def _find_level(values: NDArray[np.float32], level: float) -> tuple[Floats, NDAr
     from skimage.measure import marching_cubes
 
     try:
-        vertices, faces, _, _ = marching_cubes(np.asarray(values), level=level)
+        vertices, faces, _, _ = marching_cubes(
+            np.asarray(values), level=level, allow_degenerate=False
+        )
     except ValueError:
         raise GeometryError("the duct has no inside: no node of its grid lies within") from None
     return np.asarray(vertices, dtype=np.float64), np.asarray(faces, dtype=np.int64)

@@ -4,7 +4,8 @@ The scripts are ES modules, so that a server can serve each as it is. For one fi
 in the order of `MODULES` each loses its lines ``import … from …;`` (whole statements at the start
 of a line) and the word ``export`` at the start of a line, and all stand in one function. So no two
 modules may use the same name at their top level. Nothing is loaded: the page's policy allows one
-script and one style, by their hashes.
+script and one style, by their hashes. The element that holds the viewer holds the parts of
+``view.html``, which the scripts find by their classes.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ MODULES = (
 
 @cache
 def read_web(name: str) -> str:
-    """Return a script or style of the viewer."""
+    """Return a script, the style or the parts (view.html) of the viewer."""
     return files(__package__).joinpath("web", name).read_text(encoding="utf-8")
 
 
@@ -76,7 +77,8 @@ _PAGE = """<!DOCTYPE html>
 <style>{style}</style>
 </head>
 <body>
-<main id="viewer"><noscript>This page needs JavaScript.</noscript></main>
+<main id="viewer">{parts}</main>
+<noscript>This page needs JavaScript.</noscript>
 <script type="application/octet-stream" id="view">{data}</script>
 <script>{script}</script>
 </body>
@@ -99,6 +101,7 @@ def render_page(view: View, *, title: str = "") -> str:
         policy=allow_only((script,), (style,)),
         title=escape(title or view.title),
         style=style,
+        parts=read_web("view.html"),
         data=pack_view(view),
         script=script,
     )

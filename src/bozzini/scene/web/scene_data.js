@@ -5,55 +5,55 @@ const MAGIC = 0x31565a42;
 
 /** Undo the coding of one array: byte planes, folded signs, differences, steps. */
 function unpack(bytes, item, Type) {
-  const count = item.shape.reduce((a, b) => a * b, 1), row = count / (item.shape[0] || 1);
-  const whole = new Int32Array(count);
-  for (let plane = 0; plane < item.bytes; plane++) {
-    const from = item.at + plane * count;
-    for (let i = 0; i < count; i++) whole[i] |= bytes[from + i] << (8 * plane);
-  }
-  for (let i = 0; i < count; i++) whole[i] = (whole[i] >>> 1) ^ -(whole[i] & 1);
-  for (let k = 0; k < item.order; k++) for (let i = row; i < count; i++) whole[i] += whole[i - row];
-  const values = new Type(count), low = item.low, width = low ? low.length : 1;
-  for (let i = 0; i < count; i++)
-    values[i] = whole[i] === item.none ? NaN : whole[i] * item.step + (low ? low[i % width] : 0);
-  return values;
+	const count = item.shape.reduce((a, b) => a * b, 1), row = count / (item.shape[0] || 1);
+	const whole = new Int32Array(count);
+	for (let plane = 0; plane < item.bytes; plane++) {
+		const from = item.at + plane * count;
+		for (let i = 0; i < count; i++) whole[i] |= bytes[from + i] << (8 * plane);
+	}
+	for (let i = 0; i < count; i++) whole[i] = (whole[i] >>> 1) ^ -(whole[i] & 1);
+	for (let k = 0; k < item.order; k++) for (let i = row; i < count; i++) whole[i] += whole[i - row];
+	const values = new Type(count), low = item.low, width = low ? low.length : 1;
+	for (let i = 0; i < count; i++)
+		values[i] = whole[i] === item.none ? NaN : whole[i] * item.step + (low ? low[i % width] : 0);
+	return values;
 }
 
 /** @param {ArrayBuffer} buffer @returns the header with its arrays in place of their descriptions */
 export function decodeView(buffer) {
-  const [magic, length] = new Uint32Array(buffer, 0, 2);
-  if (magic !== MAGIC) throw new Error("this is no view of Bozzini");
-  const data = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 8, length)));
-  const bytes = new Uint8Array(buffer, 8 + length);
-  for (const item of data.surfaces) {
-    item.vertices = unpack(bytes, item.vertices, Float32Array);
-    item.faces = unpack(bytes, item.faces, Uint32Array);
-  }
-  for (const item of data.bodies) {
-    item.steps = item.joints.shape[0];
-    item.links = item.joints.shape[1] - 1;
-    item.joints = unpack(bytes, item.joints, Float32Array);
-    item.clearance = item.clearance && unpack(bytes, item.clearance, Float32Array);
-  }
-  for (const item of data.clouds) item.points = unpack(bytes, item.points, Float32Array);
-  data.scope = data.bodies.find((item) => item.role === "scope") || null;
-  data.way = data.bodies.find((item) => item.role === "line") || null;
-  data.steps = data.scope ? (data.scope.insertion || []).length || data.scope.steps : 1;
-  const tight = data.marks.find((mark) => mark.kind === "tight");
-  data.tightest = tight ? tight.step : null;
-  return data;
+	const [magic, length] = new Uint32Array(buffer, 0, 2);
+	if (magic !== MAGIC) throw new Error("this is no view of Bozzini");
+	const data = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 8, length)));
+	const bytes = new Uint8Array(buffer, 8 + length);
+	for (const item of data.surfaces) {
+		item.vertices = unpack(bytes, item.vertices, Float32Array);
+		item.faces = unpack(bytes, item.faces, Uint32Array);
+	}
+	for (const item of data.bodies) {
+		item.steps = item.joints.shape[0];
+		item.links = item.joints.shape[1] - 1;
+		item.joints = unpack(bytes, item.joints, Float32Array);
+		item.clearance = item.clearance && unpack(bytes, item.clearance, Float32Array);
+	}
+	for (const item of data.clouds) item.points = unpack(bytes, item.points, Float32Array);
+	for (const item of data.charts) item.values = item.values.map((value) => value ?? NaN);
+	data.scope = data.bodies.find((item) => item.role === "scope");
+	data.way = data.bodies.find((item) => item.role === "line");
+	data.steps = data.scope?.insertion?.length || data.scope?.steps || 1;
+	data.tightest = data.marks.find((mark) => mark.kind === "tight")?.step ?? null;
+	return data;
 }
 
 /** The joints of a body at a step, as a view of its array. */
 export function jointsAt(body, step) {
-  const row = 3 * (body.links + 1), k = Math.min(step, body.steps - 1);
-  return body.joints.subarray(k * row, (k + 1) * row);
+	const row = 3 * (body.links + 1), k = Math.min(step, body.steps - 1);
+	return body.joints.subarray(k * row, (k + 1) * row);
 }
 
 /** The clearances of a body at a step, or null. */
 export function clearanceAt(body, step) {
-  const k = Math.min(step, body.steps - 1);
-  return body.clearance && body.clearance.subarray(k * body.links, (k + 1) * body.links);
+	const k = Math.min(step, body.steps - 1);
+	return body.clearance && body.clearance.subarray(k * body.links, (k + 1) * body.links);
 }
 
 /**
@@ -61,63 +61,59 @@ export function clearanceAt(body, step) {
  * turns, so it depends on the pose alone and does not roll.
  */
 export function tipCamera(joints, radius, up) {
-  const last = joints.length / 3 - 1;
-  const way = (i) => unit(add(pointAt(joints, i), pointAt(joints, i + 1), -1));
-  let ahead = way(last - 1);
-  if (size(cross(ahead, up)) < 0.1) up = [up[1], up[2], up[0]];
-  for (let i = last - 2; i >= 0; i--) {
-    const next = way(i);
-    up = carry(up, ahead, next);
-    ahead = next;
-  }
-  return { place: add(pointAt(joints, 0), ahead, radius), way: ahead, up };
+	const last = joints.length / 3 - 1;
+	const way = (i) => unit(add(pointAt(joints, i), pointAt(joints, i + 1), -1));
+	let ahead = way(last - 1);
+	if (size(cross(ahead, up)) < 0.1) up = [up[1], up[2], up[0]];
+	for (let i = last - 2; i >= 0; i--) {
+		const next = way(i);
+		up = carry(up, ahead, next);
+		ahead = next;
+	}
+	return { place: add(pointAt(joints, 0), ahead, radius), way: ahead, up };
 }
 
 /** The smallest number of an array that may lack some; NaN if there is none. */
 export const smallest = (values) =>
-  Array.from(values || []).reduce((a, b) => (Number.isFinite(b) && !(b >= a) ? b : a), NaN);
+	Array.from(values || []).reduce((a, b) => (Number.isFinite(b) && !(b >= a) ? b : a), NaN);
 
 /** Colour of a clearance [mm]; grey where there is none. */
 export const clearanceColor = ({ low, high, colors }, value) => Number.isFinite(value)
-  ? colors[Math.min(Math.max(Math.floor(((value - low) / (high - low)) * colors.length), 0), colors.length - 1)]
-  : "#8a96a3";
+	? colors[Math.min(Math.max(Math.floor(((value - low) / (high - low)) * colors.length), 0), colors.length - 1)]
+	: "#8a96a3";
 
 /** "#rrggbb" as three numbers up to 255. */
 export const parseColor = (text) => [1, 3, 5].map((i) => parseInt(text.slice(i, i + 2), 16));
 
 /** A source of frames that plays what is in the file: 12 s for the whole at speed 1. */
-export function recordedSource(data) {
-  let at = 0, playing = false, speed = 1, then = 0;
-  const source = {
-    kind: "recorded",
-    onframe: () => {},
-    seek(step) {
-      at = Math.min(Math.max(step, 0), data.steps - 1);
-      const now = Math.round(at), body = data.scope;
-      source.onframe({
-        step: now, playing,
-        joints: body ? jointsAt(body, now) : null,
-        clearance: body ? clearanceAt(body, now) : null,
-      });
-    },
-    play(on, factor = 1) {
-      speed = factor;
-      if (on && !playing) {
-        if (at >= data.steps - 1) at = 0;
-        then = performance.now();
-        requestAnimationFrame(tick);
-      }
-      playing = on;
-      source.seek(at);
-    },
-  };
-  function tick(now) {
-    if (!playing) return;
-    const next = at + (Math.max(0, now - then) * speed * data.steps) / 12000;
-    then = now;
-    if (next >= data.steps - 1) playing = false;
-    source.seek(next);
-    if (playing) requestAnimationFrame(tick);
-  }
-  return source;
+export function recordedSource({ scope, steps }) {
+	let at = 0, playing = false, speed = 1, then = 0;
+	const source = {
+		kind: "recorded",
+		onframe: () => {},
+		seek(step) {
+			at = Math.min(Math.max(step, 0), steps - 1);
+			const now = Math.round(at);
+			source.onframe({ step: now, playing, joints: scope && jointsAt(scope, now), clearance: scope && clearanceAt(scope, now) });
+		},
+		play(on, factor = 1) {
+			speed = factor;
+			if (on && !playing) {
+				if (at >= steps - 1) at = 0;
+				then = performance.now();
+				requestAnimationFrame(tick);
+			}
+			playing = on;
+			source.seek(at);
+		},
+	};
+	function tick(now) {
+		if (!playing) return;
+		const next = at + (Math.max(0, now - then) * speed * steps) / 12000;
+		then = now;
+		playing = next < steps - 1;
+		source.seek(next);
+		if (playing) requestAnimationFrame(tick);
+	}
+	return source;
 }
