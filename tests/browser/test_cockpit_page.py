@@ -20,7 +20,7 @@ from PIL import Image
 
 from bozzini.cockpit.drive import Drive
 from bozzini.cockpit.guard import Access
-from bozzini.cockpit.page import PAGE, WEB
+from bozzini.cockpit.page import WEB, render_cockpit
 from bozzini.cockpit.server import bind, make_server, run_server
 from bozzini.cockpit.session import Session
 from bozzini.effector import Effector
@@ -314,7 +314,9 @@ class Running:
     def start(self) -> None:
         listener = bind("127.0.0.1", self.port)
         self.port = listener.getsockname()[1]
-        self.server = make_server(self.session, Access(port=self.port), page=PAGE, folders=WEB)
+        self.server = make_server(
+            self.session, Access(port=self.port), page=render_cockpit(), folders=WEB
+        )
         ready = threading.Event()
         run = run_server(self.server, listener, session=self.session, when_ready=ready.set)
         self.thread = threading.Thread(target=lambda: asyncio.run(run), daemon=True)

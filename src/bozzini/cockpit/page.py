@@ -1,14 +1,19 @@
-"""The cockpit's page: its frame of HTML, and where its scripts and styles are."""
+"""The cockpit's page: the parts of the viewer's, with the sections that drive and plan."""
 
 from __future__ import annotations
 
+from importlib.resources import files
 from pathlib import Path
 
-HERE = Path(__file__).resolve().parent
-WEB = (HERE.parent / "scene" / "web", HERE / "web")
+from ..scene.page import read_web
+
+WEB = (
+    Path(str(files("bozzini.scene") / "web")),
+    Path(str(files(__package__) / "web")),
+)
 """Folders of scripts and styles: of the viewer, and of the cockpit."""
 
-PAGE = """<!doctype html>
+_PAGE = """<!doctype html>
 <html lang="en">
 <head>
 <meta charset="utf-8">
@@ -19,9 +24,19 @@ PAGE = """<!doctype html>
 <link rel="stylesheet" href="/web/cockpit.css">
 </head>
 <body class="cockpit">
-<div id="viewer"></div>
+<main id="viewer">{parts}</main>
+<p class="waiting" role="status">Connecting…</p>
+<p class="banner" role="alert" hidden>The server does not answer: the stick is let go. Trying
+again…</p>
 <noscript>The cockpit needs JavaScript.</noscript>
 <script type="module" src="/web/cockpit.js"></script>
 </body>
 </html>
 """
+
+
+def render_cockpit() -> str:
+    """Return the page: the cockpit's sections come first in the viewer's panel."""
+    before, panel, after = read_web("view.html").partition('<section class="charts"')
+    sections = (WEB[1] / "cockpit.html").read_text(encoding="utf-8")
+    return _PAGE.format(parts=before + sections + panel + after)

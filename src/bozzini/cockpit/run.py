@@ -127,11 +127,11 @@ class Cockpit:
             raise self.error
 
     async def _serve(self, planning: Planning, announce: Callable[[str], None]) -> None:
-        from .page import PAGE, WEB
+        from .page import WEB, render_cockpit
         from .server import make_server, run_server
 
         self._loop, self._planning = asyncio.get_running_loop(), planning
-        self._server = make_server(self.session, self.access, page=PAGE, folders=WEB)
+        self._server = make_server(self.session, self.access, page=render_cockpit(), folders=WEB)
 
         def begin() -> None:
             announce(self.address)
