@@ -79,6 +79,8 @@ LEGAL: dict[str, tuple[int, str]] = {
     "duct fit": (6, "<tract --pieces 6 --out >.json"),
     "duct show": (6, "<tract or shapes --out >.png"),
     "duct limits": (6, "<tract or shapes --diameter 4mm"),
+    "show": (4, "<tract --out >.html"),
+    "record": (1, "<plan --style x-ray --duration 0.2s --rate 5 --out >.gif"),
     "phantom": (3, "--out >.stl --voxel 3mm"),
     "data list": (1, ""),
     "data fetch": (1, "no-such-data --to >"),

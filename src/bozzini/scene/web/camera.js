@@ -1,5 +1,5 @@
 /** The camera outside: it turns about a target, upright in the patient. */
-import { add, clamp, cross, dot, gap, lookAlong, mix, perspective, scaled, unit } from "./math.js";
+import { add, clamp, cross, dot, gap, lookAlong, perspective, scaled, unit } from "./math.js";
 
 const FOV = 0.6;
 const STEEPEST = Math.PI / 2 - 0.01;
@@ -13,7 +13,7 @@ export function findBox({ surfaces, clouds, bodies }) {
 			if (x < low[i % 3]) low[i % 3] = x;
 			if (x > high[i % 3]) high[i % 3] = x;
 		});
-	return { low, high, middle: mix(low, high, 0.5), size: gap(low, high) || 1 };
+	return { low, high, middle: scaled(add(low, high), 0.5), size: gap(low, high) || 1 };
 }
 
 /** @param {() => void} changed called when the camera has moved */
@@ -32,7 +32,7 @@ export function createCamera(data, changed) {
 			[right, front, top] = (data.patient ? [0, 2, 4] : [1, 3, 4]).map((i) => data.axes[i].way);
 			camera.hand = Math.sign(dot(cross(right, front), top)) || 1;
 		},
-		/** What the renderer needs of the camera, for a picture of this width over height. */
+		/** What the renderer needs, for a picture of this width over height. */
 		look(shape) {
 			const { eye, way } = look(), { size } = camera.box;
 			aspect = shape;
@@ -105,7 +105,7 @@ export function steerCamera(canvas, camera, clicked) {
 		fingers.set(event.pointerId, [event.clientX, event.clientY]);
 		const now = centre(), x = now[0] - before[0], y = now[1] - before[1], side = Math.min(canvas.clientWidth, canvas.clientHeight);
 		moved += Math.abs(x) + Math.abs(y);
-		if (fingers.size > 1 || event.shiftKey || event.buttons & 6) camera.pan(x / side, y / side);
+		if (fingers.size > 1 || event.shiftKey || event.buttons & 4) camera.pan(x / side, y / side);
 		else camera.turn(x * 0.008, y * 0.008);
 		if (before[2] && now[2]) camera.zoom(before[2] / now[2]);
 	};
@@ -113,7 +113,6 @@ export function steerCamera(canvas, camera, clicked) {
 		if (!fingers.delete(event.pointerId) || event.type !== "pointerup" || moved > 4 || fingers.size) return;
 		clicked(event.offsetX / canvas.clientWidth, event.offsetY / canvas.clientHeight);
 	};
-	canvas.oncontextmenu = (event) => event.preventDefault();
 	canvas.onwheel = (event) => {
 		event.preventDefault();
 		camera.zoom(Math.exp(clamp(event.deltaY, -120, 120) * 0.0015));

@@ -1,6 +1,6 @@
 /** Charts on a canvas: values over the steps, and clearance along the body, both for clicking. */
 import { assign, clamp } from "./math.js";
-import { clearanceColor, smallest } from "./scene_data.js";
+import { smallest } from "./scene_data.js";
 
 const LEFT = 38, RIGHT = 8, TOP = 8, BOTTOM = 18;
 
@@ -14,13 +14,12 @@ function placeOf(canvas, { over, bars }, i) {
 }
 
 /**
- * Draw a chart; that of `marked` is framed.
- * @param {{values, over, unit, overUnit, bars, color, high}} chart `over` are the places of the
- *   values; `color(value)` gives css; `bars` draws a bar for each value; `high` is where to end
+ * Draw a chart; beside the bar `marked` the others are pale.
+ * @param {{values, over, overUnit, bars, color, high}} chart values over their places, up to `high`
  * @returns where the i-th value stands, in pixels from the left
  */
 export function drawChart(canvas, chart, marked = -1) {
-	const { values, over, bars, color } = chart, ratio = window.devicePixelRatio || 1;
+	const { values, over, bars, color } = chart, ratio = devicePixelRatio;
 	const width = canvas.clientWidth, height = canvas.clientHeight, n = values.length, x = (i) => placeOf(canvas, chart, i);
 	[canvas.width, canvas.height] = [width * ratio, height * ratio];
 	const ink = canvas.getContext("2d"), style = getComputedStyle(canvas), [line, soft] = ["--line", "--soft"].map((name) => style.getPropertyValue(name));
@@ -40,19 +39,17 @@ export function drawChart(canvas, chart, marked = -1) {
 	write(show(over[0], 0), LEFT, height - 7, "left");
 	write(`${show(over[n - 1], 0)} ${chart.overUnit}`, width - RIGHT, height - 7, "right");
 	for (let i = 0; i < n; i++) {
-		const value = bars ? values[i] : Math.min(values[i], values[i + 1]), wide = Math.max(1, x(1) - x(0) - 0.5);
+		const value = bars ? values[i] : Math.min(values[i], values[i + 1]);
 		if (!Number.isFinite(value)) continue;
 		ink.strokeStyle = ink.fillStyle = color(value);
-		if (bars) ink.fillRect(x(i), Math.min(y(0), y(value)), wide, Math.max(1.5, Math.abs(y(value) - y(0))));
+		ink.globalAlpha = marked < 0 || i === marked ? 1 : 0.3;
+		if (bars) ink.fillRect(x(i), y(value), Math.max(1, x(1) - x(0) - 0.5), y(0) - y(value));
 		else {
 			ink.beginPath();
 			ink.moveTo(x(i), y(values[i]));
 			ink.lineTo(x(i + 1), y(values[i + 1]));
 			ink.stroke();
 		}
-		if (i !== marked) continue;
-		ink.strokeStyle = style.getPropertyValue("--ink");
-		ink.strokeRect(x(i) - 1, TOP - 2, wide + 2, height - TOP - BOTTOM + 3);
 	}
 	return x;
 }
@@ -62,7 +59,3 @@ export function indexUnder(canvas, chart, event) {
 	const gaps = chart.over.map((_, i) => Math.abs(placeOf(canvas, chart, chart.bars ? i + 0.5 : i) - event.offsetX));
 	return gaps.indexOf(Math.min(...gaps));
 }
-
-/** Css colours for the values of a chart. */
-export const chartColor = (data, kind) =>
-	kind === "clearance" ? (value) => clearanceColor(data.scale, value) : () => "#5b9bd5";

@@ -5,7 +5,6 @@ export const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 export const size = (a) => Math.hypot(a[0], a[1], a[2]);
 export const gap = (a, b) => size(add(a, b, -1));
 export const unit = (a) => scaled(a, 1 / (size(a) || 1));
-export const mix = (a, b, f) => add(scaled(a, 1 - f), b, f);
 export const clamp = (value, low, high) => Math.min(Math.max(value, low), high);
 export const cross = (a, b) => [
 	a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0],
@@ -20,13 +19,6 @@ export function assign(made, props) {
 /** The i-th point of a flat array. */
 export const pointAt = (flat, i) => [flat[3 * i], flat[3 * i + 1], flat[3 * i + 2]];
 
-/** Turn `a` by the smallest rotation that takes the unit vector `from` to `to`. */
-export function carry(a, from, to) {
-	const axis = cross(from, to), cosine = dot(from, to);
-	if (cosine < -0.9999) return scaled(a, -1);
-	return add(add(scaled(a, cosine), cross(axis, a)), axis, dot(axis, a) / (1 + cosine));
-}
-
 export function multiply(a, b) {
 	const c = new Float32Array(16);
 	for (let i = 0; i < 16; i++)
@@ -36,9 +28,8 @@ export function multiply(a, b) {
 
 /** Perspective: `fov` is the angle [rad] over the smaller side, so that narrow pages see all. */
 export function perspective(fov, aspect, near, far) {
-	const f = 1 / Math.tan(fov / 2), wide = Math.min(aspect, 1), depth = 1 / (near - far);
-	const x = (f * wide) / aspect;
-	return [x, 0, 0, 0, 0, f * wide, 0, 0, 0, 0, (far + near) * depth, -1, 0, 0, 2 * far * near * depth, 0];
+	const y = Math.min(aspect, 1) / Math.tan(fov / 2), depth = 1 / (near - far);
+	return [y / aspect, 0, 0, 0, 0, y, 0, 0, 0, 0, (far + near) * depth, -1, 0, 0, 2 * far * near * depth, 0];
 }
 
 /** The matrix of a camera at `eye` that looks along `way`; `hand` -1 mirrors, for left-handed worlds. */

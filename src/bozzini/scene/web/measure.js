@@ -1,31 +1,18 @@
 /** Where a ray meets what is shown, and what can be measured there. */
 import { add, clamp, cross, dot, gap, pointAt, scaled, unit } from "./math.js";
 
-/** The nearest triangle of a surface on a ray: {far, place, normal against the ray}, or null. */
-export function pickSurface(surface, ray, clip) {
-	const { vertices: v, faces } = surface, [fx, fy, fz] = ray.from, [wx, wy, wz] = ray.way;
+/** The nearest triangle of a surface on a ray: {far, place, normal outwards}, or null. */
+export function pickSurface({ vertices, faces, normals }, { from, way }, clip) {
 	let best = null;
 	for (let f = 0; f < faces.length; f += 3) {
-		const a = 3 * faces[f], b = 3 * faces[f + 1], c = 3 * faces[f + 2];
-		const ux = v[b] - v[a], uy = v[b + 1] - v[a + 1], uz = v[b + 2] - v[a + 2];
-		const tx = v[c] - v[a], ty = v[c + 1] - v[a + 1], tz = v[c + 2] - v[a + 2];
-		const px = wy * tz - wz * ty, py = wz * tx - wx * tz, pz = wx * ty - wy * tx;
-		const det = ux * px + uy * py + uz * pz;
-		if (Math.abs(det) < 1e-12) continue;
-		const ox = fx - v[a], oy = fy - v[a + 1], oz = fz - v[a + 2];
-		const s = (ox * px + oy * py + oz * pz) / det;
-		if (s < 0 || s > 1) continue;
-		const qx = oy * uz - oz * uy, qy = oz * ux - ox * uz, qz = ox * uy - oy * ux;
-		const t = (wx * qx + wy * qy + wz * qz) / det;
-		if (t < 0 || s + t > 1) continue;
-		const far = (tx * qx + ty * qy + tz * qz) / det;
-		if (far <= 0 || (best && far >= best.far)) continue;
-		const place = add(ray.from, ray.way, far);
-		if (clip && dot(place, clip) > clip[3]) continue;
+		const [i, j, k] = faces.subarray(f, f + 3), a = pointAt(vertices, i), u = add(pointAt(vertices, j), a, -1), v = add(pointAt(vertices, k), a, -1);
+		const across = cross(way, v), det = dot(u, across), o = add(from, a, -1), s = dot(o, across) / det;
+		if (!(s >= 0 && s <= 1)) continue; // as where they are parallel
+		const q = cross(o, u), t = dot(way, q) / det, far = dot(v, q) / det, place = add(from, way, far);
+		if (!(t >= 0 && s + t <= 1 && far > 0) || far >= best?.far || (clip && dot(place, clip) > clip[3])) continue;
 		// The shading's normal, between those of the corners: a triangle's own is rougher.
-		const own = (i) => pointAt(surface.normals, i / 3);
-		const normal = surface.normals ? add(add(scaled(own(a), 1 - s - t), own(b), s), own(c), t) : cross([ux, uy, uz], [tx, ty, tz]);
-		best = { far, place, normal: unit(normal) };
+		const own = (corner, share) => scaled(pointAt(normals, corner), share);
+		best = { far, place, normal: unit(normals ? add(add(own(i, 1 - s - t), own(j, s)), own(k, t)) : cross(u, v)) };
 	}
 	return best;
 }
@@ -46,8 +33,8 @@ export function pickLink(joints, radius, ray) {
 
 /**
  * Radius of the largest ball inside that touches the wall at a place: the least over the vertices q
- * of |q - p|^2 / (2 n (q - p)), with n the normal inwards. Vertices less than 30 degrees above the
- * tangent plane are left out: there the roughness of the triangles would count, not the lumen.
+ * of |q - p|^2 / (2 n (q - p)), n inwards. Within 30 degrees of the tangent plane the roughness of the
+ * triangles would count and not the lumen.
  */
 export function largestBall({ vertices }, p, inwards) {
 	let least = Infinity;

@@ -1,5 +1,5 @@
 /** Draws surfaces, chains of capsules and points by WebGL 2: from outside and from the tip. */
-import { cross, multiply } from "./math.js";
+import { add, cross, multiply, pointAt, unit } from "./math.js";
 import { clearanceColor, parseColor } from "./scene_data.js";
 
 const HEAD = `#version 300 es
@@ -58,20 +58,16 @@ function makeCapsule(sides = 18, rings = 4) {
 }
 
 /** Normals of vertices by the area of their faces, smoothed over neighbours: for shading. */
-export function findNormals(v, faces) {
+function findNormals(vertices, faces) {
 	let normals;
 	for (let pass = 0; pass < 5; pass++) {
-		const next = new Float32Array(v.length);
+		const next = new Float32Array(vertices.length), from = pass ? normals : vertices;
 		for (let f = 0; f < faces.length; f += 3) {
-			const corners = [3 * faces[f], 3 * faces[f + 1], 3 * faces[f + 2]], [a, b, c] = corners;
-			const edge = (i) => [v[i] - v[a], v[i + 1] - v[a + 1], v[i + 2] - v[a + 2]];
-			const n = pass ? [0, 1, 2].map((k) => normals[a + k] + normals[b + k] + normals[c + k]) : cross(edge(b), edge(c));
-			for (const i of corners) for (let k = 0; k < 3; k++) next[i + k] += n[k];
+			const corners = faces.subarray(f, f + 3), a = pointAt(from, corners[0]), b = pointAt(from, corners[1]), c = pointAt(from, corners[2]);
+			const n = pass ? add(add(a, b), c) : cross(add(b, a, -1), add(c, a, -1));
+			for (const i of corners) for (let k = 0; k < 3; k++) next[3 * i + k] += n[k];
 		}
-		for (let i = 0; i < next.length; i += 3) {
-			const s = 1 / (Math.hypot(next[i], next[i + 1], next[i + 2]) || 1);
-			for (let k = 0; k < 3; k++) next[i + k] *= s;
-		}
+		for (let i = 0; i < next.length / 3; i++) next.set(unit(pointAt(next, i)), 3 * i);
 		normals = next;
 	}
 	return normals;
@@ -120,11 +116,16 @@ export function createRenderer(canvas) {
 
 	function addSurface(item) {
 		const made = start(item, item.faces);
-		fill(made.first, item.vertices);
-		feed(0, 3);
-		fill(made.second, (item.normals = findNormals(item.vertices, item.faces)));
+		fillSurface(made);
 		feed(1, 3);
+		gl.bindBuffer(gl.ARRAY_BUFFER, made.first);
+		feed(0, 3);
 		return made;
+	}
+
+	function fillSurface({ item, first, second }) {
+		fill(first, item.vertices);
+		fill(second, (item.normals = findNormals(item.vertices, item.faces)));
 	}
 
 	/** A chain, each link from a joint to the next; or points, each a ball. */
@@ -182,16 +183,9 @@ export function createRenderer(canvas) {
 			fill(body.first, joints);
 			fill(body.second, new Uint8Array(paint));
 		},
-		setVertices(index) {
-			const { item, first, second } = surfaces[index];
-			fill(first, item.vertices);
-			fill(second, (item.normals = findNormals(item.vertices, item.faces)));
-		},
-		/**
-		 * Draw one picture.
-		 * @param view {box: [x, y, width, height] in pixels from below, projection, camera, eye, clip,
-		 *   inside: from the tip, reach: how far its lamp carries [mm], ground: a colour, hand, dark}
-		 */
+		/** Take the vertices of a surface again. */
+		setVertices: (index) => fillSurface(surfaces[index]),
+		/** Draw into `box`, [x, y, width, height] in pixels from below; the lamp carries `reach` mm. */
 		draw(view) {
 			view.matrix = multiply(view.projection, view.camera);
 			gl.viewport(...view.box);

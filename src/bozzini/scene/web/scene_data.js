@@ -1,5 +1,5 @@
 /** Reads the container that `bozzini.scene.view` writes, and plays a recorded motion. */
-import { carry, pointAt, unit, add, cross, size } from "./math.js";
+import { add, dot, pointAt, unit } from "./math.js";
 
 const MAGIC = 0x31565a42;
 
@@ -44,33 +44,26 @@ export function decodeView(buffer) {
 	return data;
 }
 
-/** The joints of a body at a step, as a view of its array. */
-export function jointsAt(body, step) {
-	const row = 3 * (body.links + 1), k = Math.min(step, body.steps - 1);
-	return body.joints.subarray(k * row, (k + 1) * row);
-}
+/** One row of an array that has so many in a row. */
+const rowOf = (values, k, width) => values?.subarray(k * width, (k + 1) * width);
 
-/** The clearances of a body at a step, or null. */
-export function clearanceAt(body, step) {
-	const k = Math.min(step, body.steps - 1);
-	return body.clearance && body.clearance.subarray(k * body.links, (k + 1) * body.links);
-}
+/** The joints of a body at a step, as a view of its array. */
+export const jointsAt = (body, step) => rowOf(body.joints, Math.min(step, body.steps - 1), 3 * (body.links + 1));
+
+/** The clearances of a body at a step, if it has any. */
+export const clearanceAt = (body, step) => rowOf(body.clearance, Math.min(step, body.steps - 1), body.links);
 
 /**
- * The camera at the head of a chain. Its upright is carried along the body from the tail by smallest
- * turns, so it depends on the pose alone and does not roll.
+ * The camera at the head. Its upright is carried along the body from the tail: it does not roll.
  */
 export function tipCamera(joints, radius, up) {
-	const last = joints.length / 3 - 1;
-	const way = (i) => unit(add(pointAt(joints, i), pointAt(joints, i + 1), -1));
-	let ahead = way(last - 1);
-	if (size(cross(ahead, up)) < 0.1) up = [up[1], up[2], up[0]];
-	for (let i = last - 2; i >= 0; i--) {
-		const next = way(i);
-		up = carry(up, ahead, next);
-		ahead = next;
+	let way;
+	for (let i = joints.length / 3 - 2; i >= 0; i--) {
+		way = unit(add(pointAt(joints, i), pointAt(joints, i + 1), -1));
+		if (Math.abs(dot(up, way)) > 0.99) up = [way[1], way[2], way[0]];
+		up = unit(add(up, way, -dot(up, way)));
 	}
-	return { place: add(pointAt(joints, 0), ahead, radius), way: ahead, up };
+	return { place: add(pointAt(joints, 0), way, radius), way, up };
 }
 
 /** The smallest number of an array that may lack some; NaN if there is none. */
@@ -90,7 +83,7 @@ export function recordedSource({ scope, steps }) {
 	let at = 0, playing = false, speed = 1, then = 0;
 	const source = {
 		kind: "recorded",
-		onframe: () => {},
+		onframe() {},
 		seek(step) {
 			at = Math.min(Math.max(step, 0), steps - 1);
 			const now = Math.round(at);

@@ -1,9 +1,9 @@
 /** The page round the pictures: controls, charts, measuring, keyboard and words for screen readers. */
 import { assign, clamp, dot, gap, lookAlong, multiply, perspective, place, scaled } from "./math.js";
-import { clearanceAt, decodeView, jointsAt, recordedSource, smallest, tipCamera } from "./scene_data.js";
+import { clearanceAt, clearanceColor, decodeView, jointsAt, recordedSource, smallest, tipCamera } from "./scene_data.js";
 import { createRenderer } from "./renderer.js";
 import { createCamera, steerCamera } from "./camera.js";
-import { chartColor, drawChart, indexUnder, show } from "./charts.js";
+import { drawChart, indexUnder, show } from "./charts.js";
 import { arcLengthAt, largestBall, pickLink, pickSurface } from "./measure.js";
 
 const NAMES = { R: "right", L: "left", A: "front", P: "back", S: "head", I: "feet" };
@@ -34,7 +34,7 @@ const button = (text, title, onclick, kind = "") => make(`button.${kind}`, { typ
  */
 export function createViewer(root, data, source) {
 	let frame = { step: 0, joints: null, clearance: null }, inside = false, measuring = false, playing = false, planned = false;
-	let section = null, clip = null, picks = [], cross = false, lit = -1, series = [], along = null;
+	let section = null, clip = null, picks = [], lit = -1, series = [], along = null;
 
 	const parts = {};
 	for (const item of root.querySelectorAll("[class]")) parts[item.classList[0]] = item;
@@ -43,10 +43,8 @@ export function createViewer(root, data, source) {
 	root.classList.add("bozzini");
 
 	const renderer = createRenderer(canvas), camera = createCamera(data, () => paint());
-	const night = matchMedia("(prefers-color-scheme: dark)");
-	const isDark = () => (root.dataset.theme || (night.matches ? "dark" : "light")) === "dark";
+	const night = matchMedia("(prefers-color-scheme: dark)"), isDark = () => (root.dataset.theme || (night.matches && "dark")) === "dark";
 	const say = (text) => (said.textContent = text);
-
 	const fail = (text) => assign(trouble, { textContent: text, hidden: !text });
 
 	// Pictures.
@@ -66,20 +64,20 @@ export function createViewer(root, data, source) {
 	}
 
 	function outsideView(box, ground) {
-		return { ...camera.look(box[2] / box[3]), box, clip, ground, dark: isDark() };
+		return { ...camera.look(box[2] / box[3]), box, clip, ground, dark: ground || isDark() };
 	}
 
 	function draw() {
 		planned = false;
 		viewer.paints++;
-		const ratio = Math.min(window.devicePixelRatio || 1, 2), pixels = (...all) => all.map((v) => Math.round(v * ratio));
+		const ratio = Math.min(devicePixelRatio, 2), pixels = (...all) => all.map((v) => Math.round(v * ratio));
 		const all = canvas.getBoundingClientRect(), box = inset.getBoundingClientRect(), [w, h] = pixels(all.width, all.height);
 		if (!w || !h) return;
 		if (canvas.width !== w || canvas.height !== h) [canvas.width, canvas.height] = [w, h];
 		const full = [0, 0, w, h], small = pixels(box.left - all.left, all.bottom - box.bottom, box.width, box.height);
 		if (renderer && !renderer.gl.isContextLost()) {
 			renderer.draw((inside && tipView(full)) || outsideView(full));
-			const view = !inset.hidden && (inside ? outsideView(small, isDark() ? [0.06, 0.09, 0.13, 1] : [0.97, 0.98, 0.99, 1]) : tipView(small));
+			const view = !inset.hidden && (inside ? outsideView(small, [0.04, 0.07, 0.1, 1]) : tipView(small));
 			if (view) renderer.draw(view);
 		}
 		overlay.setAttribute("viewBox", `0 0 ${all.width} ${all.height}`);
@@ -99,7 +97,6 @@ export function createViewer(root, data, source) {
 		const ends = picks.map((pick) => spot(pick.place));
 		if (ends[1]) items.push(draft("path", { d: `M${ends.join("L")}`, class: "ruler" }));
 		picks.forEach((pick, i) => label(pick.place, "AB"[i], "pick"));
-		if (cross) items.push(draft("path", { d: `M${w / 2 - 12} ${h / 2}h24m-12 -12v24`, class: "cross" }));
 		return items.concat(data.axes
 			.map(({ letter, way }) => [letter, ...[0, 1, 2].map((i) => dot([m[i], m[4 + i], m[8 + i]], way))])
 			.sort((one, other) => one[3] - other[3])
@@ -161,7 +158,7 @@ export function createViewer(root, data, source) {
 		if (inset.hidden) return;
 		inside = on;
 		root.classList.toggle("inside", on);
-		say(on ? "From the tip, by its lamp." : "From outside.");
+		say(on ? "From the tip." : "From outside.");
 		paint();
 	}
 
@@ -169,51 +166,45 @@ export function createViewer(root, data, source) {
 		section = index;
 		planes.value = index ?? "";
 		depth.disabled = index === null;
-		if (index === null) clip = null;
-		else {
-			const { way } = data.axes[index], [from, to] = [camera.box.low, camera.box.high].map((p) => dot(p, way)).sort((a, b) => a - b);
-			clip = [...way, from + Number(depth.value) * (to - from)];
-		}
+		const { way } = data.axes[index ?? 0], [from, to] = [camera.box.low, camera.box.high].map((p) => dot(p, way)).sort((a, b) => a - b);
+		clip = index === null ? null : [...way, from + Number(depth.value) * (to - from)];
 		paint();
 	}
 
 	// Measuring.
 	function setMeasuring(on) {
 		measuring = on;
-		cross = false;
 		picks = [];
 		measure.ariaPressed = on;
 		canvas.classList.toggle("measuring", on);
 		showMeasured();
-		if (on) say("Click the wall, or turn it under the cross and press Enter.");
 		paint();
 	}
 
 	function click(x, y) {
 		if (inside) return;
-		const ray = camera.ray(x, y), hits = data.surfaces.map((item, surface) => !item.hidden && { ...pickSurface(item, ray, clip), surface });
+		const ray = camera.ray(x, y), hits = data.surfaces.map((item, surface) => ({ ...(!item.hidden && pickSurface(item, ray, clip)), surface }));
 		const wall = hits.filter((hit) => hit.place).sort((a, b) => a.far - b.far)[0];
-		if (measuring) {
-			if (!wall) return;
+		if (!measuring) {
+			const hit = frame.joints && pickLink(frame.joints, data.scope.radius, ray);
+			if (!hit && wall && viewer.onpick) viewer.onpick(wall);
+			else lightLink(hit ? hit.link : -1);
+		} else if (wall) {
 			wall.radius = largestBall(data.surfaces[wall.surface], wall.place, scaled(wall.normal, -1));
 			wall.arc = data.way ? arcLengthAt(data.way.joints, wall.place) : NaN;
-			picks = picks.length === 2 ? [wall] : [...picks, wall];
+			picks = [...picks, wall].slice(picks.length === 2 ? 2 : 0);
 			showMeasured();
 			paint();
-			return;
 		}
-		const hit = frame.joints && pickLink(frame.joints, data.scope.radius, ray);
-		if (!hit && wall && viewer.onpick) viewer.onpick(wall);
-		else lightLink(hit ? hit.link : -1);
 	}
 
 	function showMeasured() {
 		const [a, b] = picks, rows = picks.flatMap((pick, i) => [[`Radius at ${"AB"[i]}`, pick.radius], [`Arc length of ${"AB"[i]}`, pick.arc]]);
 		if (b) rows.push(["Distance A to B", gap(a.place, b.place)], ["Arc length A to B", Math.abs(b.arc - a.arc)]);
-		const known = rows.filter((row) => Number.isFinite(row[1])).map(([name, value]) => [name, `${show(value, 2)} mm`]);
-		hint.hidden = !measuring || known.length > 0;
-		measured.replaceChildren(...known.flatMap(([name, value]) => [make("dt", {}, name), make("dd", {}, value)]));
-		if (known.length) say(known.flat().join(" "));
+		const cells = rows.filter((row) => Number.isFinite(row[1])).flatMap(([name, value]) => [make("dt", {}, name), make("dd", {}, `${show(value, 2)} mm`)]);
+		hint.hidden = !measuring || cells.length > 0;
+		measured.replaceChildren(...cells);
+		if (cells.length) say(cells.map((cell) => cell.textContent).join(" "));
 	}
 
 	function lightLink(link) {
@@ -227,20 +218,19 @@ export function createViewer(root, data, source) {
 	}
 
 	// The panel.
-	function figure(name, unit, pick) {
+	function figure(name, unit, pick, chart) {
 		const area = make("canvas", { role: "img", ariaLabel: name }), cursor = make("i.cursor"), value = make("b");
-		const item = { area, cursor, value, box: make("figure", {}, make("figcaption", {}, `${name} [${unit}]`, value), make("div", {}, area, cursor)) };
+		const item = { area, cursor, value, chart, box: make("figure", {}, make("figcaption", {}, `${name} [${unit}]`, value), make("div", {}, area, cursor)) };
 		const choose = (event) => event.buttons && pick(indexUnder(area, item.chart, event));
 		assign(area, { onpointermove: choose, onpointerdown: (event) => (area.setPointerCapture(event.pointerId), choose(event)) });
 		return item;
 	}
 
 	function fillPanel() {
-		const { scope, scale, axes } = data, over = scope?.insertion || Array.from({ length: data.steps }, (_, i) => i);
+		const { scope, scale, axes } = data, over = scope?.insertion || [...Array(data.steps).keys()];
 		const side = (i) => NAMES[axes[i].letter] || axes[i].letter;
-		series = (data.steps > 1 ? data.charts : []).map((chart) => Object.assign(figure(chart.name, chart.unit, seek), {
-			x: () => 0,
-			chart: { ...chart, over, overUnit: scope?.insertion ? "mm in" : "steps", color: chartColor(data, chart.kind), high: chart.kind === "clearance" && 1.6 * scale.high },
+		series = (data.steps > 1 ? data.charts : []).map((chart) => figure(chart.name, chart.unit, seek, {
+			...chart, over, overUnit: scope?.insertion ? "mm in" : "steps", ...(chart.kind === "clearance" ? clearanceChart() : { color: () => "#5b9bd5" }),
 		}));
 		along = scope?.clearance ? figure("clearance along the body", "mm", lightLink) : null;
 		charts.replaceChildren(...[...series, along].filter(Boolean).map((item) => item.box));
@@ -268,14 +258,15 @@ export function createViewer(root, data, source) {
 		inset.hidden = !scope || !data.surfaces.length;
 		slider.max = data.steps - 1;
 		title.textContent = data.title;
-		canvas.ariaLabel = `3-D picture: ${data.title}. Arrow keys turn it, plus and minus zoom, 1 to 6 are standard views.`;
 		resize();
 	}
+
+	const clearanceChart = () => ({ color: (value) => clearanceColor(data.scale, value), high: 1.6 * data.scale.high });
 
 	function drawAlong() {
 		if (!along || !frame.clearance) return;
 		const values = Array.from(frame.clearance);
-		along.chart = { values, over: values.map((_, i) => i + 1), overUnit: "links from the head", bars: true, high: 1.6 * data.scale.high, color: chartColor(data, "clearance") };
+		along.chart = { ...clearanceChart(), values, over: values.map((_, i) => i + 1), overUnit: "links from the head", bars: true };
 		drawChart(along.area, along.chart, lit);
 	}
 
@@ -298,12 +289,10 @@ export function createViewer(root, data, source) {
 	const arrows = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
 	canvas.addEventListener("keydown", (event) => {
 		const { key } = event, [x, y] = arrows[key] || [];
-		if (arrows[key]) event.shiftKey ? camera.pan(0.05 * x, 0.05 * y) : camera.turn(0.12 * x, 0.12 * y);
+		if (arrows[key]) camera[event.shiftKey ? "pan" : "turn"](0.1 * x, 0.1 * y);
 		else if ("+=-".includes(key)) camera.zoom(key === "-" ? 1.18 : 0.85);
 		else if (key === "Enter" && measuring) click(0.5, 0.5);
 		else return;
-		cross = measuring;
-		paint();
 		event.preventDefault();
 	});
 	const moving = { " ": () => play(!playing), ",": () => seek(frame.step - 1), ".": () => seek(frame.step + 1), Home: () => seek(0), End: () => seek(data.steps - 1), n: goTightest };
@@ -333,16 +322,13 @@ export function createViewer(root, data, source) {
 	new ResizeObserver(resize).observe(root);
 	canvas.addEventListener("webglcontextlost", (event) => {
 		event.preventDefault();
-		fail("The browser took the graphics away; the picture comes back when it gives them again.");
+		fail("The browser took the graphics away; the picture comes back with them.");
 	});
-	canvas.addEventListener("webglcontextrestored", () => {
-		fail("");
-		viewer.setData(data);
-	});
+	canvas.addEventListener("webglcontextrestored", () => (fail(""), viewer.setData(data)));
 
 	const viewer = {
 		/** `frames` came and `paints` were drawn; a click on the wall calls `onpick({place, normal, surface})`. */
-		frames: 0, paints: 0, panel, onpick: null, camera, setFrame, seek, say,
+		frames: 0, paints: 0, panel, onpick: null, setFrame, seek, say,
 		get data() { return data; },
 		get frame() { return frame; },
 		/** Show other data, a new plan for example; the camera stays. */
@@ -366,7 +352,7 @@ export function createViewer(root, data, source) {
 			paint();
 		},
 	};
-	if (!renderer) fail("This browser has no WebGL 2, so there is no picture. Slider, charts and values work.");
+	trouble.hidden = Boolean(renderer);
 	setPlaying(false);
 	setMeasuring(false);
 	viewer.setData(data);
