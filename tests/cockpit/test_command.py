@@ -69,6 +69,7 @@ def test_port_in_use_is_one_line(capsys) -> None:
         (("--host", "192.0.2.1"), "192.0.2.1"),
         (("--rig", "usb"), "demo, or serial"),
         (("--operator", "square"), "square"),
+        (("--moving", "none.npz"), "breathing, peristalsis"),
         (("none.stl",), "no such file"),
         (("--labels", "1"), "--labels has no effect"),
         (("--out", "a.html"), "--out has no effect"),

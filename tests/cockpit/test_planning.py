@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import queue
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -141,6 +142,27 @@ def test_process_plans_what_was_asked_last(tracts) -> None:
     finally:
         planning.close()
     assert not planning._process.is_alive()
+
+
+def test_tract_that_moves_carries_body_and_wall(tracts) -> None:
+    bench = Bench(replace(make_job(tracts), moving="breathing"), no_progress)
+    (shown,) = plan(bench)
+    session = Session()
+    session.show(shown)
+    rest = bench.view_wall().surfaces[0].vertices
+    moves = []
+    for body, vertices in bench.follow():
+        session.show_moved(body, vertices)
+        assert body.info["status"] in ("held", "now")
+        moves.append(np.abs(vertices - rest).max())
+        links = np.linalg.norm(np.diff(body.joints[0], axis=0), axis=1)
+        np.testing.assert_allclose(links, 8.0, atol=1e-3)
+        assert session.describe()["moving"]["proved_mm"] > 0.0
+        if len(moves) == 4:
+            break
+    assert moves[0] == 0.0 and (np.diff(moves) > 0.0).all() and session.tissue_number == 4
+    session.show(shown)
+    assert session.moved is None and session.describe()["moving"] is None
 
 
 def test_file_that_cannot_be_read_is_refused(tmp_path) -> None:

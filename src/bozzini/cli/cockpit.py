@@ -27,6 +27,10 @@ __all__ = ["command"]
 @tract_options
 @options_of(Body, "body")
 @options_of(PathOptions, "options")
+@option(
+    "--moving MOTION",
+    "Let the tract move: breathing, peristalsis, or a file of displacements (.npz).",
+)
 @option("--rig RIG", "Drive a rig: demo (an emulated one), or serial:PORT.")
 @option("--board", "Of the emulated rig.", ("emulated", "native"), default="emulated")
 @option("--effector NAME", "The end-effector.", default="prototype")
@@ -59,6 +63,7 @@ def command(
     reading: ReadOptions,
     body: Body,
     options: PathOptions,
+    moving: str | None,
     rig: str | None,
     board: str,
     effector: str,
@@ -92,8 +97,17 @@ def command(
             raise InputError(f"{source}: there is no such file")
         if answer.out is not None and operator is None:
             raise InputError("--out has no effect without --operator")
+        if moving not in (None, "breathing", "peristalsis") and not Path(moving).is_file():
+            raise InputError(
+                f"--moving is '{moving}': it must be breathing, peristalsis or a file that is there"
+            )
         job = Job(
-            source=source, reading=reading, options=options, scope=body.scope, robot=body.machine
+            source=source,
+            reading=reading,
+            options=options,
+            scope=body.scope,
+            robot=body.machine,
+            moving=moving,
         )
         chosen = CockpitOptions(
             host=host,

@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import BozziniError
 from ..progress import Progress
@@ -27,6 +28,7 @@ from .session import ShownPlan
 from .wire import Change
 
 if TYPE_CHECKING:
+    from ..anatomy.tissue import TissueMotion
     from ..anatomy.tract import LabelTract, SurfaceTract
     from ..continuum import ContinuumRobot
     from ..duct import Centreline
@@ -34,10 +36,14 @@ if TYPE_CHECKING:
     from ..motion import FreeSpace, Plan, Scope
     from ..scene.view import View
 
+Floats = NDArray[np.float64]
+
 HEAD_STEP = 0.5
 """Of the head, in a plan [mm]; more where the plan would have more than `MOST_JOINTS`."""
 MOST_JOINTS = 1_000_000
 """Joints of all steps; the view of a plan holds some more."""
+FRAME_RATE = 5.0
+"""Of a tract that moves [Hz]."""
 MOST_INFLATION = 10.0
 """By which the wall may be moved outwards in the page [mm]."""
 PATIENCE = 1.0
@@ -59,6 +65,8 @@ class Job:
     scope : Scope
     robot : ContinuumRobot, optional
         A tendon robot that follows the plan.
+    moving : str, optional
+        How the tissue moves: ``"breathing"``, ``"peristalsis"`` or a file of displacements.
     """
 
     source: Path | None = None
@@ -66,6 +74,7 @@ class Job:
     options: PathOptions
     scope: Scope
     robot: ContinuumRobot | None = None
+    moving: str | None = None
 
     def read(self) -> LabelTract | SurfaceTract:
         """Return the tract."""
@@ -110,6 +119,7 @@ class Bench:
         self._space: FreeSpace | None = None
         self._walls: dict[float, View] = {}
         self._sent: float | None = None
+        self._last: Plan | None = None
 
     def plan(self, change: Change, progress: Progress) -> Iterator[ShownPlan]:
         """Plan for what is asked; give the plan, and again once more of it is known.
@@ -134,7 +144,7 @@ class Bench:
         options = PlannerOptions(head_step=min(step, scope.link_length), advise=False)
         make = {"scope": scope, "method": "best", "progress": progress}
         plan = plan_insertion(space.duct, space.centreline, options=options, **make)  # type: ignore[arg-type]
-        self.asked = asked
+        self.asked, self._last = asked, plan
         seconds = time.perf_counter() - begin
         yield self._show(plan, space, seconds, final=plan.status == "complete")
         if plan.status != "complete":
@@ -143,6 +153,43 @@ class Bench:
             yield self._show(found, space, seconds, final=True)
         elif self.job.robot is not None:
             yield self._show(plan, space, seconds, robot=self._follow(plan, space, progress))
+
+    def follow(self) -> Iterator[tuple[ShownPlan, Floats]]:
+        """Keep the scope clear while the tissue moves; give the body and the wall's vertices.
+
+        Nothing is given if there is no motion, or no plan to the goal.
+        """
+        from ..anatomy.tract import SurfaceTract
+        from ..motion.live import LiveOptions, follow_tissue
+
+        plan, space = self._last, self._space
+        if self.job.moving is None or plan is None or space is None or plan.status != "complete":
+            return
+        motion = make_motion(self.job.moving, space.centreline)
+        surface = self.tract if isinstance(self.tract, SurfaceTract) else None
+        rest = self.view_wall(space.duct).surfaces[0].vertices  # type: ignore[arg-type]
+        options = LiveOptions(rate=FRAME_RATE, duration=1e5)
+        begin = time.monotonic()
+        for frame in follow_tissue(
+            plan,
+            space.duct,  # type: ignore[arg-type]
+            motion=motion,
+            surface=surface,
+            options=options,
+        ):
+            inside = frame.head - plan.get_scope().link_length * np.arange(plan.links) > 0.0
+            known = np.nan if frame.clearance is None else frame.clearance
+            info = {"status": frame.status, "reason": frame.reason, "proved_mm": frame.clearance}
+            body = ShownPlan(
+                view=b"",
+                joints=frame.body[None].astype(np.float32),
+                clearance=np.where(inside, known, np.nan)[None].astype(np.float32),
+                travel=np.array([frame.head]),
+                radius=plan.get_scope().radius,
+                info=info,
+            )
+            yield body, rest + motion.at(frame.time)(rest)
+            time.sleep(max(begin + frame.time - time.monotonic(), 0.0))
 
     def _find_space(self, asked: Change, progress: Progress) -> FreeSpace:
         """Return the lumen, with the line from the entry to the goal."""
@@ -245,6 +292,23 @@ class Bench:
         return encode_view(join_views([view, wall], title=f"Cockpit: {self.tract.source}"))
 
 
+def make_motion(name: str, line: Centreline) -> TissueMotion:
+    """Return a motion of the tissue by its name, or from a file (.npz).
+
+    Raises
+    ------
+    InputError
+        If it is none, or the file cannot be read.
+    """
+    from ..anatomy.tissue import Breathing, Peristalsis, RecordedMotion
+
+    if name == "breathing":
+        return Breathing()
+    if name == "peristalsis":
+        return Peristalsis(line=line.points)
+    return RecordedMotion.load(name)
+
+
 def merge(asked: Change, change: Change) -> Change:
     """Return what is asked for after a change."""
     given = {f.name: getattr(change, f.name) for f in fields(change)}
@@ -304,6 +368,10 @@ def work(pipe: Connection, job: Job) -> None:
                     pipe.send(("plan", shown))
                 pipe.send(("done", ""))
                 pending = Change()
+                for moved in bench.follow():
+                    pipe.send(("moved", moved))
+                    if pipe.poll():
+                        break
             except Superseded:
                 pass
             except BozziniError as error:

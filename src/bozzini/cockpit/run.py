@@ -200,6 +200,8 @@ class Cockpit:
                 "stage": "" if what.info["final"] else "looking for what would fit",
                 "message": "",
             }
+        elif kind == "moved":
+            session.show_moved(*what)
         elif kind == "progress":
             session.planning = {**session.planning, "busy": True, "stage": what}
         elif kind == "done":

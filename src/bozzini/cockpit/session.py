@@ -194,6 +194,8 @@ class Session:
         self.drive: Drive | None = None
         self.plan: ShownPlan | None = None
         self.view, self.view_version = b"", 0
+        self.moved: ShownPlan | None = None
+        self.moving: Json | None = None
         self.step, self.place, self.speed, self.is_playing = 0, 0.0, 20.0, False
         self.holder: Window | None = None
         self.planning: Json = {"busy": True, "stage": "starting", "message": ""}
@@ -282,12 +284,26 @@ class Session:
         """Show another plan, with the head as far in as it was, or as it can be."""
         if plan.wall is None and self.plan is not None:
             plan = replace(plan, wall=self.plan.wall)
-        self.plan = plan
+        self.plan, self.moved, self.moving = plan, None, None
         self.show_scene(plan.view)
         self.step = int(np.clip(np.searchsorted(plan.travel, self.place), 0, plan.steps - 1))
 
-    def show_tissue(self, vertices: Floats) -> None:
-        """Show the wall where it has moved to, its vertices (n, 3) [mm]."""
+    def show_moved(self, body: ShownPlan, vertices: Floats) -> None:
+        """Show body and wall where the tissue has moved them to.
+
+        Parameters
+        ----------
+        body : ShownPlan
+            Of one step.
+        vertices : (n, 3) float
+            Of the wall [mm].
+        """
+        if self.plan is None:
+            return
+        self.moved, self.moving = body, body.info
+        self.step = int(
+            np.clip(np.searchsorted(self.plan.travel, body.travel[0]), 0, self.plan.steps - 1)
+        )
         self.tissue, self.tissue_number = pack_tissue(vertices), self.tissue_number + 1
         self._wake()
 
@@ -339,15 +355,16 @@ class Session:
 
     def _snap(self, travel: Floats) -> Snapshot:
         """Return what is shown now."""
-        drive, plan, empty = self.drive, self.plan, np.zeros((0, 3))
+        drive, empty = self.drive, np.zeros((0, 3))
+        plan, step = (self.plan, self.step) if self.moved is None else (self.moved, 0)
         state = None if drive is None else drive.state
         body = PlacedBody(empty, empty[:, 0], float("nan"), empty, np.zeros((3, 3)))
         if plan is not None and state is not None:
-            body = plan.place(self.step, state)
+            body = plan.place(step, state)
         elif plan is not None:
-            joints, frame = plan.joints[self.step], plan.frames[self.step]
+            joints, frame = plan.joints[step], plan.frames[step]
             camera = np.stack([joints[0], frame[2], frame[1]])
-            body = PlacedBody(joints, plan.clearance[self.step], float("nan"), empty, camera)
+            body = PlacedBody(joints, plan.clearance[step], float("nan"), empty, camera)
         self.tip_clearance = body.gap
         pressures, places = np.zeros((2, 0)), np.vstack([travel, np.zeros((3, 2))])
         if state is not None:
@@ -400,6 +417,7 @@ class Session:
             if plan is None or not plan.tendons.size
             else plan.tendons[self.step].round(2).tolist(),
             "planning": dict(self.planning),
+            "moving": self.moving,
             "view": self.view_version,
             "plan": None if plan is None else plan.info,
         }

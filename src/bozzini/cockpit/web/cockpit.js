@@ -9,8 +9,8 @@ const FLAGS = ["playing", "reached", "rig", "armed", "fault", "inside", "plannin
 
 /** Take a frame of the server apart; `bozzini.cockpit.wire` says what is in it. */
 function readFrame(buffer) {
-	const [, , step, links, points, muscles, flags, windows] = new Uint32Array(buffer, 0, 8);
-	const frame = { step, links, windows, echo: new Float64Array(buffer, 32, 3)[1] };
+	const [, , step, links, points, muscles, flags] = new Uint32Array(buffer, 0, 8);
+	const frame = { step, links, echo: new Float64Array(buffer, 32, 3)[1] };
 	FLAGS.forEach((name, bit) => (frame[name] = Boolean(flags & (1 << bit))));
 	let at = HEAD;
 	const take = (count) => new Float32Array(buffer, (at += 4 * count) - 4 * count, count);
@@ -18,7 +18,7 @@ function readFrame(buffer) {
 	frame.clearance = links ? take(links) : null;
 	for (const name of ["setpoints", "measured"]) frame[name] = take(muscles);
 	for (const name of ["stick", "target", "delivered", "tip"]) frame[name] = take(2);
-	frame.backbone = take(3 * points);
+	take(3 * points); // the bend is in the joints, too
 	const [place, way, up] = [take(3), take(3), take(3)].map((v) => [...v]);
 	frame.camera = links ? { place, way, up } : null;
 	return frame;

@@ -3,13 +3,14 @@
 const REST = 0.12; // of a gamepad's travel, in which it is at rest
 const KEEP_ALIVE = 120; // ms
 const RATE = 1.6; // of the full travel that a held key moves the stick in a second
-const WAYS = { ArrowRight: [1, 0], ArrowLeft: [-1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1], d: [1, 0], a: [-1, 0], w: [0, 1], s: [0, -1] };
+const KEYS = { d: "ArrowRight", a: "ArrowLeft", w: "ArrowUp", s: "ArrowDown" };
+const WAYS = { ArrowRight: [1, 0], ArrowLeft: [-1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
 const STATES = { MODEL: "No rig: the model alone", BOOT: "The board starts", DISARMED: "Disarmed, vented", ARMED: "Armed", FAULT: "Fault, vented", LOST: "No board" };
 const LEGAL = { arm: "DISARMED", disarm: "ARMED", clear: "FAULT" };
 
 const rests = ([x, y]) => !x && !y;
 const kPa = (pressure) => Math.round(1000 * pressure);
-const name = ({ key }) => (key.length === 1 ? key.toLowerCase() : key);
+const name = ({ key }) => KEYS[key.toLowerCase()] || key;
 
 /** Keep a stick within the circle of its travel. */
 function within([x, y]) {
@@ -26,7 +27,7 @@ function readGamepad() {
 	return null;
 }
 
-/** Fill the section of `info.json`'s drive; `send` gives the server a message, `say` tells screen readers. */
+/** Fill the section by what `info.json` says of the drive. */
 export function createDrive(section, info, { send, say }) {
 	const find = (selector) => section.querySelector(selector), full = info.full_stick_mm;
 	const pad = find(".pad"), buttons = [...section.querySelectorAll("button")];
@@ -92,10 +93,9 @@ export function createDrive(section, info, { send, say }) {
 
 	const share = (pressure) => `${Math.min(100, Math.max(0, (100 * pressure) / info.pressure_limit_MPa))}%`;
 	const put = (selector, place) => {
-		const circle = find(selector), [x, y] = seen(place);
-		circle.setAttribute("cx", x);
-		circle.setAttribute("cy", y);
-		return [x, y];
+		const at = seen(place);
+		["cx", "cy"].forEach((name, i) => find(selector).setAttribute(name, at[i]));
+		return at;
 	};
 	return {
 		letGo,
@@ -113,14 +113,14 @@ export function createDrive(section, info, { send, say }) {
 			});
 		},
 		/** Show the status. */
-		tell({ rig, note, reason, tip_clearance_mm: gap, reservoir_MPa: supply }) {
+		tell({ rig, note, reason, moving, tip_clearance_mm: gap, reservoir_MPa: supply }) {
 			const here = STATES[rig] || rig, why = reason ? `Saturated: ${reason}.` : "";
 			section.dataset.state = rig;
 			find(".state b").textContent = here;
 			find(".state span").textContent = [note, supply === null ? "" : `supply ${kPa(supply)} kPa`].filter(Boolean).join("; ");
 			buttons.forEach((each) => (each.disabled = rig !== LEGAL[each.value]));
 			find(".why").textContent = why || (frame?.pressed && rests(sent) ? "Another window holds the stick." : "");
-			find(".gap").textContent = gap === null ? "The tip is not in the tract." : `Tip clearance: ${gap.toFixed(2)} mm${gap < 0 ? ", through the wall" : ""}`;
+			find(".gap").textContent = gap === null ? (moving ? "" : "The tip is not in the tract.") : `Tip clearance: ${gap.toFixed(2)} mm${gap < 0 ? ", through the wall" : ""}`;
 			find(".gap").classList.toggle("through", gap < 0);
 			const now = why ? `${here}, saturated` : here;
 			if (now !== told) say((told = now));

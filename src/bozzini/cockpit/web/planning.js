@@ -2,7 +2,8 @@
 import { make } from "./view_page.js";
 
 const STAGES = { plan: "planning", certify: "proving", advice: "looking for what would fit" };
-const FITS = { diameter_max: ["diameter", "Diameter", Math.floor], link_max: ["link", "Link", Math.floor], inflate: ["inflate", "Inflation", Math.ceil] };
+const MOVED = { held: "certified until the next frame", now: "certified for this moment", lost: "not certified", refused: "it cannot be followed" };
+const FITS = { diameter_max: ["Diameter", Math.floor], link_max: ["Link", Math.floor], inflate: ["Inflation", Math.ceil] };
 
 /** Fill the section; a click on the wall moves the end that was chosen before. */
 export function createPlanning(section, send, viewer) {
@@ -11,18 +12,17 @@ export function createPlanning(section, send, viewer) {
 	const robot = find(".robot"), busy = find(".busy"), verdict = find(".verdict");
 	let told = "", named = "";
 
-	for (const input of inputs)
-		input.addEventListener("change", () => input.value !== "" && input.reportValidity() && change({ [input.name]: Number(input.value) }));
+	for (const input of inputs) input.onchange = () => input.value && input.reportValidity() && change({ [input.name]: Number(input.value) });
 
 	function choose(end) {
-		ends.forEach((each) => each.setAttribute("aria-pressed", each.value === end));
+		ends.forEach((each) => (each.ariaPressed = each.value === end));
 		viewer.onpick = end && (({ place }) => {
 			change({ [end]: [...place] });
 			choose(null);
 		});
 		if (end) viewer.say(`Click the wall where the ${end} shall be.`);
 	}
-	for (const each of ends) each.addEventListener("click", () => choose(each.ariaPressed === "true" ? null : each.value));
+	for (const each of ends) each.onclick = () => choose(each.ariaPressed === "true" ? null : each.value);
 
 	function judge({ status, certified, reason, proved_mm: proved, inserted_mm: inserted, seconds }) {
 		section.dataset.verdict = status === "stopped" ? status : certified ? "fits" : "open";
@@ -41,7 +41,7 @@ export function createPlanning(section, send, viewer) {
 
 	return {
 		/** Show the status. */
-		tell({ plan, planning: { busy: isBusy, message, stage }, tendons_mm: moves, note, rig }) {
+		tell({ plan, moving, planning: { busy: isBusy, message, stage }, tendons_mm: moves, note, rig }) {
 			section.hidden = false;
 			busy.textContent = message || (isBusy ? `At work: ${STAGES[stage] || stage}\u2026` : rig ? "" : note);
 			busy.classList.toggle("refused", !isBusy);
@@ -53,10 +53,12 @@ export function createPlanning(section, send, viewer) {
 				for (const input of inputs) if (input !== document.activeElement || !isBusy) input.value = Number(plan[`${input.name}_mm`].toFixed(3));
 				find("[name=inflate]").max = plan.inflate_most_mm;
 				find(".fits").replaceChildren(...Object.entries(plan.would_fit_mm).map(([key, value]) => {
-					const [name, label, round] = FITS[key], size = round(100 * value) / 100;
-					return make("button", { type: "button", onclick: () => change({ [name]: size }) }, `${label} ${size} mm fits`);
+					const [label, round] = FITS[key], size = round(100 * value) / 100;
+					return make("button", { type: "button", onclick: () => change({ [key.replace("_max", "")]: size }) }, `${label} ${size} mm fits`);
 				}));
 			}
+			find(".moving").hidden = !moving;
+			if (moving) find(".moving").textContent = `The tract moves: ${MOVED[moving.status]}${moving.proved_mm === null ? "" : `, ${moving.proved_mm.toFixed(2)} mm proved`}.`;
 			if (plan.robot) showRobot(plan.robot, moves);
 			else robot.hidden = true;
 		},
