@@ -160,3 +160,14 @@ def test_the_page_is_filmed_as_it_is_shown(call, tmp_path):
     frames, seconds = count_frames_and_secs(str(film))
     assert frames == 2 and json.loads(done.out)["style"] == "page"
     assert seconds == pytest.approx(0.5, abs=0.01)
+
+
+def test_a_browser_that_fails_is_one_line(call, tmp_path, monkeypatch):
+    from bozzini.scene import film
+
+    monkeypatch.setattr(film, "BROWSERS", ("false",))
+    make_plan().save(tmp_path / "plan.npz")
+    options = ["--out", tmp_path / "film.gif", "--duration", "0.2s", "--quiet"]
+    done = call("record", tmp_path / "plan.npz", *options)
+    assert done.code == 2 and "cannot show the page" in done.err and done.err.count("\n") == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["plan.npz"]

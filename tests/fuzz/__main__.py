@@ -419,7 +419,7 @@ def _add_option(
 ) -> None:  # fmt: skip
     """Set an option to something; one that is there already is mostly replaced."""
     flag = rng.choice([*option.opts, *option.secondary_opts])
-    if flag in ("--help", "-h") or (flag == "--debug"):
+    if flag in ("--help", "-h", "--debug", "--open"):
         return
     if option.is_flag or option.count:
         words.append(flag)
@@ -564,6 +564,8 @@ def _load_everything() -> None:
     for module in pkgutil.walk_packages(bozzini.__path__, "bozzini."):
         if not module.name.endswith("__main__"):
             importlib.import_module(module.name)
+    # A browser needs more memory than a case may have.
+    importlib.import_module("bozzini.scene.film").BROWSERS = ()
 
 
 class _quiet:  # noqa: N801

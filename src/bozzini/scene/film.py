@@ -18,7 +18,7 @@ from ..checks import check_fields, quantity
 from ..duct.base import Duct, SampledField
 from ..duct.field import build_field
 from ..duct.shapes.cones import RoundCones
-from ..errors import InputError, MissingExtraError
+from ..errors import InputError, MissingExtraError, OutputError
 from ..io.files import check_new_file, write_atomically
 from ..motion.plan import Plan
 from ..plot.figures import film_motion
@@ -172,7 +172,7 @@ def _open_page(page: Path, browser: str) -> Iterator[Callable[[int], Picture]]:
     import io
 
     from PIL import Image
-    from playwright.sync_api import sync_playwright
+    from playwright.sync_api import Error, sync_playwright
 
     show = """step => new Promise(done => {
         document.querySelector(".bozzini").classList.add("film");
@@ -181,23 +181,27 @@ def _open_page(page: Path, browser: str) -> Iterator[Callable[[int], Picture]]:
     })"""
     # The sandbox of Chromium does not work for the superuser, in containers above all.
     flags = _FLAGS + (["--no-sandbox"] if hasattr(os, "geteuid") and os.geteuid() == 0 else [])
-    with sync_playwright() as driver:
-        program = driver.chromium.launch(executable_path=browser, args=flags)
-        try:
-            tab = program.new_page(
-                viewport={"width": 1280, "height": 720}, color_scheme="dark", offline=True
-            )
-            tab.goto(page.as_uri())
-            tab.wait_for_selector(".bozzini .stage")
+    try:
+        with sync_playwright() as driver:
+            program = driver.chromium.launch(executable_path=browser, args=flags)
+            try:
+                tab = program.new_page(
+                    viewport={"width": 1280, "height": 720}, color_scheme="dark", offline=True
+                )
+                tab.goto(page.as_uri())
+                tab.wait_for_selector(".bozzini .stage")
 
-            def take(step: int) -> Picture:
-                tab.evaluate(show, step)
-                image = Image.open(io.BytesIO(tab.screenshot())).convert("RGB")
-                return np.asarray(image, dtype=np.uint8)
+                def take(step: int) -> Picture:
+                    tab.evaluate(show, step)
+                    image = Image.open(io.BytesIO(tab.screenshot())).convert("RGB")
+                    return np.asarray(image, dtype=np.uint8)
 
-            yield take
-        finally:
-            program.close()
+                yield take
+            finally:
+                program.close()
+    except Error as error:
+        words = str(error).splitlines()[0]
+        raise OutputError(f"{browser} cannot show the page: {words}; try --style x-ray") from None
 
 
 def _check_encoder() -> None:

@@ -5,7 +5,7 @@ const FOV = 0.6;
 const STEEPEST = Math.PI / 2 - 0.01;
 
 /** Lowest and highest corner of what a view shows, its middle and its size. */
-export function findBox({ surfaces, clouds, bodies }) {
+function findBox({ surfaces, clouds, bodies }) {
 	const low = [Infinity, Infinity, Infinity], high = low.map((x) => -x);
 	const around = [...surfaces.map((item) => item.vertices), ...clouds.map((item) => item.points)];
 	for (const flat of surfaces.length ? around : [...around, ...bodies.map((item) => item.joints)])

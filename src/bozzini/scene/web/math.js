@@ -2,7 +2,7 @@
 export const add = (a, b, s = 1) => [a[0] + s * b[0], a[1] + s * b[1], a[2] + s * b[2]];
 export const scaled = (a, s) => [a[0] * s, a[1] * s, a[2] * s];
 export const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-export const size = (a) => Math.hypot(a[0], a[1], a[2]);
+const size = (a) => Math.hypot(a[0], a[1], a[2]);
 export const gap = (a, b) => size(add(a, b, -1));
 export const unit = (a) => scaled(a, 1 / (size(a) || 1));
 export const clamp = (value, low, high) => Math.min(Math.max(value, low), high);

@@ -7,7 +7,7 @@ export function pickSurface({ vertices, faces, normals }, { from, way }, clip) {
 	for (let f = 0; f < faces.length; f += 3) {
 		const [i, j, k] = faces.subarray(f, f + 3), a = pointAt(vertices, i), u = add(pointAt(vertices, j), a, -1), v = add(pointAt(vertices, k), a, -1);
 		const across = cross(way, v), det = dot(u, across), o = add(from, a, -1), s = dot(o, across) / det;
-		if (!(s >= 0 && s <= 1)) continue; // as where they are parallel
+		if (!(s >= 0 && s <= 1)) continue;
 		const q = cross(o, u), t = dot(way, q) / det, far = dot(v, q) / det, place = add(from, way, far);
 		if (!(t >= 0 && s + t <= 1 && far > 0) || far >= best?.far || (clip && dot(place, clip) > clip[3])) continue;
 		// The shading's normal, between those of the corners: a triangle's own is rougher.

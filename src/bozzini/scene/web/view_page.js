@@ -47,7 +47,6 @@ export function createViewer(root, data, source) {
 	const say = (text) => (said.textContent = text);
 	const fail = (text) => assign(trouble, { textContent: text, hidden: !text });
 
-	// Pictures.
 	function paint() {
 		if (!planned) requestAnimationFrame(draw);
 		planned = true;
@@ -284,7 +283,6 @@ export function createViewer(root, data, source) {
 		resize();
 	}
 
-	// Pointer and keyboard.
 	steerCamera(canvas, camera, click);
 	const arrows = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
 	canvas.addEventListener("keydown", (event) => {
