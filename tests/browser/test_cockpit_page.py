@@ -328,6 +328,10 @@ class Running:
         self.thread.join(10)
 
 
+def test_own_scripts_are_small() -> None:
+    assert sum(file.stat().st_size for folder in WEB for file in folder.glob("*.js")) <= 60_000
+
+
 def test_page_connects_again(visit) -> None:
     running = Running()
     running.start()

@@ -25,7 +25,7 @@ function readFrame(buffer) {
 }
 
 const root = document.getElementById("viewer"), waiting = document.querySelector(".waiting"), banner = document.querySelector(".banner");
-/** What tests read: the last frame and status, and the times from input to frame [ms]. */
+/** What tests read; delays are from input to frame [ms]. */
 const cockpit = (window.cockpit = { viewer: null, frame: null, status: null, delays: [], connections: 0 });
 let socket = null, data = null, shown = 0, fetching = false, drive = null, planning = null, echo = 0, isReady = false, pose = "", busy = false;
 
@@ -34,7 +34,6 @@ function send(message) {
 }
 
 const source = {
-	kind: "live",
 	seek: (step) => isReady && send({ kind: "seek", step, time: performance.now() }),
 	/** At speed 1 the whole way takes 12 s. */
 	play: (on, factor = 1) => send({ kind: "play", on, speed: Math.min(1000, (factor * Math.max(...(data.scope?.insertion || [240]))) / 12) }),
@@ -72,11 +71,11 @@ async function refresh() {
 	fetching = false;
 }
 
-/** Show the newest frame; where drawing takes long, the page has as much time for its stick. */
+/** Show the newest frame; where drawing takes long, the stick gets as much time. */
 function update() {
 	const { frame, viewer } = cockpit, { step, playing, joints, clearance, camera } = frame;
 	drive?.update(frame);
-	// A frame of another plan waits for that plan's data; one in which only pressures change draws nothing.
+	// A frame of another plan waits for its data; where only pressures change nothing is drawn.
 	const now = [step, playing, joints, Object.values(camera || {})].join();
 	if (busy || !viewer || now === pose || (data.scope?.links || 0) !== frame.links) return;
 	[busy, pose] = [true, now];

@@ -2,23 +2,20 @@
 
 const REST = 0.12; // of a gamepad's travel, in which it is at rest
 const KEEP_ALIVE = 120; // ms
-const RATE = 1.6; // of the full travel that a held key moves the stick in a second
+const RATE = 1.6; // full travels a second, by a held key
 const KEYS = { d: "ArrowRight", a: "ArrowLeft", w: "ArrowUp", s: "ArrowDown" };
 const WAYS = { ArrowRight: [1, 0], ArrowLeft: [-1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
-const STATES = { MODEL: "No rig: the model alone", BOOT: "The board starts", DISARMED: "Disarmed, vented", ARMED: "Armed", FAULT: "Fault, vented", LOST: "No board" };
+const STATES = { MODEL: "No rig: the model alone", BOOT: "Starting", DISARMED: "Disarmed, vented", ARMED: "Armed", FAULT: "Fault, vented", LOST: "No board" };
 const LEGAL = { arm: "DISARMED", disarm: "ARMED", clear: "FAULT" };
 
 const rests = ([x, y]) => !x && !y;
 const kPa = (pressure) => Math.round(1000 * pressure);
 const name = ({ key }) => KEYS[key.toLowerCase()] || key;
 
-/** Keep a stick within the circle of its travel. */
-function within([x, y]) {
-	const size = Math.max(1, Math.hypot(x, y));
-	return [x / size, y / size];
-}
+/** Keep a stick within its circle. */
+const within = (stick) => stick.map((v) => v / Math.max(1, Math.hypot(...stick)));
 
-/** The first gamepad that is moved, as a stick with y up; null if none is. */
+/** The gamepad that is moved, with y up. */
 function readGamepad() {
 	for (const pad of navigator.getGamepads?.() || []) {
 		const [x, y] = pad?.connected ? pad.axes : [0, 0], size = Math.hypot(x, y);
@@ -47,7 +44,7 @@ export function createDrive(section, info, { send, say }) {
 	const keys = new Set();
 	let pressed = null, held = [0, 0], sent = [0, 0], sentAt = 0, then = 0, frame = null, told = "";
 
-	/** Read pad, keys and gamepad, and tell the server where the stick is. */
+	/** Tell the server where pad, keys or gamepad want the stick. */
 	function tick() {
 		const now = performance.now(), far = RATE * Math.min((now - then) / 1000, 0.1);
 		then = now;
@@ -78,8 +75,7 @@ export function createDrive(section, info, { send, say }) {
 	});
 	on(pad, "pointermove", (event) => pressed && press(event));
 	on(pad, "pointerup pointercancel lostpointercapture blur", letGo);
-	on(window, "blur pagehide", letGo);
-	on(document, "visibilitychange", letGo);
+	on(window, "blur pagehide visibilitychange", letGo);
 	on(pad, "keydown", (event) => {
 		if (!WAYS[name(event)] || event.ctrlKey || event.metaKey || event.altKey) return;
 		keys.add(name(event));
@@ -119,7 +115,7 @@ export function createDrive(section, info, { send, say }) {
 			find(".state b").textContent = here;
 			find(".state span").textContent = [note, supply === null ? "" : `supply ${kPa(supply)} kPa`].filter(Boolean).join("; ");
 			buttons.forEach((each) => (each.disabled = rig !== LEGAL[each.value]));
-			find(".why").textContent = why || (frame?.pressed && rests(sent) ? "Another window holds the stick." : "");
+			find(".why").textContent = why || (frame?.pressed && rests(sent) ? "Another window steers." : "");
 			find(".gap").textContent = gap === null ? (moving ? "" : "The tip is not in the tract.") : `Tip clearance: ${gap.toFixed(2)} mm${gap < 0 ? ", through the wall" : ""}`;
 			find(".gap").classList.toggle("through", gap < 0);
 			const now = why ? `${here}, saturated` : here;

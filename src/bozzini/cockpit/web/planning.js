@@ -2,10 +2,10 @@
 import { make } from "./view_page.js";
 
 const STAGES = { plan: "planning", certify: "proving", advice: "looking for what would fit" };
-const MOVED = { held: "certified until the next frame", now: "certified for this moment", lost: "not certified", refused: "it cannot be followed" };
+const MOVED = { held: "certified up to the next frame", now: "certified now", lost: "not certified", refused: "not followed" };
 const FITS = { diameter_max: ["Diameter", Math.floor], link_max: ["Link", Math.floor], inflate: ["Inflation", Math.ceil] };
 
-/** Fill the section; a click on the wall moves the end that was chosen before. */
+/** Fill the section; a click on the wall moves the end chosen before. */
 export function createPlanning(section, send, viewer) {
 	const find = (selector) => section.querySelector(selector), change = (values) => send({ kind: "change", ...values });
 	const inputs = [...section.querySelectorAll("input")], ends = [...section.querySelectorAll(".ends button")];
@@ -27,7 +27,7 @@ export function createPlanning(section, send, viewer) {
 	function judge({ status, certified, reason, proved_mm: proved, inserted_mm: inserted, seconds }) {
 		section.dataset.verdict = status === "stopped" ? status : certified ? "fits" : "open";
 		if (status === "stopped") return `${reason[0].toUpperCase()}${reason.slice(1)}.`;
-		if (!certified) return "Reaches the goal, but its clearance is not proved.";
+		if (!certified) return "Reaches the goal; no clearance is proved.";
 		return `Fits: ${(Math.floor(100 * proved) / 100).toFixed(2)} mm of clearance proved over ${inserted} mm, planned in ${seconds} s.`;
 	}
 
