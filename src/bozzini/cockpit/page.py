@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from importlib.resources import files
 from pathlib import Path
 
-from ..scene.page import read_web
-
-WEB = (
-    Path(str(files("bozzini.scene") / "web")),
-    Path(str(files(__package__) / "web")),
-)
-"""Folders of scripts and styles: of the viewer, and of the cockpit."""
+_PACKAGE = Path(__file__).resolve().parents[1]
+WEB = _PACKAGE / "scene" / "web", _PACKAGE / "cockpit" / "web"
+"""Folders of scripts and styles: of the viewer, and of the cockpit. The viewer's package is not
+imported: that would take as long as all else until the page is served."""
 
 _PAGE = """<!doctype html>
 <html lang="en">
@@ -37,6 +33,9 @@ again…</p>
 
 def render_cockpit() -> str:
     """Return the page: the cockpit's sections come first in the viewer's panel."""
-    before, panel, after = read_web("view.html").partition('<section class="charts"')
-    sections = (WEB[1] / "cockpit.html").read_text(encoding="utf-8")
+    viewer, sections = (
+        (folder / name).read_text(encoding="utf-8")
+        for folder, name in zip(WEB, ("view.html", "cockpit.html"), strict=True)
+    )
+    before, panel, after = viewer.partition('<section class="charts"')
     return _PAGE.format(parts=before + sections + panel + after)

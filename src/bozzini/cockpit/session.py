@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from ..numeric.polylines import measure_arc_length
 from ..results import Json
-from .drive import Drive, DriveState
 from .wire import (
     Change,
     Flags,
@@ -29,6 +28,9 @@ from .wire import (
     pack_tissue,
     stamp_frame,
 )
+
+if TYPE_CHECKING:
+    from .drive import Drive, DriveState
 
 Floats = NDArray[np.float64]
 
