@@ -153,7 +153,7 @@ class Cloud:
     """
 
     points: Floats
-    color: str = "#2f7fd0"
+    color: str = "#d99a2b"
     name: str = "points"
 
     def __post_init__(self) -> None:

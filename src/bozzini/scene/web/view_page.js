@@ -54,7 +54,7 @@ export function createViewer(root, data, source) {
 
 	function tipView(box) {
 		const { joints } = frame, radius = data.scope?.radius;
-		const eye = frame.camera || (joints?.length > 3 && tipCamera(joints, radius, data.axes[4].way));
+		const eye = frame.camera || (joints?.length > 3 && tipCamera(joints, radius, data.axes[2].way));
 		return eye && {
 			box, eye: eye.place, inside: true, hand: camera.hand, reach: 6 * radius, ground: [0.02, 0.01, 0.01, 1],
 			camera: lookAlong(eye.place, eye.way, eye.up, camera.hand),
