@@ -6,36 +6,21 @@ Every picture is a screenshot, so it does not matter how the page draws.
 from __future__ import annotations
 
 import io
-import os
 import re
-import shutil
-import time
-from collections.abc import Iterator
 
 import numpy as np
 import pytest
 from PIL import Image
-from playwright.sync_api import Browser, Page, sync_playwright
+from playwright.sync_api import Page
 
 from bozzini.report import write_report
 from bozzini.scene.make_view import view_plan
 from bozzini.scene.page import render_page
+from tests.browser.conftest import wait_for
 from tests.plot.fake_motion import make_field, make_plan, make_stopped, make_summary
 
-FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 PLAN, FIELD = make_plan(dent=5.25), make_field()
 NAMED = "button, input, select, canvas, summary, [role=toolbar], aside"
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    program = shutil.which("chromium")
-    if program is None and not os.environ.get("CI"):
-        pytest.skip("no Chromium on this machine")
-    with sync_playwright() as driver:
-        found = driver.chromium.launch(executable_path=program, args=FLAGS)
-        yield found
-        found.close()
 
 
 @pytest.fixture(scope="module")
@@ -75,14 +60,6 @@ def visit(browser, files):
 
 def _goes_out(request) -> bool:
     return not request.url.startswith(("file:", "data:", "blob:"))
-
-
-def wait_for(page, question, *, seconds=20.0):
-    """Ask until it is so; `wait_for_function` is not allowed by the page's policy."""
-    end = time.monotonic() + seconds
-    while not page.evaluate(question):
-        assert time.monotonic() < end, question
-        time.sleep(0.02)
 
 
 def settle(page):

@@ -137,7 +137,7 @@ LEGAL: dict[str, tuple[int, str]] = {
     "vision calibrate": (3, ". --board <board --jobs 1 --out >.yaml"),
     "vision track": (6, "<markers --cameras <cameras --jobs 1 --out >"),
 }
-REAL_TIME = {"rig emulate", "rig selftest"}
+REAL_TIME = {"rig emulate", "rig selftest", "cockpit"}
 """Commands that are left out: they run in real time."""
 OUTPUTS = {"--out"}
 UNITS = {

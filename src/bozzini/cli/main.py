@@ -33,6 +33,7 @@ COMMANDS = {
     "plan": "Plan a scope's motion through your own scan or surface.",
     "certify": "Check a saved plan, and prove its clearance again.",
     "live": "Keep a scope clear in a tract that moves, frame by frame.",
+    "cockpit": "See a motion and drive the tip, in the browser.",
     "show": "Show plans, tracts, shapes and robots in 3-D, on one page.",
     "record": "Film a plan: MP4 or GIF.",
     "phantom": "Write a phantom upper gastro-intestinal tract to a file.",

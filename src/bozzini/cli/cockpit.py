@@ -1,0 +1,133 @@
+"""``bozzini cockpit``: see a plan and drive the tip, in the browser."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from ..errors import InputError
+from ..study.options import PathOptions, ReadOptions
+from ._tract_options import Body, list_given, tract_options
+from .common import (
+    EXIT_NEGATIVE,
+    PICTURES,
+    Answer,
+    answer_options,
+    option,
+    options_of,
+    run_exit,
+)
+
+__all__ = ["command"]
+
+
+@click.command(name="cockpit")
+@click.argument("source", metavar="[INPUT]", required=False, type=click.Path(path_type=Path))
+@tract_options
+@options_of(Body, "body")
+@options_of(PathOptions, "options")
+@option(
+    "--moving MOTION",
+    "Let the tract move: breathing, peristalsis, or a file of displacements (.npz).",
+)
+@option("--rig RIG", "Drive a rig: demo (an emulated one), or serial:PORT.")
+@option("--board", "Of the emulated rig.", ("emulated", "native"), default="emulated")
+@option("--effector NAME", "The end-effector.", default="prototype")
+@option(
+    "--host ADDRESS",
+    "Listen there, such as 0.0.0.0; others than this computer need the token.",
+    default="127.0.0.1",
+)
+@click.option(
+    "--port",
+    type=click.IntRange(0, 65535),
+    default=8321,
+    show_default=True,
+    help="0 for any that is free.",
+)
+@click.option(
+    "--name", "names", multiple=True, help="Name of this computer for others; may be repeated."
+)
+@click.option("--no-browser", is_flag=True, help="Do not open the page.")
+@option(
+    "--operator",
+    "Let a script draw with the stick, write how well the tip follows, and end.",
+    ("line", "circle"),
+)
+@answer_options(
+    ".html", ".csv", *PICTURES, help="What the operator drew: a report (.html), a table, a picture."
+)
+def command(
+    source: Path | None,
+    reading: ReadOptions,
+    body: Body,
+    options: PathOptions,
+    moving: str | None,
+    rig: str | None,
+    board: str,
+    effector: str,
+    host: str,
+    port: int,
+    names: tuple[str, ...],
+    no_browser: bool,
+    operator: str | None,
+    answer: Answer,
+) -> None:
+    """See the motion through the tract in INPUT, plan it anew, and drive the tip.
+
+    Without INPUT the phantom of 'bozzini demo' is shown. The page is served to this computer alone,
+    until it is interrupted (Ctrl-C). Its stick, a gamepad or the keyboard bends the end-effector by
+    inverse kinematics; with --rig the same stick drives a rig. A rig, and --host, need the link
+    with the token, which is printed. Exit code 0: it was ended, or the operator has drawn all; 1:
+    he has not; 2: bad input.
+    """
+    from ..cockpit.server import bind
+
+    listener = bind(host, port)
+    with listener:
+        from ..cockpit.drive import check_rig
+        from ..cockpit.planning import Job
+        from ..cockpit.run import Cockpit, CockpitOptions
+
+        check_rig(rig)
+        if source is None and list_given(reading):
+            raise InputError(f"--{list_given(reading)[0]} has no effect without an INPUT")
+        if source is not None and not source.exists():
+            raise InputError(f"{source}: there is no such file")
+        if answer.out is not None and operator is None:
+            raise InputError("--out has no effect without --operator")
+        if moving not in (None, "breathing", "peristalsis") and not Path(moving).is_file():
+            raise InputError(
+                f"--moving is '{moving}': it must be breathing, peristalsis or a file that is there"
+            )
+        job = Job(
+            source=source,
+            reading=reading,
+            options=options,
+            scope=body.scope,
+            robot=body.machine,
+            moving=moving,
+        )
+        chosen = CockpitOptions(
+            host=host,
+            port=port,
+            names=names,
+            rig=rig,
+            board=board,
+            effector=effector,
+            operator=operator,  # type: ignore[arg-type]
+            is_shown=not no_browser,
+        )
+        cockpit = Cockpit(job, chosen, listener=listener)
+        cockpit.run(lambda address: click.echo(address, err=answer.as_json or operator is not None))
+    if cockpit.drawing is None:
+        return
+    drawing = cockpit.drawing
+    if answer.out is not None and answer.out.suffix.lower() == ".html":
+        drawing.write_report(answer.out)
+    else:
+        answer.write(drawing.list_columns(), drawing.plot)
+    answer.give({**drawing.to_dict(), "file": answer.out}, drawing.describe())
+    if not drawing.converged:
+        run_exit(EXIT_NEGATIVE)

@@ -1,0 +1,303 @@
+"""The drive: from the stick to pressures and back to the tip, with a rig or by the model alone."""
+
+from __future__ import annotations
+
+import queue
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..effector import Effector, EffectorInverse, Stick, find_stick_scale, steer
+from ..errors import BozziniError, InputError
+from ..rig.host import SILENCE_LIMIT, Host, describe_faults
+from ..rig.link import Link, LockstepLink
+from ..rig.protocol import SETPOINT_MAX, SetPoint, State
+
+Floats = NDArray[np.float64]
+
+PERIOD = 0.01
+"""Of the loop that drives the rig [s]."""
+SEEN = np.array([-1.0, 1.0])
+"""The stick's right and up are those of the tip's camera, which looks along the model's +z: there
+the model's +x is left."""
+HOLD_LIMIT = 0.5
+"""Without a word of the session for longer than this [s] the stick counts as let go."""
+BACKLOG = 0.05
+"""An emulated rig that is behind its clock by more than this [s] lets the rest of it go."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DriveState:
+    """What the drive does now.
+
+    Attributes
+    ----------
+    name : str
+        State of the board, or ``"MODEL"`` without a rig, or ``"LOST"`` without its telemetry.
+    note : str
+        Its faults, or why a command was refused.
+    reason : str
+        Why the stick's target is not delivered; empty if it is.
+    time : float
+        Of the rig's clock [s].
+    travel : (2,) float
+        Of the stick, right and up as the tip's camera sees them, as a share of the full one.
+    target, delivered, tip : (2,) float
+        Lateral place of the tip that the stick asks for, that the set-points give, and that the
+        measured pressures give [mm].
+    setpoints, measured : (3,) float
+        Pressures [MPa].
+    reservoir : float
+        Its pressure [MPa]; NaN without a rig.
+    backbone : (points, 3) float
+        From the base, straight along +z, to the end of the holder, by the measured pressures [mm].
+    direction : (3,) float
+        Of the tip.
+    """
+
+    name: str = "MODEL"
+    note: str = ""
+    reason: str = ""
+    time: float = 0.0
+    travel: Floats
+    target: Floats
+    delivered: Floats
+    tip: Floats
+    setpoints: Floats
+    measured: Floats
+    reservoir: float = float("nan")
+    backbone: Floats
+    direction: Floats
+
+    @property
+    def reached(self) -> bool:
+        """Whether the target is in the workspace."""
+        return not self.reason
+
+
+class Drive:
+    """An end-effector that a stick steers, by its model alone: the pressures are the set-points.
+
+    Parameters
+    ----------
+    effector : Effector
+        Of three muscles, in the order of the board's.
+
+    Raises
+    ------
+    InputError
+        If it has not three muscles.
+    """
+
+    has_rig = False
+
+    def __init__(self, effector: Effector) -> None:
+        if len(effector.design.muscles) != 3:
+            raise InputError(
+                f"the end-effector has {len(effector.design.muscles)} muscles: a board has 3"
+            )
+        self.effector, self.scale = effector, find_stick_scale(effector)
+        self.limit = effector.design.pressure_limit
+        self.travel = np.zeros(2)
+        self.listeners: list[Callable[[DriveState], None]] = []
+        self.state = self.find_state(self.solve(self.travel), np.zeros(3))
+
+    def solve(self, travel: Floats) -> EffectorInverse:
+        """Return the pressures for a travel of the stick, as `bozzini.rig.Steering` does."""
+        unit = Stick()
+        wanted = SEEN * np.clip(travel, -1.0, 1.0)
+        raw = unit.centre + unit.span * wanted * np.array([1.0, -1.0])  # y of a stick goes down
+        return steer(self.effector, raw, stick=unit, scale=self.scale)
+
+    def find_state(self, found: EffectorInverse, measured: Floats) -> DriveState:
+        """Return the state under measured pressures [MPa], without what only a board knows."""
+        posed = self.effector.forward(np.clip(measured, 0.0, self.limit))
+        setpoints = np.clip(found.pressures, 0.0, SETPOINT_MAX)
+        return DriveState(
+            reason=str(found.reason),
+            travel=self.travel,
+            target=found.target,
+            delivered=found.delivered,
+            tip=posed.lateral_vector,
+            setpoints=setpoints,
+            measured=measured,
+            backbone=np.vstack([posed.backbone, posed.holder_tip]),
+            direction=posed.direction,
+        )
+
+    def hold(self, travel: Floats) -> None:
+        """Take the travel (2,) of the stick; zeros let the tip go straight."""
+        if not np.array_equal(travel, self.travel):
+            self.travel = travel
+            found = self.solve(travel)
+            self.state = self.find_state(found, np.clip(found.pressures, 0.0, SETPOINT_MAX))
+        for listen in self.listeners:
+            listen(replace(self.state, time=time.monotonic()))
+
+    def command(self, what: str) -> None:
+        """Arm or disarm the rig, or clear its fault.
+
+        Raises
+        ------
+        InputError
+            Without a rig.
+        """
+        raise InputError(f"there is no rig to {what}: start the cockpit with --rig")
+
+    def close(self) -> None:
+        """Let the drive go."""
+
+
+class RigDrive(Drive):
+    """An end-effector with a rig: a thread of its own sends the set-points in time.
+
+    If it stops, or the computer does, the board receives nothing and vents its muscles.
+
+    Parameters
+    ----------
+    effector : Effector
+    link : Link
+        To a board on the bench, or to an emulated rig in lock-step, which is run in real time.
+
+    Raises
+    ------
+    InputError
+        If no board answers.
+    """
+
+    has_rig = True
+
+    def __init__(self, effector: Effector, link: Link) -> None:
+        super().__init__(effector)
+        self.host = Host(link, period=PERIOD)
+        self.host.connect()
+        self.note = ""
+        self._held_at = time.monotonic()
+        self._commands: queue.SimpleQueue[str] = queue.SimpleQueue()
+        self._stop = threading.Event()
+        self._heard: object = None
+        self._heard_at = link.now
+        self._update()
+        self._thread = threading.Thread(target=self._run, name="rig", daemon=True)
+        self._thread.start()
+
+    def hold(self, travel: Floats) -> None:
+        """Take the travel (2,) of the stick; the thread does the rest."""
+        self.travel, self._held_at = travel, time.monotonic()
+
+    def command(self, what: str) -> None:
+        """Let the thread arm or disarm the rig, or clear its fault."""
+        self._commands.put(what)
+
+    def close(self) -> None:
+        """Vent the muscles and end the connection."""
+        self._stop.set()
+        self._thread.join(2.0)
+
+    def _run(self) -> None:
+        """Drive until it is stopped; at the end the muscles are vented."""
+        host, link = self.host, self.host.link
+        try:
+            ahead = time.monotonic() - link.now
+            due = link.now
+            while not self._stop.is_set():
+                due = max(due + PERIOD, link.now)
+                ahead = self._wait(due, ahead)
+                host.receive()
+                self._obey()
+                self._update()
+                for listen in self.listeners:
+                    listen(self.state)
+            if host.state is State.ARMED:
+                host.disarm()
+        except BozziniError as error:
+            self.state = replace(self.state, name="LOST", note=str(error))
+        finally:
+            link.close()
+
+    def _wait(self, due: float, ahead: float) -> float:
+        """Wait for a time of the link; return how far the clock is ahead of an emulated one."""
+        link = self.host.link
+        link.wait(due)
+        if isinstance(link, LockstepLink):
+            link.records.clear()
+            left = link.now + ahead - time.monotonic()
+            if left < -BACKLOG:
+                return time.monotonic() - link.now
+            time.sleep(max(left, 0.0))
+        return ahead
+
+    def _obey(self) -> None:
+        """Give the board the commands of the windows."""
+        while not self._commands.empty():
+            what = self._commands.get()
+            try:
+                {"arm": self.host.arm, "disarm": self.host.disarm, "clear": self.host.clear}[what]()
+                self.note = ""
+            except InputError as error:
+                self.note = str(error)
+
+    def _update(self) -> None:
+        """Send the set-points, if the board is armed, and look at what it measures."""
+        host, board = self.host, self.host.telemetry
+        now = host.link.now
+        if board is None:
+            return
+        if board is not self._heard:
+            self._heard, self._heard_at = board, now
+        is_armed = host.state is State.ARMED
+        if time.monotonic() - self._held_at > HOLD_LIMIT:
+            self.travel = np.zeros(2)
+        found = self.solve(self.travel if is_armed else np.zeros(2))
+        state = self.find_state(found, np.array(board.pressures, dtype=np.float64))
+        if is_armed:
+            host.send(SetPoint(tuple(state.setpoints.tolist())))
+        note = describe_faults(host.faults) or self.note
+        name = host.state.name
+        if now - self._heard_at > SILENCE_LIMIT:
+            name, note = "LOST", f"the board has been silent for {now - self._heard_at:.1f} s"
+        self.state = replace(
+            state, name=name, note=note, time=now, travel=self.travel,
+            reservoir=board.reservoir_pressure,
+        )  # fmt: skip
+
+
+def open_drive(effector_name: str, *, rig: str | None = None, board: str = "emulated") -> Drive:
+    """Return the drive of a preset of the end-effector.
+
+    Parameters
+    ----------
+    effector_name : str
+        One of `bozzini.effector.EFFECTOR_PRESETS`.
+    rig : str, optional
+        ``"demo"`` for an emulated one, ``"serial:PORT"`` for a board on the bench; None: none.
+    board : {"emulated", "native"}
+        See `bozzini.rig.emulate_rig`.
+
+    Raises
+    ------
+    InputError
+        If the name or the rig is none, or no board answers.
+    """
+    from ..rig import SerialLink, emulate_rig
+
+    check_rig(rig)
+    effector = Effector.from_preset(effector_name)
+    if rig is None:
+        return Drive(effector)
+    if rig == "demo":
+        link: Link = LockstepLink(emulate_rig(effector.models, board=board))  # type: ignore[arg-type]
+    else:
+        link = SerialLink(rig.removeprefix("serial:"))
+    return RigDrive(effector, link)
+
+
+def check_rig(rig: str | None) -> None:
+    """Raise `InputError` unless the rig is None, ``"demo"`` or ``"serial:PORT"``."""
+    port = (rig or "").partition("serial:")[2]
+    if rig not in (None, "demo") and not (port and rig == f"serial:{port}"):
+        raise InputError(f"rig is '{rig}': it must be demo, or serial: and a port")

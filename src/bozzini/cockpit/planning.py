@@ -1,0 +1,436 @@
+"""Live planning: a process of its own that plans anew whenever a window asks for it.
+
+It is a process and no thread: compiled planning keeps Python's lock for up to a second, in which
+neither frames would be sent nor a rig be given its set-points. A new request ends the work on the
+one before at the next sign of progress.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, fields, replace
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import BozziniError
+from ..progress import Progress
+from ..results import Json
+from ..study.options import PathOptions, ReadOptions
+from .session import ShownPlan
+from .wire import Change
+
+if TYPE_CHECKING:
+    from ..anatomy.tissue import TissueMotion
+    from ..anatomy.tract import LabelTract, SurfaceTract
+    from ..continuum import ContinuumRobot
+    from ..duct import Centreline
+    from ..duct.field import SampledField
+    from ..motion import FreeSpace, Plan, Scope
+    from ..scene.view import View
+
+Floats = NDArray[np.float64]
+
+HEAD_STEP = 0.5
+"""Of the head, in a plan [mm]; more where the plan would have more than `MOST_JOINTS`."""
+MOST_JOINTS = 1_000_000
+"""Joints of all steps; the view of a plan holds some more."""
+FRAME_RATE = 5.0
+"""Of a tract that moves [Hz]."""
+MOST_INFLATION = 10.0
+"""By which the wall may be moved outwards in the page [mm]."""
+PATIENCE = 1.0
+"""Time after which the windows are told that no motion was found yet [s]."""
+PHANTOM_VOXEL = 1.5
+"""Of the phantom that is shown where no file is given [mm]."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Job:
+    """What is planned for.
+
+    Attributes
+    ----------
+    source : Path or None
+        File of the tract; None for the phantom.
+    reading : ReadOptions
+    options : PathOptions
+    scope : Scope
+    robot : ContinuumRobot, optional
+        A tendon robot that follows the plan.
+    moving : str, optional
+        How the tissue moves: ``"breathing"``, ``"peristalsis"`` or a file of displacements.
+    """
+
+    source: Path | None = None
+    reading: ReadOptions
+    options: PathOptions
+    scope: Scope
+    robot: ContinuumRobot | None = None
+    moving: str | None = None
+
+    def read(self) -> LabelTract | SurfaceTract:
+        """Return the tract."""
+        if self.source is not None:
+            return self.reading.read(self.source)
+        from ..anatomy.phantom import REGIONS, make_phantom
+
+        labels = make_phantom(seed=0).to_labels(voxel=PHANTOM_VOXEL)
+        return replace(labels, organ="upper-tract", frame="RAS", label_names=REGIONS)
+
+
+class Superseded(Exception):  # noqa: N818  (no error, but a way out)
+    """Something else is asked for by now."""
+
+
+class Bench:
+    """What plans of one tract share: its distances, its centreline, and how it is drawn.
+
+    Parameters
+    ----------
+    job : Job
+    progress : Progress
+    """
+
+    def __init__(self, job: Job, progress: Progress) -> None:
+        from ..duct import build_field
+
+        progress("read", 0.0)
+        self.job, self.tract = job, job.read()
+        bodies = any(item.code == "cavities" for item in self.tract.findings)
+        self.most = 0.0 if bodies else max(MOST_INFLATION, job.options.inflate)
+        self.rest = build_field(
+            self.tract, voxel=job.options.voxel, reach=self.most, progress=progress
+        )
+        options = job.options
+        self.asked = Change(
+            diameter=job.scope.diameter, link=job.scope.link_length, inflate=options.inflate
+        )
+        self._line_for: tuple[object, ...] = ()
+        self._space_for: tuple[object, ...] = ()
+        self._line: Centreline | None = None
+        self._space: FreeSpace | None = None
+        self._walls: dict[float, View] = {}
+        self._sent: float | None = None
+        self._last: Plan | None = None
+
+    def plan(self, change: Change, progress: Progress) -> Iterator[ShownPlan]:
+        """Plan for what is asked; give the plan, and again once more of it is known.
+
+        Raises
+        ------
+        BozziniError
+            If something asked for is not legal; what was asked before stays.
+        """
+        from ..motion import PlannerOptions, Scope, plan_insertion
+
+        asked = merge(self.asked, change)
+        begin = time.perf_counter()
+        scope = Scope(
+            diameter=asked.diameter or 0.0,
+            link_length=asked.link or 0.0,
+            length=self.job.scope.length,
+        )
+        space = self._find_space(asked, progress)
+        joints = scope.count_links(space.centreline.length) + 1
+        step = max(HEAD_STEP, space.centreline.length * joints / MOST_JOINTS)
+        options = PlannerOptions(head_step=min(step, scope.link_length), advise=False)
+        make = {"scope": scope, "method": "best", "progress": progress}
+        plan = plan_insertion(space.duct, space.centreline, options=options, **make)  # type: ignore[arg-type]
+        self.asked, self._last = asked, plan
+        seconds = time.perf_counter() - begin
+        yield self._show(plan, space, seconds, final=plan.status == "complete")
+        if plan.status != "complete":
+            advised = replace(options, advise=True)
+            found = plan_insertion(space.duct, space.centreline, options=advised, **make)  # type: ignore[arg-type]
+            yield self._show(found, space, seconds, final=True)
+        elif self.job.robot is not None:
+            yield self._show(plan, space, seconds, robot=self._follow(plan, space, progress))
+
+    def follow(self) -> Iterator[tuple[ShownPlan, Floats]]:
+        """Keep the scope clear while the tissue moves; give the body and the wall's vertices.
+
+        Nothing is given if there is no motion, or no plan to the goal.
+        """
+        from ..anatomy.tract import SurfaceTract
+        from ..motion.live import LiveOptions, follow_tissue
+
+        plan, space = self._last, self._space
+        if self.job.moving is None or plan is None or space is None or plan.status != "complete":
+            return
+        motion = make_motion(self.job.moving, space.centreline)
+        surface = self.tract if isinstance(self.tract, SurfaceTract) else None
+        rest = self.view_wall(space.duct).surfaces[0].vertices  # type: ignore[arg-type]
+        options = LiveOptions(rate=FRAME_RATE, duration=1e5)
+        begin = time.monotonic()
+        for frame in follow_tissue(
+            plan,
+            space.duct,  # type: ignore[arg-type]
+            motion=motion,
+            surface=surface,
+            options=options,
+        ):
+            inside = frame.head - plan.get_scope().link_length * np.arange(plan.links) > 0.0
+            known = np.nan if frame.clearance is None else frame.clearance
+            info = {"status": frame.status, "reason": frame.reason, "proved_mm": frame.clearance}
+            body = ShownPlan(
+                view=b"",
+                joints=frame.body[None].astype(np.float32),
+                clearance=np.where(inside, known, np.nan)[None].astype(np.float32),
+                travel=np.array([frame.head]),
+                radius=plan.get_scope().radius,
+                info=info,
+            )
+            yield body, rest + motion.at(frame.time)(rest)
+            time.sleep(max(begin + frame.time - time.monotonic(), 0.0))
+
+    def _find_space(self, asked: Change, progress: Progress) -> FreeSpace:
+        """Return the lumen, with the line from the entry to the goal."""
+        from ..motion import FreeSpace
+        from ..study.ends import orient_centreline, resolve_places
+
+        options, inflate = self.job.options, asked.inflate or 0.0
+        field = self.rest.inflate(inflate) if inflate else self.rest
+        ends = asked.start or options.start, asked.end or options.end
+        wanted = (repr(ends), inflate)
+        if self._line is None or self._line_for[0] != wanted[0] or inflate < self._line_for[1]:  # type: ignore[operator]
+            places = resolve_places(self.tract, *ends, options.via)
+            found = orient_centreline(
+                self.tract, field, places, reverse=options.reverse, progress=progress
+            )
+            self._line, self._line_for, self._space_for = found.line, wanted, ()
+        if self._space is None or self._space_for != wanted:
+            self._space, self._space_for = FreeSpace(field, self._line), wanted
+        return self._space
+
+    def _follow(self, plan: Plan, space: FreeSpace, progress: Progress) -> Json:
+        """Return what a robot's tendons do along a plan."""
+        from ..motion.actuate.actuate import actuate_plan
+
+        robot = self.job.robot
+        if robot is None:
+            return {}
+        moved = actuate_plan(plan, robot, space.duct, progress=progress)
+        moves = [
+            np.interp(plan.head_arc_length, moved.head_arc_length, column)
+            for column in moved.displacements.T
+        ]
+        return {
+            "name": robot.name,
+            "fits": moved.fits,
+            "reason": moved.reason,
+            "tendons": list(robot.tendon_names),
+            "moves": np.stack(moves, axis=1),
+        }
+
+    def _show(
+        self,
+        plan: Plan,
+        space: FreeSpace,
+        seconds: float,
+        *,
+        final: bool = True,
+        robot: Json | None = None,
+    ) -> ShownPlan:
+        """Return a plan as the windows need it."""
+        robot = robot or {}
+        plan = replace(plan, centreline=space.centreline)
+        moves = robot.pop("moves", np.zeros((plan.steps, 0)))
+        inflation = space.duct.inflation
+        wall = space.duct if self._sent != inflation else None
+        self._sent = inflation
+        joints = plan.joints.astype(np.float32)
+        known = np.isfinite(plan.clearance)
+        info = _describe(plan, self.asked, seconds) | {
+            "final": final,
+            "entry_mm": space.centreline.points[0].round(2).tolist(),
+            "goal_mm": space.centreline.points[-1].round(2).tolist(),
+            "centreline_mm": round(space.centreline.length, 1),
+            "inflate_most_mm": self.most,
+            "robot": robot or None,
+        }
+        return ShownPlan(
+            view=self._encode(plan, space.duct),  # type: ignore[arg-type]
+            joints=joints,
+            clearance=np.where(known, plan.clearance, np.nan).astype(np.float32),
+            travel=np.r_[0.0, np.cumsum(np.abs(np.diff(plan.head_arc_length)))],
+            radius=plan.get_scope().radius,
+            wall=wall,
+            tendons=moves,
+            info=info,
+        )
+
+    def view_wall(self, field: SampledField | None = None) -> View:
+        """Return the wall to look at, as it is inflated in a field."""
+        from ..anatomy.tract import SurfaceTract
+        from ..scene.make_view import make_view
+
+        field = self.rest if field is None else field
+        inflation = field.inflation
+        if inflation not in self._walls:
+            is_surface = isinstance(self.tract, SurfaceTract) and inflation == 0.0
+            self._walls = {inflation: make_view(self.tract if is_surface else field)}
+        return self._walls[inflation]
+
+    def _encode(self, plan: Plan, field: SampledField) -> bytes:
+        """Return what the page draws: the plan, in the wall."""
+        from ..scene.make_view import join_views, view_plan
+        from ..scene.view import encode_view
+
+        wall, view = self.view_wall(field), view_plan(plan)
+        own = tuple(item for item in view.surfaces if item.name != "inscribed tube")
+        notes = tuple(note for note in view.notes if "not known" not in note)
+        axes = getattr(self.tract, "frame", None)
+        view = replace(view, surfaces=own, notes=notes, axes=axes)
+        return encode_view(join_views([view, wall], title=f"Cockpit: {self.tract.source}"))
+
+
+def make_motion(name: str, line: Centreline) -> TissueMotion:
+    """Return a motion of the tissue by its name, or from a file (.npz).
+
+    Raises
+    ------
+    InputError
+        If it is none, or the file cannot be read.
+    """
+    from ..anatomy.tissue import Breathing, Peristalsis, RecordedMotion
+
+    if name == "breathing":
+        return Breathing()
+    if name == "peristalsis":
+        return Peristalsis(line=line.points)
+    return RecordedMotion.load(name)
+
+
+def merge(asked: Change, change: Change) -> Change:
+    """Return what is asked for after a change."""
+    given = {f.name: getattr(change, f.name) for f in fields(change)}
+    return replace(asked, **{name: value for name, value in given.items() if value is not None})
+
+
+def _describe(plan: Plan, asked: Change, seconds: float) -> Json:
+    """Return what the page says of a plan."""
+    refusal = plan.refusal
+    fits = {
+        name: getattr(refusal, name)
+        for name in ("diameter_max", "link_max", "inflate")
+        if getattr(refusal, name, None) is not None
+    }
+    return {
+        "status": plan.status,
+        "certified": plan.certified,
+        "proved_mm": plan.proved,
+        "reason": plan.reason,
+        "reason_code": plan.reason_code,
+        "would_fit_mm": fits,
+        "diameter_mm": asked.diameter,
+        "link_mm": asked.link,
+        "inflate_mm": asked.inflate,
+        "start_mm": asked.start,
+        "end_mm": asked.end,
+        "inserted_mm": round(plan.inserted, 1),
+        "links": plan.links,
+        "method": plan.method,
+        "seconds": round(seconds, 2),
+    }
+
+
+def work(pipe: Connection, job: Job) -> None:
+    """Plan whatever comes through a pipe, until it is closed: the process's main function."""
+    from ..scene.view import encode_view
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the server ends it
+    last = [0.0]
+
+    def report(stage: str, fraction: float) -> None:
+        if pipe.poll():
+            raise Superseded
+        if time.monotonic() - last[0] > 0.1:
+            last[0] = time.monotonic()
+            pipe.send(("progress", stage))
+
+    try:
+        pending = Change()
+        bench = None
+        while True:
+            try:
+                if bench is None:
+                    bench = Bench(job, report)
+                    pipe.send(("scene", encode_view(bench.view_wall())))
+                for shown in bench.plan(pending, report):
+                    pipe.send(("plan", shown))
+                pipe.send(("done", ""))
+                pending = Change()
+                for moved in bench.follow():
+                    pipe.send(("moved", moved))
+                    if pipe.poll():
+                        break
+            except Superseded:
+                pass
+            except BozziniError as error:
+                pipe.send(("refused", str(error)))
+                pending = Change()
+            pending = merge(pending, pipe.recv())
+            while pipe.poll():
+                pending = merge(pending, pipe.recv())
+    except (EOFError, BrokenPipeError, ConnectionResetError):  # the server has gone
+        return
+
+
+class Planning:
+    """The server's end: the process, and a thread that hears what it says.
+
+    Parameters
+    ----------
+    job : Job
+    hear : callable
+        Is given each message, in the thread: its kind and what belongs to it.
+    """
+
+    def __init__(self, job: Job, hear: Callable[[str, Any], None]) -> None:
+        context = multiprocessing.get_context("spawn")
+        self._pipe, other = context.Pipe()
+        self._process = context.Process(target=work, args=(other, job), daemon=True)
+        # An interrupt of the terminal reaches the process before it could ignore it.
+        before = None
+        if threading.current_thread() is threading.main_thread():
+            before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+        try:
+            self._process.start()
+        finally:
+            if before is not None:
+                signal.signal(signal.SIGINT, before)
+        other.close()
+        self._hear = hear
+        self._closing = False
+        self._thread = threading.Thread(target=self._listen, name="planning", daemon=True)
+        self._thread.start()
+
+    def ask(self, change: Change) -> None:
+        """Let something else be planned."""
+        self._pipe.send(change)
+
+    def close(self) -> None:
+        """End the process."""
+        self._closing = True
+        self._process.terminate()
+        self._process.join(1.0)
+        self._thread.join(1.0)
+        self._pipe.close()
+
+    def _listen(self) -> None:
+        while True:
+            try:
+                kind, what = self._pipe.recv()
+            except (EOFError, OSError):
+                if not self._closing:
+                    self._hear("lost", "the planning process has ended")
+                return
+            self._hear(kind, what)

@@ -1,0 +1,226 @@
+"""The cockpit as a whole: server, drive, planning and operator, from beginning to end."""
+
+from __future__ import annotations
+
+import asyncio
+import secrets
+import threading
+import webbrowser
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from socket import socket
+from typing import TYPE_CHECKING, Any
+
+from ..errors import BozziniError, InputError
+from .guard import LOOPBACK, Access
+from .planning import PATIENCE, Job, Planning
+from .session import Session
+from .wire import Change
+
+if TYPE_CHECKING:
+    from .drive import Drive
+    from .operator import Drawing, FigureKind
+
+WAIT_FOR_WINDOW = 10.0
+"""How long the operator waits for the page that is opened [s]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class CockpitOptions:
+    """Where the cockpit is served, and what it drives.
+
+    Attributes
+    ----------
+    host : str
+        Address to listen at; another than this computer's own needs a token, which is made.
+    port : int
+        0 for any that is free.
+    names : tuple of str
+        Names of this computer for others.
+    rig : str or None
+        ``"demo"``, ``"serial:PORT"`` or None.
+    board : {"emulated", "native"}
+        Of the emulated rig.
+    effector : str
+        Preset of the end-effector.
+    operator : {"line", "circle"} or None
+        What a scripted operator draws; the cockpit ends after it.
+    is_shown : bool
+        Whether the page is opened in the browser.
+    """
+
+    host: str = "127.0.0.1"
+    port: int = 8321
+    names: tuple[str, ...] = ()
+    rig: str | None = None
+    board: str = "emulated"
+    effector: str = "prototype"
+    operator: FigureKind | None = None
+    is_shown: bool = True
+
+    @property
+    def is_open(self) -> bool:
+        """Whether it listens to other computers."""
+        return self.host not in (*LOOPBACK, "::1")
+
+
+class Cockpit:
+    """A server with all that belongs to it.
+
+    Parameters
+    ----------
+    job : Job
+        What is planned for.
+    options : CockpitOptions
+    listener : socket
+        That `bozzini.cockpit.server.bind` has made.
+    """
+
+    def __init__(self, job: Job, options: CockpitOptions, *, listener: socket) -> None:
+        self.job, self.options, self.listener = job, options, listener
+        needs_token = options.is_open or options.rig is not None
+        self.access = Access(
+            port=listener.getsockname()[1],
+            token=secrets.token_urlsafe(24) if needs_token else None,
+            is_open=options.is_open,
+            names=tuple(name.lower() for name in options.names),
+        )
+        self.session = Session(may_arm=needs_token)
+        self.error: BozziniError | None = None
+        self.drawing: Drawing | None = None
+
+    @property
+    def address(self) -> str:
+        """Where the page is, with the token if there is one."""
+        name = self.options.names[0] if self.options.names else self.options.host
+        if name in ("0.0.0.0", "::", "::1"):
+            name = "127.0.0.1" if name == "0.0.0.0" else "[::1]"
+        query = f"?token={self.access.token}" if self.access.token else ""
+        return f"http://{name}:{self.access.port}/{query}"
+
+    def run(self, announce: Callable[[str], None]) -> None:
+        """Serve until it is interrupted, or the operator has finished.
+
+        Parameters
+        ----------
+        announce : callable
+            Is given the address once it is served.
+
+        Raises
+        ------
+        BozziniError
+            If the rig, or the tract, cannot be had.
+        """
+        planning = None
+        try:
+            planning = Planning(self.job, self._hear)
+            with suppress(KeyboardInterrupt):
+                asyncio.run(self._serve(planning, announce))
+        finally:
+            self.listener.close()
+            if planning is not None:
+                planning.close()
+            if self.session.drive is not None:
+                self.session.drive.close()
+        if self.error is not None:
+            raise self.error
+
+    async def _serve(self, planning: Planning, announce: Callable[[str], None]) -> None:
+        from .page import WEB, render_cockpit
+        from .server import make_server, run_server
+
+        self._loop, self._planning = asyncio.get_running_loop(), planning
+        self._server = make_server(self.session, self.access, page=render_cockpit(), folders=WEB)
+
+        def begin() -> None:
+            announce(self.address)
+            if self.options.is_shown:
+                threading.Thread(target=webbrowser.open, args=(self.address,), daemon=True).start()
+
+        beside = asyncio.create_task(self._prepare())
+        try:
+            await run_server(self._server, self.listener, session=self.session, when_ready=begin)
+        finally:
+            beside.cancel()
+            with suppress(asyncio.CancelledError):
+                await beside
+
+    async def _prepare(self) -> None:
+        """Open the drive beside the server, and let the operator draw."""
+        options = self.options
+        try:
+            drive = await asyncio.to_thread(self._open_drive)
+            self.session.drive = drive
+            if options.operator is not None:
+                if options.is_shown:
+                    await self._wait_for_window()
+                from .operator import Figure, draw
+
+                figure = Figure.within(options.operator, drive)
+                self.drawing = await draw(figure, drive, self.access)
+                self._server.should_exit = True
+        except BozziniError as error:
+            self._end(error)
+
+    def _open_drive(self) -> Drive:
+        from .drive import open_drive
+
+        return open_drive(self.options.effector, rig=self.options.rig, board=self.options.board)
+
+    async def _wait_for_window(self) -> None:
+        for _ in range(int(20.0 * WAIT_FOR_WINDOW)):
+            if self.session.windows:
+                return
+            await asyncio.sleep(0.05)
+
+    def _end(self, error: BozziniError) -> None:
+        """Stop because of an error."""
+        self.error = self.error or error
+        self._server.should_exit = True
+
+    def _hear(self, kind: str, what: Any) -> None:
+        """Take what the planning process says, in the server's own thread."""
+        loop = getattr(self, "_loop", None)
+        while loop is None:  # the server begins at the same time
+            threading.Event().wait(0.01)
+            loop = getattr(self, "_loop", None)
+        with suppress(RuntimeError):  # the loop has ended
+            loop.call_soon_threadsafe(self._take, kind, what)
+
+    def _take(self, kind: str, what: Any) -> None:
+        session = self.session
+        if kind == "scene":
+            session.show_scene(what)
+        elif kind == "plan":
+            session.show(what)
+            session.ask_plan = self._ask
+            session.planning = {
+                "busy": not what.info["final"],
+                "stage": "" if what.info["final"] else "looking for what would fit",
+                "message": "",
+            }
+        elif kind == "moved":
+            session.show_moved(*what)
+        elif kind == "progress":
+            session.planning = {**session.planning, "busy": True, "stage": what}
+        elif kind == "done":
+            session.planning = {"busy": False, "stage": "", "message": ""}
+        elif session.plan is None:  # refused, or lost, before there was anything to show
+            self._end(InputError(what))
+        else:
+            session.planning = {"busy": False, "stage": "", "message": what}
+
+    def _ask(self, change: Change) -> None:
+        """Let something else be planned, and say so if it takes long."""
+        self.session.planning = {"busy": True, "stage": "plan", "message": ""}
+        self._planning.ask(change)
+        before = self.session.plan
+
+        def look() -> None:
+            planning = self.session.planning
+            if planning["busy"] and self.session.plan is before:
+                words = "no motion was found yet: looking for the place that stops it"
+                self.session.planning = {**planning, "message": words}
+
+        self._loop.call_later(PATIENCE, look)

@@ -1,0 +1,125 @@
+/** The drive: pad, keyboard and gamepad, pressures, and the state of the rig. */
+
+const REST = 0.12; // of a gamepad's travel, in which it is at rest
+const KEEP_ALIVE = 120; // ms
+const RATE = 1.6; // full travels a second, by a held key
+const KEYS = { d: "ArrowRight", a: "ArrowLeft", w: "ArrowUp", s: "ArrowDown" };
+const WAYS = { ArrowRight: [1, 0], ArrowLeft: [-1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
+const STATES = { MODEL: "No rig: the model alone", BOOT: "Starting", DISARMED: "Disarmed, vented", ARMED: "Armed", FAULT: "Fault, vented", LOST: "No board" };
+const LEGAL = { arm: "DISARMED", disarm: "ARMED", clear: "FAULT" };
+
+const rests = ([x, y]) => !x && !y;
+const kPa = (pressure) => Math.round(1000 * pressure);
+const name = ({ key }) => KEYS[key.toLowerCase()] || key;
+
+/** Keep a stick within its circle. */
+const within = (stick) => stick.map((v) => v / Math.max(1, Math.hypot(...stick)));
+
+/** The gamepad that is moved, with y up. */
+function readGamepad() {
+	for (const pad of navigator.getGamepads?.() || []) {
+		const [x, y] = pad?.connected ? pad.axes : [0, 0], size = Math.hypot(x, y);
+		if (size > REST) return [x, -y].map((v) => (v / size) * Math.min((size - REST) / (1 - REST), 1));
+	}
+	return null;
+}
+
+/** Fill the section by what `info.json` says of the drive. */
+export function createDrive(section, info, { send, say }) {
+	const find = (selector) => section.querySelector(selector), full = info.full_stick_mm;
+	const pad = find(".pad"), buttons = [...section.querySelectorAll("button")];
+	// As the tip's camera sees it: x of the end-effector's frame goes left, y goes up.
+	const seen = ([x, y]) => [-x / full, -y / full];
+	find("polygon").setAttribute("points", info.workspace_mm.map(seen).join(" "));
+	find("caption").textContent = info.has_rig ? "Measured / set-point [kPa]" : "Set-points [kPa]";
+	find(".buttons").hidden = !info.has_rig;
+	find(".tip").toggleAttribute("hidden", !info.has_rig);
+	const rows = info.muscles.map((muscle) => {
+		const row = find("template").content.firstElementChild.cloneNode(true);
+		row.cells[0].textContent = muscle;
+		return find("tbody").appendChild(row);
+	});
+	section.hidden = false;
+
+	const keys = new Set();
+	let pressed = null, held = [0, 0], sent = [0, 0], sentAt = 0, then = 0, frame = null, told = "";
+
+	/** Tell the server where pad, keys or gamepad want the stick. */
+	function tick() {
+		const now = performance.now(), far = RATE * Math.min((now - then) / 1000, 0.1);
+		then = now;
+		held = keys.size ? within([0, 1].map((i) => held[i] + far * Math.sign([...keys].reduce((sum, key) => sum + WAYS[key][i], 0)))) : [0, 0];
+		const isHere = document.hasFocus() && !document.hidden;
+		const next = pressed || (keys.size && held) || (isHere && readGamepad()) || [0, 0];
+		if (next.every((v, i) => v === sent[i]) && (rests(next) || now - sentAt < KEEP_ALIVE)) return;
+		[sent, sentAt] = [next, now];
+		send({ kind: "stick", x: next[0], y: next[1], time: now });
+	}
+
+	function letGo() {
+		pressed = null;
+		keys.clear();
+		tick();
+	}
+
+	function press(event) {
+		const box = pad.getBoundingClientRect(), half = box.width / 2;
+		pressed = within([event.clientX - box.left - half, half + box.top - event.clientY].map((v) => (1.12 * v) / half));
+		tick();
+	}
+
+	const on = (target, names, act) => names.split(" ").forEach((each) => target.addEventListener(each, act));
+	on(pad, "pointerdown", (event) => {
+		pad.setPointerCapture(event.pointerId);
+		press(event);
+	});
+	on(pad, "pointermove", (event) => pressed && press(event));
+	on(pad, "pointerup pointercancel lostpointercapture blur", letGo);
+	on(window, "blur pagehide visibilitychange", letGo);
+	on(pad, "keydown", (event) => {
+		if (!WAYS[name(event)] || event.ctrlKey || event.metaKey || event.altKey) return;
+		keys.add(name(event));
+		event.preventDefault();
+		event.stopPropagation();
+	});
+	on(pad, "keyup", (event) => keys.delete(name(event)));
+	on(document, "keydown", ({ key }) => key === "Escape" && frame?.armed && send({ kind: "rig", what: "disarm" }));
+	buttons.forEach((each) => on(each, "click", () => send({ kind: "rig", what: each.value })));
+	setInterval(tick, 16);
+
+	const share = (pressure) => `${Math.min(100, Math.max(0, (100 * pressure) / info.pressure_limit_MPa))}%`;
+	const put = (selector, place) => {
+		const at = seen(place);
+		["cx", "cy"].forEach((name, i) => find(selector).setAttribute(name, at[i]));
+		return at;
+	};
+	return {
+		letGo,
+		/** Show a frame. */
+		update(next) {
+			frame = next;
+			find(".miss").setAttribute("d", `M${put(".want", next.target)}L${put(".given", next.delivered)}`);
+			put(".tip", next.tip);
+			section.classList.toggle("saturated", !next.reached);
+			rows.forEach((row, i) => {
+				const [set, now] = [next.setpoints[i], next.measured[i]];
+				row.querySelector("i").style.width = share(now);
+				row.querySelector("u").style.left = share(set);
+				row.cells[2].textContent = info.has_rig ? `${kPa(now)} / ${kPa(set)}` : kPa(set);
+			});
+		},
+		/** Show the status. */
+		tell({ rig, note, reason, moving, tip_clearance_mm: gap, reservoir_MPa: supply }) {
+			const here = STATES[rig] || rig, why = reason ? `Saturated: ${reason}.` : "";
+			section.dataset.state = rig;
+			find(".state b").textContent = here;
+			find(".state span").textContent = [note, supply === null ? "" : `supply ${kPa(supply)} kPa`].filter(Boolean).join("; ");
+			buttons.forEach((each) => (each.disabled = rig !== LEGAL[each.value]));
+			find(".why").textContent = why || (frame?.pressed && rests(sent) ? "Another window steers." : "");
+			find(".gap").textContent = gap === null ? (moving ? "" : "The tip is not in the tract.") : `Tip clearance: ${gap.toFixed(2)} mm${gap < 0 ? ", through the wall" : ""}`;
+			find(".gap").classList.toggle("through", gap < 0);
+			const now = why ? `${here}, saturated` : here;
+			if (now !== told) say((told = now));
+		},
+	};
+}

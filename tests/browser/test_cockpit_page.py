@@ -1,0 +1,350 @@
+"""The cockpit in Chromium: what its page shows, and what its stick does to an emulated rig."""
+
+from __future__ import annotations
+
+import asyncio
+import io
+import json
+import math
+import re
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from bozzini.cockpit.drive import Drive
+from bozzini.cockpit.guard import Access
+from bozzini.cockpit.page import WEB, render_cockpit
+from bozzini.cockpit.server import bind, make_server, run_server
+from bozzini.cockpit.session import Session
+from bozzini.effector import Effector
+from bozzini.rig.firmware import find_missing_tools
+from bozzini.scene.view import Body, Surface, View, encode_view
+from tests.browser.conftest import wait_for
+from tests.cli.plan_cases import write_tracts
+from tests.cockpit.conftest import make_plan
+
+READY = "() => window.cockpit?.viewer?.paints > 0 && document.querySelector('.pad')"
+PLANNED = f"{READY} && cockpit.status?.plan && !cockpit.status.planning.busy"
+FIRST_PAINT, RECONNECTION = 9.0, 15.0
+"""Three times what a computer with nothing else to do may take [s]."""
+
+
+@pytest.fixture(scope="module")
+def address(tmp_path_factory) -> Iterator[str]:
+    """Give the address of a cockpit with an emulated rig, in a small tract."""
+    if missing := find_missing_tools():
+        pytest.skip(f"no {', '.join(missing)}")
+    tract = write_tracts(tmp_path_factory.mktemp("tract")).surface
+    size = ("--diameter", "5mm", "--link", "8mm", "--rig", "demo", "--board", "native")
+    command = [sys.executable, "-m", "bozzini", "cockpit", str(tract), "--port", "0", *size]
+    with subprocess.Popen([*command, "--no-browser"], stdout=-1, text=True) as process:
+        yield process.stdout.readline().strip()
+        process.terminate()
+
+
+@pytest.fixture
+def visit(browser):
+    """Give what opens a cockpit; no error, and no request to elsewhere, may come meanwhile."""
+    wrong: list[str] = []
+    pages = []
+
+    def visit(address, *, width=800, height=440, scheme="light", script=""):
+        page = browser.new_page(viewport={"width": width, "height": height}, color_scheme=scheme)
+        pages.append(page)
+        host = address.split("/")[2]
+        page.on("pageerror", lambda error: wrong.append(str(error)))
+        page.on("console", lambda m: wrong.append(m.text) if "Error:" in m.text else None)
+        page.on("request", lambda request: wrong.append(request.url) if host not in request.url
+                and not request.url.startswith("data:") else None)  # fmt: skip
+        if script:
+            page.add_init_script(script)
+        page.goto(address)
+        return page
+
+    yield visit
+    for page in pages:
+        page.close()
+    assert not wrong
+
+
+def read_state(page) -> dict:
+    return json.loads(page.evaluate("() => fetch('/state').then((answer) => answer.text())"))
+
+
+def wait_until(page, is_so, *, seconds=20.0) -> dict:
+    end = time.monotonic() + seconds
+    while not is_so(state := read_state(page)):
+        assert time.monotonic() < end, state
+        time.sleep(0.02)
+    return state
+
+
+def look(page, selector) -> np.ndarray:
+    picture = page.locator(selector).first.screenshot()
+    return np.asarray(Image.open(io.BytesIO(picture)).convert("RGB"), dtype=float)
+
+
+def find_pad(page) -> tuple[float, float, float]:
+    """Return the middle of the pad and its full travel, in pixels."""
+    page.locator(".pad").scroll_into_view_if_needed()
+    box = page.locator(".pad").bounding_box()
+    half = 0.5 * box["width"]
+    return box["x"] + half, box["y"] + half, half / 1.12
+
+
+def seek(page, step) -> None:
+    page.evaluate(
+        "(step) => { const s = document.querySelector('.timeline input'); s.value = step;"
+        "s.dispatchEvent(new Event('input')); }",
+        step,
+    )
+
+
+def test_page_paints_soon_and_shows_scope_and_tip_camera(visit, address) -> None:
+    begin = time.monotonic()
+    page = visit(address)
+    assert "token" not in page.url
+    wait_for(page, "() => document.body.innerText.length > 0")
+    assert time.monotonic() - begin < FIRST_PAINT
+    wait_for(page, PLANNED, seconds=60.0)
+    steps = read_state(page)["steps"]
+    seek(page, steps // 2)
+    wait_until(page, lambda state: state["step"] == steps // 2)
+    wait_for(page, f"() => cockpit.frame.step === {steps // 2}")
+    before = look(page, ".stage")
+    assert before.std() > 8.0
+    assert look(page, ".inset").std() > 8.0
+    seek(page, steps - 1)
+    wait_for(page, f"() => cockpit.frame.step === {steps - 1}")
+    page.wait_for_timeout(300)
+    assert (np.abs(look(page, ".stage") - before).max(axis=2) > 20.0).mean() > 0.002
+    assert "Fits" in page.locator(".verdict").inner_text()
+
+
+def test_two_windows_are_in_step_and_the_head_plays(visit, address) -> None:
+    first, second = visit(address), visit(address, width=420, scheme="dark")
+    for page in (first, second):
+        wait_for(page, PLANNED)
+    seek(first, 3)
+    for page in (first, second):
+        wait_for(page, "() => cockpit.frame.step === 3")
+    second.locator(".play").click()
+    wait_for(first, "() => cockpit.frame.playing && cockpit.frame.step > 5")
+    first.locator(".play").click()
+    wait_for(second, "() => !cockpit.frame.playing")
+    end = read_state(first)["step"]
+    for page in (first, second):
+        wait_for(page, f"() => cockpit.frame.step === {end}")
+
+
+def test_stick_of_the_page_drives_the_rig(visit, address) -> None:
+    page = visit(address)
+    wait_for(page, PLANNED)
+    wait_until(page, lambda state: state["rig"] == "DISARMED")
+    x, y, full = find_pad(page)
+    page.get_by_role("button", name="Arm", exact=True).click()
+    wait_until(page, lambda state: state["rig"] == "ARMED")
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(x + 0.3 * full, y)
+    state = wait_until(page, lambda state: state["stick"][0] > 0.25)
+    assert state["stick"] == pytest.approx([0.3, 0.0], abs=0.02)
+    wait_until(page, lambda state: math.dist(state["tip_mm"], state["target_mm"]) < 0.6)
+    wait_for(page, "() => [...document.querySelectorAll('.bar i')].some((b) => b.offsetWidth > 9)")
+    page.mouse.move(x + 0.9 * full, y)
+    state = wait_until(page, lambda state: not state["reached"])
+    wait_for(page, "() => document.querySelector('.why').textContent.includes('Saturated')")
+    assert math.hypot(*state["delivered_mm"]) < math.hypot(*state["target_mm"])
+    page.mouse.up()
+    wait_until(page, lambda state: max(state["setpoints_MPa"]) == 0.0)
+    wait_until(page, lambda state: max(state["pressures_MPa"]) < 0.03)
+    page.keyboard.press("Escape")
+    wait_until(page, lambda state: state["rig"] == "DISARMED")
+
+
+def test_keys_and_blur(visit, address) -> None:
+    page = visit(address)
+    wait_for(page, PLANNED)
+    page.locator(".pad").focus()
+    page.keyboard.down("ArrowUp")
+    wait_until(page, lambda state: state["stick"][1] > 0.3)
+    page.keyboard.up("ArrowUp")
+    wait_until(page, lambda state: state["stick"] == [0.0, 0.0])
+    page.keyboard.down("a")
+    wait_until(page, lambda state: state["stick"][0] < -0.3)
+    page.evaluate("() => window.dispatchEvent(new Event('blur'))")
+    wait_until(page, lambda state: state["stick"] == [0.0, 0.0])
+    page.keyboard.up("a")
+    page.keyboard.down("d")
+    wait_until(page, lambda state: state["stick"][0] > 0.3)
+    page.close()  # a window that goes away lets go
+    page = visit(address)
+    wait_until(page, lambda state: state["stick"] == [0.0, 0.0])
+
+
+def test_gamepad(visit, address) -> None:
+    stub = """
+      window.axes = [0, 0];
+      document.hasFocus = () => true;
+      navigator.getGamepads = () => [null, {connected: true, axes: window.axes, buttons: []}];
+    """
+    page = visit(address, script=stub)
+    wait_for(page, PLANNED)
+    for axes, wanted in (([0.05, -0.05], [0, 0]), ([0, -1], [0, 1]), ([0.56, 0], [0.5, 0])):
+        page.evaluate("(axes) => (window.axes = axes)", axes)
+        wait_until(page, lambda state, w=wanted: np.allclose(state["stick"], w, atol=1e-6))
+    page.evaluate("() => (window.axes = [0, 0])")
+    wait_until(page, lambda state: state["stick"] == [0.0, 0.0])
+
+
+def test_plan_is_made_anew_in_the_page(visit, address) -> None:
+    page = visit(address)
+    wait_for(page, PLANNED)
+    views = read_state(page)["view"]
+    size = page.get_by_label("Diameter")
+    for value, words in (("6", "Fits"), ("17", "oes not fit")):
+        size.fill(value)
+        size.press("Enter")
+        wait_for(page, f"() => document.querySelector('.verdict').textContent.includes('{words}')")
+    assert "needs" in page.locator(".verdict").inner_text()
+    offer = page.get_by_role("button", name=re.compile("fits")).first
+    offer.wait_for()
+    assert "Diameter" in offer.inner_text()
+    offer.click()
+    wait_for(page, "() => document.querySelector('.verdict').textContent.includes('Fits')")
+    assert read_state(page)["view"] > views
+    wait_for(page, "() => cockpit.viewer.frames > 0 && cockpit.frame.links > 0")
+    # An end is moved by a click on the wall.
+    before = read_state(page)["plan"]["goal_mm"]
+    page.get_by_role("button", name="Move the end").click()
+    place = [*read_state(page)["plan"]["entry_mm"][:2], 12.0]
+    page.evaluate("(place) => cockpit.viewer.onpick({place, normal: [0, 0, 1], surface: 0})", place)
+    state = wait_until(page, lambda state: state["plan"]["goal_mm"] != before
+                       or state["planning"]["message"])  # fmt: skip
+    assert state["plan"]["goal_mm"] != before or "end" in state["planning"]["message"]
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_names_contrast_and_width(visit, address, scheme) -> None:
+    page = visit(address, width=420, scheme=scheme)
+    wait_for(page, PLANNED)
+    assert page.evaluate("() => document.documentElement.scrollWidth") <= 420
+    nameless = page.evaluate("""() => [...document.querySelectorAll(
+      '.drive button, .planning button, .planning input, .pad')].filter((item) =>
+        !(item.getAttribute('aria-label') || item.closest('label')?.textContent.trim()
+          || item.textContent.trim())).length""")
+    assert nameless == 0
+    poor = page.evaluate("""() => {
+      const light = (text) => { const c = text.match(/[\\d.]+/g).slice(0, 3).map((v) => v / 255)
+        .map((v) => (v <= 0.03928 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4));
+        return 0.2126 * c[0] + 0.7152 * c[1] + 0.0722 * c[2]; };
+      const paper = light(getComputedStyle(document.getElementById('viewer')).backgroundColor);
+      return [...document.querySelectorAll('.drive p, .drive b, .drive td, .drive th, .planning p,'
+        + '.planning label')].filter((item) => item.textContent.trim()).map((item) => {
+          const ink = light(getComputedStyle(item).color);
+          const ratio = (Math.max(ink, paper) + 0.05) / (Math.min(ink, paper) + 0.05);
+          return ratio < 4.5 ? item.textContent.slice(0, 40) + ratio : ''; }).filter(Boolean);
+    }""")
+    assert poor == []
+    order = page.evaluate("""() => [...document.querySelectorAll('.pad, .sizes input')]
+      .map((item) => item.tabIndex)""")
+    assert set(order) == {0}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["line", "circle"])
+def test_figure_is_drawn_with_the_stick_of_the_page(visit, address, kind) -> None:
+    """Page, inverse kinematics, emulated rig, forward kinematics: the tip draws the figure."""
+    page = visit(address)
+    wait_for(page, PLANNED)
+    scale = page.evaluate("() => fetch('/info.json').then((answer) => answer.json())")["drive"][
+        "full_stick_mm"
+    ]
+    # The picture is not drawn: where a program draws it, the page has no time for the stick.
+    page.evaluate("() => (document.querySelector('.stage').hidden = true)")
+    x, y, full = find_pad(page)
+    page.get_by_role("button", name="Arm", exact=True).click()
+    wait_until(page, lambda state: state["rig"] == "ARMED")
+    radius, turns = 6.0, 60
+    tips, wanted = [], []
+    page.mouse.move(x, y)
+    page.mouse.down()
+    for k in range(turns + 1):
+        angle = 2.0 * math.pi * k / turns
+        goal = radius * np.array([math.cos(angle), math.sin(angle) if kind == "circle" else 0.0])
+        page.mouse.move(x + goal[0] / scale * full, y - goal[1] / scale * full)
+        page.wait_for_timeout(150 if k else 1500)
+        tips.append(read_state(page)["tip_mm"])
+        wanted.append(goal * [-1.0, 1.0])  # the model's +x is the camera's left
+    page.mouse.up()
+    page.get_by_role("button", name="Disarm").click()
+    wait_until(page, lambda state: state["rig"] == "DISARMED")
+    error = np.linalg.norm(np.array(tips) - wanted, axis=1)
+    assert np.sqrt((error**2).mean()) < 0.5
+    assert np.array(tips)[:, 0].min() < -0.9 * radius and np.array(tips)[:, 0].max() > 0.9 * radius
+
+
+class Running:
+    """A cockpit without rig, planning or token, that can be stopped and begun again."""
+
+    def __init__(self) -> None:
+        self.session = Session()
+        self.session.drive = Drive(Effector.from_preset("prototype"))
+        plan = make_plan()
+        wall = Surface(
+            vertices=9.0 * np.array([[1.0, 0, -1], [-1, 1, 0], [-1, -1, 0], [0, 0, 4]]),
+            faces=np.array([[0, 1, 2], [0, 3, 1], [1, 3, 2], [2, 3, 0]]),
+        )
+        body = Body(joints=plan.joints.astype(float), radius=plan.radius)
+        view = View(title="a tetrahedron", surfaces=(wall,), bodies=(body,))
+        info = {"status": "complete", "certified": True, "proved_mm": 1.0, "reason": ""}
+        info |= {"would_fit_mm": {}, "inserted_mm": 40.0, "seconds": 0.1, "robot": None}
+        info |= {"diameter_mm": 4.0, "link_mm": 10.0, "inflate_mm": 0.0, "inflate_most_mm": 0.0}
+        self.session.show(replace(plan, view=encode_view(view), info=info))
+        self.session.planning = {"busy": False, "stage": "", "message": ""}
+        self.port = 0
+
+    def start(self) -> None:
+        listener = bind("127.0.0.1", self.port)
+        self.port = listener.getsockname()[1]
+        self.server = make_server(
+            self.session, Access(port=self.port), page=render_cockpit(), folders=WEB
+        )
+        ready = threading.Event()
+        run = run_server(self.server, listener, session=self.session, when_ready=ready.set)
+        self.thread = threading.Thread(target=lambda: asyncio.run(run), daemon=True)
+        self.thread.start()
+        assert ready.wait(10)
+
+    def stop(self) -> None:
+        self.server.should_exit = True
+        self.thread.join(10)
+
+
+def test_own_scripts_are_small() -> None:
+    assert sum(file.stat().st_size for folder in WEB for file in folder.glob("*.js")) <= 60_000
+
+
+def test_page_connects_again(visit) -> None:
+    running = Running()
+    running.start()
+    try:
+        page = visit(f"http://127.0.0.1:{running.port}/")
+        wait_for(page, READY)
+        running.stop()
+        wait_for(page, "() => !document.querySelector('.banner').hidden")
+        running.start()
+        begin = time.monotonic()
+        wait_for(page, "() => cockpit.connections > 1 && document.querySelector('.banner').hidden")
+        assert time.monotonic() - begin < RECONNECTION
+        running.session.go_to(7)
+        wait_for(page, "() => cockpit.frame.step === 7")
+    finally:
+        running.stop()
