@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from pathlib import Path
 
@@ -56,6 +57,21 @@ def test_contact_converts_the_commands_of_a_calibrated_robot(
         assert main(["continuum", *words]) == 0
         tips.append(json.loads(capsys.readouterr().out)["tip_mm"])
     assert tips[0] == pytest.approx(tips[1], abs=1e-9)
+
+
+@pytest.mark.parametrize("words", [("contact",), ("insert", "--to", "10mm")])
+def test_the_friction_of_tendons_is_said_to_be_left_out(
+    folder: Path, capsys: pytest.CaptureFixture[str], words: tuple[str, ...]
+) -> None:
+    robot = ContinuumRobot.from_yaml("robot.yaml")
+    section = robot.sections[0]
+    tendons = tuple(dataclasses.replace(tendon, friction=0.2) for tendon in section.tendons)
+    RobotDesign((dataclasses.replace(section, tendons=tendons),)).to_yaml("rough.yaml")
+    for file, noted in (("rough.yaml", True), ("robot.yaml", False)):
+        command = ["continuum", words[0], file, "tube.yaml", *words[1:], "--quiet"]
+        assert main(command) == 0
+        said = "note: among walls the friction of tendons is left out"
+        assert (said in capsys.readouterr().out) == noted
 
 
 def test_insert_writes_force_and_contacts(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -595,6 +595,15 @@ def test_jacobian_is_the_library(ask, run):
     assert code == 2 and "--at is 300 mm: it must lie in [0, " in err
 
 
+def test_jacobian_says_what_its_model_leaves_out(ask, run):
+    said = "the energy model leaves out the friction of tendons: the rod model has it"
+    rough = TWO.read_text().replace("angle: 0 deg", "angle: 0 deg, friction: 0.2")
+    Path("rough.yaml").write_text(rough)
+    assert ask("jacobian", "rough.yaml", "--tension", "T1=1N")["notes"] == [said]
+    assert f"note: {said}" in run("jacobian", "rough.yaml", "--tension", "T1=1N")[1]
+    assert ask("jacobian", TWO, "--tension", "T1=1N")["notes"] == []
+
+
 def test_reach_takes_any_routing_by_tensions(ask, run):
     said = ask("reach", HELICAL, "--to", "30mm,10mm,90mm", "--model", "energy")
     assert said["model"] == "energy" and said["success"]

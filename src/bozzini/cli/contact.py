@@ -216,12 +216,13 @@ def contact_command(
         progress("contact", 0.0)
         solve = model.shape if tension is None else model.shape_under_tensions
         shape = solve(commands, inserted=inserted)
-    result = {"input": source, "file": None} | shape.to_dict()
+    result = {"input": source, "file": None, "notes": model.notes} | shape.to_dict()
     if not shape.converged:
         answer.give(result, f"no stable shape: {shape.reason}")
         run_exit(EXIT_NEGATIVE)
     answer.write(shape.list_columns(), shape.plot)
-    answer.give(result | {"file": answer.out}, _describe_shape(shape))
+    text = "\n".join([_describe_shape(shape), *(f"note: {line}" for line in model.notes)])
+    answer.give(result | {"file": answer.out}, text)
 
 
 @click.command("insert")
@@ -285,11 +286,13 @@ def insert_command(
     points = _start_inside(model, line)
     with answer.show_progress() as progress:
         found = insert_robot(model, points, drives=table, step=step, progress=progress)
-    result = {"input": source, "file": None, "contacts": None} | found.to_dict()
+    result = {"input": source, "file": None, "contacts": None, "notes": model.notes}
+    result |= found.to_dict()
     answer.write(found.list_columns(), found.plot)
     if forces is not None:
         write_text(forces, format_csv(found.list_contacts()))
-    answer.give(result | {"file": answer.out, "contacts": forces}, _describe_insertion(found))
+    text = "\n".join([_describe_insertion(found), *(f"note: {line}" for line in model.notes)])
+    answer.give(result | {"file": answer.out, "contacts": forces}, text)
     if not found.converged:
         run_exit(EXIT_NEGATIVE)
 

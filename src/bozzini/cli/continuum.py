@@ -586,6 +586,7 @@ def jacobian_command(
     else:
         shape = model.find_shape(read_displacements(robot, str(displacement))[0])
     verdict = {"model": model.name, "converged": bool(shape.converged), "reason": str(shape.reason)}
+    verdict["notes"] = model.notes
     if not shape.converged:
         answer.give(verdict, f"no shape by the {model.name} model: {shape.reason}")
         run_exit(EXIT_NEGATIVE)
@@ -610,6 +611,7 @@ def jacobian_command(
         cells = [[row, *(f"{value:.4g}" for value in values)] for row, *values in rows]
         lines.append(format_rows([f"{name.replace('_', ' ')} [{unit}]", *columns], cells))
         table |= {f"{name}_{column}": values for column, values in columns.items()}
+    lines += [f"note: {line}" for line in model.notes]
     if answer.out is not None:
         write_text(answer.out, format_csv(table))
     answer.give(result, "\n".join(lines))

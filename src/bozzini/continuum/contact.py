@@ -290,6 +290,13 @@ class ContactModel:
         check_kind("options", self.options, ContactOptions)
         _ = self.walls, self._packed
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What a user should know of the model with this robot, a sentence each."""
+        if not self.robot.tendon_friction.any():
+            return ()
+        return ("among walls the friction of tendons is left out: without walls the rod has it",)
+
     @cached_property
     def walls(self) -> tuple[Boundary, ...]:
         """The lumen and the obstacles."""
