@@ -152,17 +152,22 @@ def check_arcs(
         )
 
 
-def read_displacements(robot: ContinuumRobot, text: str, *, history: Sequence[str] = ()) -> Floats:
+def read_displacements(
+    robot: ContinuumRobot, text: str | None, *, history: Sequence[str] = ()
+) -> Floats:
     """Return ``NAME=LENGTH,...`` as displacements of all tendons [mm], after those of a history.
 
-    They have the shape (h + 1, t), and are converted where the robot is calibrated.
+    They have the shape (h + 1, t), and are converted where the robot is calibrated. Without a text
+    all tendons follow.
     """
     import numpy as np
 
     names, owner = robot.tendon_names, f"the tendons of robot '{robot.name}'"
     spelled = [*(("--history", before) for before in history), ("--displacement", text)]
-    found = [
-        parse_pairs(option, part, "length", example="T1=2mm,T2=-1mm", names=names, owner=owner)
+    found: list[dict[str, float]] = [
+        {}
+        if part is None
+        else parse_pairs(option, part, "length", example="T1=2mm,T2=-1mm", names=names, owner=owner)
         for option, part in spelled
     ]
     commands = np.stack([robot.order_displacements(one) for one in found])
@@ -341,6 +346,8 @@ def format_shape(robot: ContinuumRobot, shape: Json) -> str:
     if shape["sections"]:
         lines.append(format_bends(robot, shape["sections"]))
     tendons = shape["tendons"]
+    if not tendons:
+        return "\n".join(lines)
     pulled = any(row["tension_N"] is not None for row in tendons.values())
     head = ["tendon", "displacement [mm]", "length [mm]"]
     if pulled or any(row["slack"] for row in tendons.values()):
@@ -372,18 +379,20 @@ def models_command(answer: Answer) -> None:
 
 @command.command("new")
 @click.option("--sections", default=2, show_default=True, help="Number of sections.")
-@click.option("--tendons", default=3, show_default=True, help="Tendons that end in each.")
+@click.option(
+    "--tendons", default=3, show_default=True, help="Tendons that end in each, 0 of a rod."
+)
 @answer_options(
     ".yaml", quiet=False, default=Path("robot.yaml"), show_default=True, help="The robot file."
 )
 def new_command(sections: int, tendons: int, answer: Answer) -> None:
     """Write a robot file to start from, with comments, that runs as it is."""
-    from ..continuum.template import write_template
+    from ..continuum.template import suggest_option, write_template
 
     file = str(answer.target)
     write_text(answer.target, write_template(sections=sections, tendons=tendons, file=file))
     result = {"file": file, "sections": sections, "tendons": sections * tendons}
-    first = f"bozzini continuum pose {file} --displacement T1=2mm"
+    first = f"bozzini continuum pose {file} {suggest_option(tendons)}"
     answer.give(result, f"written: {file}; try {first}")
 
 
@@ -436,6 +445,7 @@ def pose_command(
 ) -> None:
     """Find the shape of a robot under displacements or tensions of its tendons.
 
+    Under loads alone all tendons follow; a robot without tendons needs no more than its file.
     Weight and the pose of the base are in the robot's file. One that `fit` wrote has zeros, scale
     and backlash of the commands as well, and the model that was fitted; markers are then placed in
     the world.
@@ -445,20 +455,23 @@ def pose_command(
     """
     from ..plot.continuum import draw_shape
 
-    if (displacement is None) == (tension is None):
+    if displacement is not None and tension is not None:
         raise InputError("pose takes --displacement or --tension: give one of them")
+    if displacement is None and history:
+        raise InputError("--history goes with --displacement: give what comes after it")
     robot = read_robot(robot_file)
     given = {**given, "loads": tuple(map(parse_load, load)) or None}
-    name = model_name or robot.choose_model(given, pulled=tension is not None)
+    loaded = any(given.get(name) is not None for name in LOADS)
+    if displacement is None and tension is None and robot.tendons and not loaded:
+        raise InputError("pose needs --displacement or --tension, or a load: give one of them")
+    name = model_name or robot.choose_model(given, pulled=displacement is None)
     settings_given = {**given, **parse_settings([CONTINUUM_MODELS[name]], settings, taken=OPTIONS)}
-    model = make_model(name, robot, settings_given, pulled=tension is not None)
+    model = make_model(name, robot, settings_given, pulled=displacement is None)
     if tension is not None:
-        if history:
-            raise InputError("--history goes with --displacement, not with --tension")
         notes = list(model.notes)
         shape = model.shape_under_tensions(read_tensions(robot, tension))
     else:
-        moved = read_displacements(robot, str(displacement), history=history)
+        moved = read_displacements(robot, displacement, history=history)
         rows = [make_consistent(robot, row, given["tolerance"]) for row in moved]
         (displacements, notes), before = rows[-1], [row for row, _ in rows[:-1]]
         plays = robot.calibration is not None and robot.calibration.backlash > 0.0
