@@ -21,7 +21,6 @@ from ..errors import GeometryError, InputError, PluginError
 from ..fabricate import BodyOptions
 from ..io.files import write_text
 from ..results import Json
-from ..units import parse_quantity
 from .common import (
     EXIT_NEGATIVE,
     PICTURES,
@@ -42,10 +41,9 @@ from .common import (
     parse_pairs,
     run_exit,
     spell_option,
-    split_setting,
     step_option,
 )
-from .contact import contact_command, insert_command
+from .contact import contact_command, insert_command, load_option, parse_load
 from .fit import command as fit_command
 from .fit import parse_settings
 from .routing import design_command, rank_command
@@ -57,8 +55,6 @@ if TYPE_CHECKING:
         ContinuumRobot,
         ContinuumWorkspace,
         InverseOptions,
-        LineLoad,
-        PointLoad,
         Shape,
     )
     from ..continuum.checks import Floats
@@ -97,8 +93,6 @@ DISPLACEMENT_HELP = (
     "How far tendons are pulled, such as T1=2mm,T2=-1mm; negative lets them out, and those left "
     "out follow the others."
 )
-
-LOAD_EXAMPLE = "at=30mm,force=0:0:-1N,frame=body"
 
 
 def _list_options() -> dict[str, tuple[dataclasses.Field[object], list[str]]]:
@@ -181,64 +175,6 @@ def read_tensions(robot: ContinuumRobot, text: str) -> Floats:
         "--tension", text, "force", example="T1=2N,T2=0.5N", names=names, owner=owner
     )
     return robot.to_tensions(robot.order_tensions(found))
-
-
-def parse_load(text: str) -> PointLoad | LineLoad:
-    """Return ``NAME=VALUE,...`` as a load; one with ``line`` is along a part of the backbone."""
-    from ..continuum import LineLoad, PointLoad
-
-    given: dict[str, str] = {}
-    for part in text.split(","):
-        name, value = split_setting("--load", part.strip(), LOAD_EXAMPLE)
-        if name in given:
-            raise InputError(f"--load names '{name}' more than once: give it once")
-        given[name] = value
-    along = "line" in given
-    legal = ("line", "from", "to", "frame") if along else ("at", "force", "moment", "frame")
-    for name in given:
-        if name not in legal:
-            raise InputError(
-                f"--load names '{name}': a load {'along a line' if along else 'at a point'} has "
-                f"{', '.join(legal)}, such as {LOAD_EXAMPLE}"
-            )
-    if not (along or "force" in given or "moment" in given):
-        raise InputError(f"--load is '{text}': it has no force, moment or line")
-    fields: Json = {"frame": given.get("frame", "base")}
-    for name, field, kind in (
-        ("at", "arc_length", "length"),
-        ("from", "start", "length"),
-        ("to", "end", "length"),
-    ):
-        if name in given:
-            fields[field] = parse_quantity(given[name], kind)
-    for name, field, kind in (
-        ("force", "force", "force"),
-        ("moment", "moment", "moment"),
-        ("line", "force", "line force"),
-    ):
-        if name in given:
-            fields[field] = _parse_components(name, given[name], kind)
-    return LineLoad(**fields) if along else PointLoad(**fields)
-
-
-def _parse_components(name: str, text: str, kind: str) -> tuple[float, ...]:
-    """Return ``X:Y:Z`` as numbers; each but 0 has its unit, or none has one."""
-    parts = [part.strip() for part in text.split(":")]
-    if len(parts) != 3:
-        raise InputError(f"--load {name} is '{text}': it must be X:Y:Z, such as 0:0:-1N")
-    values = tuple(parse_quantity(part, kind) for part in parts)
-    bare = [part for part, value in zip(parts, values, strict=True) if value and _is_number(part)]
-    if bare and not all(_is_number(part) for part in parts):
-        raise InputError(f"--load {name} is '{text}': {bare[0]} has no unit, give each one its own")
-    return values
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
 
 
 def make_consistent(
@@ -403,13 +339,7 @@ def new_command(sections: int, tendons: int, answer: Answer) -> None:
     "--tension NAME=FORCE,...",
     "Instead, tensions of tendons at the base, such as T1=2N; 0 for those left out.",
 )
-@option(
-    "--load NAME=VALUE,...",
-    f"A load on the body, such as {LOAD_EXAMPLE} (at: the tip unless given; moment as force; "
-    "frame: base, world or body), or along a part of it, line=0:0:-1N/m,from=10mm,to=30mm; can be "
-    "repeated.",
-    multiple=True,
-)
+@load_option
 @click.option(
     "--model",
     "model_name",
