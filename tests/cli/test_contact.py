@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -56,6 +58,43 @@ def test_contact_converts_the_commands_of_a_calibrated_robot(
         assert main(["continuum", *words]) == 0
         tips.append(json.loads(capsys.readouterr().out)["tip_mm"])
     assert tips[0] == pytest.approx(tips[1], abs=1e-9)
+
+
+@pytest.mark.parametrize("words", [("contact",), ("insert", "--to", "10mm")])
+def test_the_friction_of_tendons_is_said_to_be_left_out(
+    folder: Path, capsys: pytest.CaptureFixture[str], words: tuple[str, ...]
+) -> None:
+    robot = ContinuumRobot.from_yaml("robot.yaml")
+    section = robot.sections[0]
+    tendons = tuple(dataclasses.replace(tendon, friction=0.2) for tendon in section.tendons)
+    RobotDesign((dataclasses.replace(section, tendons=tendons),)).to_yaml("rough.yaml")
+    for file, noted in (("rough.yaml", True), ("robot.yaml", False)):
+        command = ["continuum", words[0], file, "tube.yaml", *words[1:], "--quiet"]
+        assert main(command) == 0
+        said = "note: among walls the friction of tendons is left out"
+        assert (said in capsys.readouterr().out) == noted
+
+
+def test_loads_are_those_of_pose(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    def ask(*words: str) -> dict[str, Any]:
+        assert main(["continuum", *words, "--json"]) == 0
+        return dict(json.loads(capsys.readouterr().out))
+
+    tube = ("contact", "robot.yaml", "tube.yaml")
+    force = ask(*tube, "--tip-force", "0.2N,0N,0N")
+    load = ask(*tube, "--load", "force=0.2N:0:0,frame=world")
+    assert load["points_mm"] == force["points_mm"]
+    parts = ask(*tube, "--load", "force=0.1N:0:0", "--load", "line=2.5N/m:0:0")
+    assert parts["loads_N"] == pytest.approx([0.2, 0.0, 0.0])
+    # Where it touches nothing it is the shape of pose.
+    light = ("--load", "at=30mm,force=0:5mN:0,moment=0.1N mm:0:0,frame=body")
+    among, alone = ask(*tube, *light), ask("pose", "robot.yaml", *light, "--model", "rod")
+    assert among["contacts"] == []
+    assert among["tip_mm"] == pytest.approx(alone["tip_mm"], abs=0.02)
+    insert = ("insert", "robot.yaml", "tube.yaml", "--to", "30mm", "--step", "10mm")
+    pushed = ask(*insert, "--load", "force=0:0:-0.1N")
+    assert pushed["push_force_N"][-1] == pytest.approx(0.1, rel=1e-3)
+    assert abs(ask(*insert)["push_force_N"][-1]) < 1e-3
 
 
 def test_insert_writes_force_and_contacts(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

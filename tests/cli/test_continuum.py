@@ -512,6 +512,30 @@ def test_a_new_robot_runs_at_once(run, ask):
     assert not Path("none.yaml").exists()
 
 
+def test_a_rod_without_tendons_is_posed_by_loads_alone(ask, run):
+    ask("new", "--tendons", 0, "--sections", 1)
+    rod = ContinuumRobot.from_yaml("robot.yaml")
+    assert rod.tendons == ()
+    said = ask("pose", "robot.yaml", "--load", "force=1mN:0:0", "--out", "rod.csv")
+    assert said["model"] == "rod" and said["tendons"] == {}
+    # F L^3 / 3 EI of the beam.
+    sag = 1e-3 * rod.length**3 / (3.0 * rod.sections[0].bending_stiffness)
+    assert said["tip_mm"][0] == pytest.approx(sag, rel=1e-3)
+    assert "tendon" not in run("pose", "robot.yaml", "--load", "force=1mN:0:0")[1]
+    assert run("pose", "robot.yaml", "--load", "force=1mN:0:0", "--out", "rod.png")[0] == 0
+    straight = ask("pose", "robot.yaml")
+    assert straight["tip_mm"] == pytest.approx([0.0, 0.0, rod.length], abs=1e-9)
+
+
+def test_under_loads_alone_all_tendons_follow(ask, run):
+    load = ("--load", "force=2mN:1mN:0")
+    follow, slack = (ask("pose", TWO, *words, *load) for words in ((), ("--tension", "T1=0N")))
+    assert follow["tip_mm"] == pytest.approx(slack["tip_mm"], abs=1e-6)
+    assert follow["tip_mm"] == ask("pose", TWO, "--tip-force", "2mN,1mN,0")["tip_mm"]
+    code, _, err = run("pose", TWO, *load, "--history", "T1=1mm")
+    assert code == 2 and "--history goes with --displacement" in err
+
+
 def test_tendons_that_are_not_named_follow(ask):
     said = ask("pose", TWO, "--displacement", "T1=2mm,T4=3mm")
     shape = ROBOT.forward({"T1": 2.0, "T4": 3.0}, model="arc")
@@ -529,7 +553,7 @@ def test_tensions_are_taken_by_name(ask, run):
     assert said["tip_mm"] == pytest.approx(ROBOT.forward(tensions=pulls).tip.tolist())
     for words, line in (
         (("--tension", "T1=1N", "--displacement", "T1=1mm"), "pose takes --displacement or"),
-        ((), "pose takes --displacement or --tension: give one of them"),
+        ((), "pose needs --displacement or --tension, or a load: give one of them"),
         (("--tension", "T1=1mm"), "'1mm' has the wrong kind of unit"),
         (("--tension", "T1=-1N"), "tension of tendon 'T1' is -1 N: it must lie in [0, inf) N"),
         (("--tension", "T1=1N", "--model", "arc"), "the arc model takes displacements only"),
@@ -593,6 +617,15 @@ def test_jacobian_is_the_library(ask, run):
     assert pulled["arc_length_mm"] == pytest.approx(30.0, abs=robot.length / 20)
     code, _, err = run("jacobian", HELICAL, "--tension", "H1=1N", "--at", "300mm")
     assert code == 2 and "--at is 300 mm: it must lie in [0, " in err
+
+
+def test_jacobian_says_what_its_model_leaves_out(ask, run):
+    said = "the energy model leaves out the friction of tendons: the rod model has it"
+    rough = TWO.read_text().replace("angle: 0 deg", "angle: 0 deg, friction: 0.2")
+    Path("rough.yaml").write_text(rough)
+    assert ask("jacobian", "rough.yaml", "--tension", "T1=1N")["notes"] == [said]
+    assert f"note: {said}" in run("jacobian", "rough.yaml", "--tension", "T1=1N")[1]
+    assert ask("jacobian", TWO, "--tension", "T1=1N")["notes"] == []
 
 
 def test_reach_takes_any_routing_by_tensions(ask, run):

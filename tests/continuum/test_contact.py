@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import minimize
+from scipy.spatial.transform import Rotation
 
 from bozzini.continuum import (
     ContactModel,
@@ -24,7 +25,7 @@ from bozzini.continuum import (
     Section,
     Tendon,
 )
-from bozzini.duct import Circles, Duct, SuperEllipses
+from bozzini.duct import Circles, Duct, RoundCones, SuperEllipses
 from bozzini.errors import InputError
 
 
@@ -560,6 +561,43 @@ def test_friction_is_in_its_cone_and_against_the_slip() -> None:
     assert np.all(np.sum(rub * slip, axis=1) <= 0.0)
     sizes = np.linalg.norm(rub[slides], axis=1) * np.linalg.norm(slip[slides], axis=1)
     np.testing.assert_allclose(np.sum(rub * slip, axis=1)[slides], -sizes, rtol=1e-3)
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.2])
+def test_a_scene_that_is_moved_by_metres_has_the_same_forces(friction: float) -> None:
+    tendons = tuple(Tendon(name=f"T{k}", offset=1.0, angle=k * np.pi) for k in range(2))
+    section = Section(length=100.0, radius=1.5, tendons=tendons, bending_stiffness=1000.0)
+    options = ContactOptions(segment_length=5.0, friction=friction)
+
+    def press(turn: NDArray[np.float64], shift: NDArray[np.float64]) -> ContactShape:
+        robot = RobotDesign(
+            (section,),
+            base_position=turn @ (10.0, 5.0, 3.0) + shift,
+            base_rotation=turn @ ALONG_X,
+        )
+        line = np.array([[-100.0, 5.0, 3.0], [300.0, 5.0, 3.0]]) @ turn.T + shift
+        load = PointLoad(
+            arc_length=50.0, force=tuple(turn @ np.array([0.0, 0.01, -0.09])), frame="world"
+        )
+        tube = RoundCones(line, np.full(2, 2.5))
+        model = ContactModel(robot, tube, loads=(load,), options=options)
+        first = model.shape_under_tensions({"T0": 0.5})
+        check_balance(first)
+        second = model.shape_under_tensions({"T0": 2.0}, initial=first)
+        check_balance(second)
+        return second
+
+    near = press(np.eye(3), np.zeros(3))
+    assert near.normal_forces.max() > 0.01
+    turn = Rotation.from_rotvec([0.3, 1.1, -0.7]).as_matrix()
+    # What is left of a turn is that of the lattice on which the wall is made smooth.
+    for turned, close in ((np.eye(3), 1e-7), (turn, 1e-4)):
+        far = press(turned, np.array([0.0, 5000.0, -3000.0]))
+        largest = float(near.normal_forces.max())
+        np.testing.assert_allclose(far.normal_forces, near.normal_forces, atol=close * largest)
+        np.testing.assert_allclose(far.forces @ turned, near.forces, atol=10 * close * largest)
+        assert far.stability == pytest.approx(near.stability, rel=close)
+        assert far.push_force == pytest.approx(near.push_force, abs=1e-3 * largest)
 
 
 def test_a_wall_holds_a_rod_that_would_buckle() -> None:

@@ -10,7 +10,9 @@ import click
 
 from ..continuum.contact import ContactOptions
 from ..errors import InputError
+from ..results import Json
 from ..study.options import PathOptions, ReadOptions
+from ..units import parse_quantity
 from ._tract_options import (
     check_shape_options,
     note_calibration,
@@ -31,6 +33,7 @@ from .common import (
     options_of,
     parse_pairs,
     run_exit,
+    split_setting,
 )
 
 if TYPE_CHECKING:
@@ -42,6 +45,8 @@ if TYPE_CHECKING:
         ContinuumRobot,
         DriveTable,
         InsertionResult,
+        LineLoad,
+        PointLoad,
     )
     from ..continuum.checks import Floats
     from ..duct import Centreline, Duct
@@ -51,6 +56,75 @@ SHOWN_CONTACTS = 12
 
 contact_options = options_of(ContactOptions, "contact")
 path_options = options_of(PathOptions, "options")
+
+
+LOAD_EXAMPLE = "at=30mm,force=0:0:-1N,frame=body"
+
+load_option = option(
+    "--load NAME=VALUE,...",
+    f"A load on the body, such as {LOAD_EXAMPLE} (at: the tip unless given; moment as force; "
+    "frame: base, world or body), or along a part of it, line=0:0:-1N/m,from=10mm,to=30mm; can be "
+    "repeated.",
+    multiple=True,
+)
+
+
+def parse_load(text: str) -> PointLoad | LineLoad:
+    """Return ``NAME=VALUE,...`` as a load; one with ``line`` is along a part of the backbone."""
+    from ..continuum import LineLoad, PointLoad
+
+    given: dict[str, str] = {}
+    for part in text.split(","):
+        name, value = split_setting("--load", part.strip(), LOAD_EXAMPLE)
+        if name in given:
+            raise InputError(f"--load names '{name}' more than once: give it once")
+        given[name] = value
+    along = "line" in given
+    legal = ("line", "from", "to", "frame") if along else ("at", "force", "moment", "frame")
+    for name in given:
+        if name not in legal:
+            raise InputError(
+                f"--load names '{name}': a load {'along a line' if along else 'at a point'} has "
+                f"{', '.join(legal)}, such as {LOAD_EXAMPLE}"
+            )
+    if not (along or "force" in given or "moment" in given):
+        raise InputError(f"--load is '{text}': it has no force, moment or line")
+    fields: Json = {"frame": given.get("frame", "base")}
+    for name, field, kind in (
+        ("at", "arc_length", "length"),
+        ("from", "start", "length"),
+        ("to", "end", "length"),
+    ):
+        if name in given:
+            fields[field] = parse_quantity(given[name], kind)
+    for name, field, kind in (
+        ("force", "force", "force"),
+        ("moment", "moment", "moment"),
+        ("line", "force", "line force"),
+    ):
+        if name in given:
+            fields[field] = _parse_components(name, given[name], kind)
+    return LineLoad(**fields) if along else PointLoad(**fields)
+
+
+def _parse_components(name: str, text: str, kind: str) -> tuple[float, ...]:
+    """Return ``X:Y:Z`` as numbers; each but 0 has its unit, or none has one."""
+    parts = [part.strip() for part in text.split(":")]
+    if len(parts) != 3:
+        raise InputError(f"--load {name} is '{text}': it must be X:Y:Z, such as 0:0:-1N")
+    values = tuple(parse_quantity(part, kind) for part in parts)
+    bare = [part for part, value in zip(parts, values, strict=True) if value and _is_number(part)]
+    if bare and not all(_is_number(part) for part in parts):
+        raise InputError(f"--load {name} is '{text}': {bare[0]} has no unit, give each one its own")
+    return values
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
 
 
 def read_shapes(source: Path) -> Duct:
@@ -163,6 +237,7 @@ def _describe_shape(shape: ContactShape) -> str:
     metavar="X,Y,Z",
     help="Force on the tip, in the world's axes.",
 )
+@load_option
 @option("--inserted LENGTH", "Length beyond an introducer at the base (default: all).", "length")
 @tract_options
 @path_options
@@ -175,6 +250,7 @@ def contact_command(
     displacement: str | None,
     tension: str | None,
     tip_force: tuple[float, float, float] | None,
+    load: tuple[str, ...],
     inserted: float | None,
     reading: ReadOptions,
     options: PathOptions,
@@ -195,6 +271,9 @@ def contact_command(
     if source is None and not obstacles:
         raise InputError("contact needs a wall: give INPUT, or --obstacle")
     robot = _read_robot(robot_file)
+    loads = tuple(map(parse_load, load))
+    if tip_force is not None:
+        loads += (PointLoad(force=tip_force, frame="world"),)
     commands: ArrayLike = ()
     if displacement is not None:
         pulls = _read_commands(robot, "--displacement", displacement, "length", "T1=2mm,T2=-1mm")
@@ -209,19 +288,20 @@ def contact_command(
         robot,
         duct,
         obstacles=tuple(map(read_shapes, obstacles)),
-        loads=() if tip_force is None else (PointLoad(force=tip_force, frame="world"),),
+        loads=loads,
         options=contact,
     )
     with answer.show_progress() as progress:
         progress("contact", 0.0)
         solve = model.shape if tension is None else model.shape_under_tensions
         shape = solve(commands, inserted=inserted)
-    result = {"input": source, "file": None} | shape.to_dict()
+    result = {"input": source, "file": None, "notes": model.notes} | shape.to_dict()
     if not shape.converged:
         answer.give(result, f"no stable shape: {shape.reason}")
         run_exit(EXIT_NEGATIVE)
     answer.write(shape.list_columns(), shape.plot)
-    answer.give(result | {"file": answer.out}, _describe_shape(shape))
+    text = "\n".join([_describe_shape(shape), *(f"note: {line}" for line in model.notes)])
+    answer.give(result | {"file": answer.out}, text)
 
 
 @click.command("insert")
@@ -243,6 +323,7 @@ def contact_command(
     metavar="FILE.csv",
     help="Also write the contact forces of all steps as a table.",
 )
+@load_option
 @tract_options
 @path_options
 @contact_options
@@ -256,6 +337,7 @@ def insert_command(
     to: float | None,
     step: float | None,
     forces: Path | None,
+    load: tuple[str, ...],
     reading: ReadOptions,
     options: PathOptions,
     contact: ContactOptions,
@@ -264,7 +346,8 @@ def insert_command(
     """Push a robot into the lumen in INPUT along its centreline, in equilibrium at each step.
 
     What is not inserted is straight in an introducer at the entry. INPUT is a label volume or a
-    surface, as for bozzini plan, or a file of shapes (.json, .yaml). Exit code 0: it goes in; 1: it
+    surface, as for bozzini plan, or a file of shapes (.json, .yaml). Loads act on what is in; those
+    in the base's axes are in those of the introducer. Exit code 0: it goes in; 1: it
     finds no equilibrium, buckles, loops or meets itself, and where; 2: bad input.
     """
     from ..continuum import ContactModel, DriveTable, insert_robot
@@ -281,15 +364,17 @@ def insert_command(
     if to is not None:
         table = DriveTable.passive(robot, to)
     duct, line = read_lumen(source, reading, options, answer, line=True)
-    model = ContactModel(robot, duct, options=contact)
+    model = ContactModel(robot, duct, loads=tuple(map(parse_load, load)), options=contact)
     points = _start_inside(model, line)
     with answer.show_progress() as progress:
         found = insert_robot(model, points, drives=table, step=step, progress=progress)
-    result = {"input": source, "file": None, "contacts": None} | found.to_dict()
+    result = {"input": source, "file": None, "contacts": None, "notes": model.notes}
+    result |= found.to_dict()
     answer.write(found.list_columns(), found.plot)
     if forces is not None:
         write_text(forces, format_csv(found.list_contacts()))
-    answer.give(result | {"file": answer.out, "contacts": forces}, _describe_insertion(found))
+    text = "\n".join([_describe_insertion(found), *(f"note: {line}" for line in model.notes)])
+    answer.give(result | {"file": answer.out, "contacts": forces}, text)
     if not found.converged:
         run_exit(EXIT_NEGATIVE)
 

@@ -21,7 +21,6 @@ from ..errors import GeometryError, InputError, PluginError
 from ..fabricate import BodyOptions
 from ..io.files import write_text
 from ..results import Json
-from ..units import parse_quantity
 from .common import (
     EXIT_NEGATIVE,
     PICTURES,
@@ -42,10 +41,9 @@ from .common import (
     parse_pairs,
     run_exit,
     spell_option,
-    split_setting,
     step_option,
 )
-from .contact import contact_command, insert_command
+from .contact import contact_command, insert_command, load_option, parse_load
 from .fit import command as fit_command
 from .fit import parse_settings
 from .routing import design_command, rank_command
@@ -57,8 +55,6 @@ if TYPE_CHECKING:
         ContinuumRobot,
         ContinuumWorkspace,
         InverseOptions,
-        LineLoad,
-        PointLoad,
         Shape,
     )
     from ..continuum.checks import Floats
@@ -97,8 +93,6 @@ DISPLACEMENT_HELP = (
     "How far tendons are pulled, such as T1=2mm,T2=-1mm; negative lets them out, and those left "
     "out follow the others."
 )
-
-LOAD_EXAMPLE = "at=30mm,force=0:0:-1N,frame=body"
 
 
 def _list_options() -> dict[str, tuple[dataclasses.Field[object], list[str]]]:
@@ -152,17 +146,22 @@ def check_arcs(
         )
 
 
-def read_displacements(robot: ContinuumRobot, text: str, *, history: Sequence[str] = ()) -> Floats:
+def read_displacements(
+    robot: ContinuumRobot, text: str | None, *, history: Sequence[str] = ()
+) -> Floats:
     """Return ``NAME=LENGTH,...`` as displacements of all tendons [mm], after those of a history.
 
-    They have the shape (h + 1, t), and are converted where the robot is calibrated.
+    They have the shape (h + 1, t), and are converted where the robot is calibrated. Without a text
+    all tendons follow.
     """
     import numpy as np
 
     names, owner = robot.tendon_names, f"the tendons of robot '{robot.name}'"
     spelled = [*(("--history", before) for before in history), ("--displacement", text)]
-    found = [
-        parse_pairs(option, part, "length", example="T1=2mm,T2=-1mm", names=names, owner=owner)
+    found: list[dict[str, float]] = [
+        {}
+        if part is None
+        else parse_pairs(option, part, "length", example="T1=2mm,T2=-1mm", names=names, owner=owner)
         for option, part in spelled
     ]
     commands = np.stack([robot.order_displacements(one) for one in found])
@@ -176,64 +175,6 @@ def read_tensions(robot: ContinuumRobot, text: str) -> Floats:
         "--tension", text, "force", example="T1=2N,T2=0.5N", names=names, owner=owner
     )
     return robot.to_tensions(robot.order_tensions(found))
-
-
-def parse_load(text: str) -> PointLoad | LineLoad:
-    """Return ``NAME=VALUE,...`` as a load; one with ``line`` is along a part of the backbone."""
-    from ..continuum import LineLoad, PointLoad
-
-    given: dict[str, str] = {}
-    for part in text.split(","):
-        name, value = split_setting("--load", part.strip(), LOAD_EXAMPLE)
-        if name in given:
-            raise InputError(f"--load names '{name}' more than once: give it once")
-        given[name] = value
-    along = "line" in given
-    legal = ("line", "from", "to", "frame") if along else ("at", "force", "moment", "frame")
-    for name in given:
-        if name not in legal:
-            raise InputError(
-                f"--load names '{name}': a load {'along a line' if along else 'at a point'} has "
-                f"{', '.join(legal)}, such as {LOAD_EXAMPLE}"
-            )
-    if not (along or "force" in given or "moment" in given):
-        raise InputError(f"--load is '{text}': it has no force, moment or line")
-    fields: Json = {"frame": given.get("frame", "base")}
-    for name, field, kind in (
-        ("at", "arc_length", "length"),
-        ("from", "start", "length"),
-        ("to", "end", "length"),
-    ):
-        if name in given:
-            fields[field] = parse_quantity(given[name], kind)
-    for name, field, kind in (
-        ("force", "force", "force"),
-        ("moment", "moment", "moment"),
-        ("line", "force", "line force"),
-    ):
-        if name in given:
-            fields[field] = _parse_components(name, given[name], kind)
-    return LineLoad(**fields) if along else PointLoad(**fields)
-
-
-def _parse_components(name: str, text: str, kind: str) -> tuple[float, ...]:
-    """Return ``X:Y:Z`` as numbers; each but 0 has its unit, or none has one."""
-    parts = [part.strip() for part in text.split(":")]
-    if len(parts) != 3:
-        raise InputError(f"--load {name} is '{text}': it must be X:Y:Z, such as 0:0:-1N")
-    values = tuple(parse_quantity(part, kind) for part in parts)
-    bare = [part for part, value in zip(parts, values, strict=True) if value and _is_number(part)]
-    if bare and not all(_is_number(part) for part in parts):
-        raise InputError(f"--load {name} is '{text}': {bare[0]} has no unit, give each one its own")
-    return values
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
 
 
 def make_consistent(
@@ -341,6 +282,8 @@ def format_shape(robot: ContinuumRobot, shape: Json) -> str:
     if shape["sections"]:
         lines.append(format_bends(robot, shape["sections"]))
     tendons = shape["tendons"]
+    if not tendons:
+        return "\n".join(lines)
     pulled = any(row["tension_N"] is not None for row in tendons.values())
     head = ["tendon", "displacement [mm]", "length [mm]"]
     if pulled or any(row["slack"] for row in tendons.values()):
@@ -372,18 +315,20 @@ def models_command(answer: Answer) -> None:
 
 @command.command("new")
 @click.option("--sections", default=2, show_default=True, help="Number of sections.")
-@click.option("--tendons", default=3, show_default=True, help="Tendons that end in each.")
+@click.option(
+    "--tendons", default=3, show_default=True, help="Tendons that end in each, 0 of a rod."
+)
 @answer_options(
     ".yaml", quiet=False, default=Path("robot.yaml"), show_default=True, help="The robot file."
 )
 def new_command(sections: int, tendons: int, answer: Answer) -> None:
     """Write a robot file to start from, with comments, that runs as it is."""
-    from ..continuum.template import write_template
+    from ..continuum.template import suggest_option, write_template
 
     file = str(answer.target)
     write_text(answer.target, write_template(sections=sections, tendons=tendons, file=file))
     result = {"file": file, "sections": sections, "tendons": sections * tendons}
-    first = f"bozzini continuum pose {file} --displacement T1=2mm"
+    first = f"bozzini continuum pose {file} {suggest_option(tendons)}"
     answer.give(result, f"written: {file}; try {first}")
 
 
@@ -394,13 +339,7 @@ def new_command(sections: int, tendons: int, answer: Answer) -> None:
     "--tension NAME=FORCE,...",
     "Instead, tensions of tendons at the base, such as T1=2N; 0 for those left out.",
 )
-@option(
-    "--load NAME=VALUE,...",
-    f"A load on the body, such as {LOAD_EXAMPLE} (at: the tip unless given; moment as force; "
-    "frame: base, world or body), or along a part of it, line=0:0:-1N/m,from=10mm,to=30mm; can be "
-    "repeated.",
-    multiple=True,
-)
+@load_option
 @click.option(
     "--model",
     "model_name",
@@ -436,6 +375,7 @@ def pose_command(
 ) -> None:
     """Find the shape of a robot under displacements or tensions of its tendons.
 
+    Under loads alone all tendons follow; a robot without tendons needs no more than its file.
     Weight and the pose of the base are in the robot's file. One that `fit` wrote has zeros, scale
     and backlash of the commands as well, and the model that was fitted; markers are then placed in
     the world.
@@ -445,20 +385,23 @@ def pose_command(
     """
     from ..plot.continuum import draw_shape
 
-    if (displacement is None) == (tension is None):
+    if displacement is not None and tension is not None:
         raise InputError("pose takes --displacement or --tension: give one of them")
+    if displacement is None and history:
+        raise InputError("--history goes with --displacement: give what comes after it")
     robot = read_robot(robot_file)
     given = {**given, "loads": tuple(map(parse_load, load)) or None}
-    name = model_name or robot.choose_model(given, pulled=tension is not None)
+    loaded = any(given.get(name) is not None for name in LOADS)
+    if displacement is None and tension is None and robot.tendons and not loaded:
+        raise InputError("pose needs --displacement or --tension, or a load: give one of them")
+    name = model_name or robot.choose_model(given, pulled=displacement is None)
     settings_given = {**given, **parse_settings([CONTINUUM_MODELS[name]], settings, taken=OPTIONS)}
-    model = make_model(name, robot, settings_given, pulled=tension is not None)
+    model = make_model(name, robot, settings_given, pulled=displacement is None)
     if tension is not None:
-        if history:
-            raise InputError("--history goes with --displacement, not with --tension")
         notes = list(model.notes)
         shape = model.shape_under_tensions(read_tensions(robot, tension))
     else:
-        moved = read_displacements(robot, str(displacement), history=history)
+        moved = read_displacements(robot, displacement, history=history)
         rows = [make_consistent(robot, row, given["tolerance"]) for row in moved]
         (displacements, notes), before = rows[-1], [row for row, _ in rows[:-1]]
         plays = robot.calibration is not None and robot.calibration.backlash > 0.0
@@ -586,6 +529,7 @@ def jacobian_command(
     else:
         shape = model.find_shape(read_displacements(robot, str(displacement))[0])
     verdict = {"model": model.name, "converged": bool(shape.converged), "reason": str(shape.reason)}
+    verdict["notes"] = model.notes
     if not shape.converged:
         answer.give(verdict, f"no shape by the {model.name} model: {shape.reason}")
         run_exit(EXIT_NEGATIVE)
@@ -610,6 +554,7 @@ def jacobian_command(
         cells = [[row, *(f"{value:.4g}" for value in values)] for row, *values in rows]
         lines.append(format_rows([f"{name.replace('_', ' ')} [{unit}]", *columns], cells))
         table |= {f"{name}_{column}": values for column, values in columns.items()}
+    lines += [f"note: {line}" for line in model.notes]
     if answer.out is not None:
         write_text(answer.out, format_csv(table))
     answer.give(result, "\n".join(lines))

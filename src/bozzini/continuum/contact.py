@@ -290,11 +290,19 @@ class ContactModel:
         check_kind("options", self.options, ContactOptions)
         _ = self.walls, self._packed
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What a user should know of the model with this robot, a sentence each."""
+        if not self.robot.tendon_friction.any():
+            return ()
+        return ("among walls the friction of tendons is left out: without walls the rod has it",)
+
     @cached_property
     def walls(self) -> tuple[Boundary, ...]:
         """The lumen and the obstacles."""
         found = take_boundaries(self.duct, self.obstacles)
-        return tuple(dataclasses.replace(wall, smoothing=self.options.smoothing) for wall in found)
+        base, smoothing = self.robot.base_frame[:3, 3], self.options.smoothing
+        return tuple(dataclasses.replace(wall, smoothing=smoothing, origin=base) for wall in found)
 
     @cached_property
     def _packed(self) -> PackedLoads:
@@ -466,7 +474,7 @@ class ContactModel:
             start = State(part.rest, none, np.zeros(count), none)
         else:
             start = carry_state(initial, part)
-            before = place_before(initial, part)
+            before = place_before(initial, part) - task.base[:3, 3]
         pulled = np.where(part.counts > 0, command.tensions, 0.0)
         start.tensions = np.where(task.held, start.tensions, pulled)
         solution = settle(task, start, before, WARM if initial is not None else 0)
@@ -485,7 +493,8 @@ class ContactModel:
         n = len(part.spans)
         rotations, spare = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3))
         fill_frames(part.packed, solution.state.turns, rotations, spare)
-        points[k:], tangents[k:] = found.points, rotations[1:, :, 2] @ base[:3, :3].T
+        points[k:] = base[:3, 3] + found.points
+        tangents[k:] = rotations[1:, :, 2] @ base[:3, :3].T
         forces, normal = np.zeros((len(places), 3)), np.zeros(len(places))
         gaps = np.full(len(places), np.inf)
         normal[k:] = np.sqrt(np.sum(found.pressed.body**2, axis=1))
@@ -494,7 +503,7 @@ class ContactModel:
         gaps[k:] = found.pressed.gaps
         at, loads, moments = task.measure_loads(solution.state.turns)
         moment = np.cross(at - base[:3, 3], loads).sum(axis=0) + moments.sum(axis=0)
-        moment += np.cross(found.points - base[:3, 3], forces[k:]).sum(axis=0)
+        moment += np.cross(found.points, forces[k:]).sum(axis=0)
         bent = solution.state.turns - part.rest
         distance, pair = find_self_contact(robot, places, points)
         settled, reason = judge(task, solution)

@@ -233,7 +233,7 @@ WARM = 2
 
 @dataclass(frozen=True, eq=False)
 class Slip:
-    """Where the points were before, (n, 3), and the contacts on which they rub, in the world."""
+    """Where the points were before, (n, 3), and the contacts on which they rub, as of `locate`."""
 
     before: Floats
     normals: Floats
@@ -372,11 +372,11 @@ class ContactProblem:
         return places, moments, np.concatenate([spots.follows, np.zeros(n, dtype=np.bool_)])
 
     def locate(self, turns: Floats) -> Floats:
-        """Return the points but the first in the world, (n, 3) [mm]."""
+        """Return the points but the first from the base in the world's axes, (n, 3) [mm]."""
         n = len(self.part.spans)
         rotations, points = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3))
         fill_frames(self.part.packed, turns, rotations, points)
-        return np.asarray(points[1:] @ self.base[:3, :3].T + self.base[:3, 3])
+        return np.asarray(points[1:] @ self.base[:3, :3].T)
 
     def touch(self, points: Floats, held: Floats) -> Seen:
         """Return walls and places of the smooth gaps that are small, or have a force (w, n)."""
@@ -428,7 +428,7 @@ class ContactProblem:
         rod = part.packed, part.rest, tendons, places, loads
         value += measure_equilibrium(rod, self.limits, turns, state.tensions, filled)
         # Of the walls' forces it is the potential that counts, not that of dead forces.
-        value += float(np.sum(likely * (points - self.base[:3, 3])))
+        value += float(np.sum(likely * points))
         missed = max(missed, float(np.max(np.abs(held * (state.tensions - tensions)), initial=0.0)))
         errors = (likely - pressed.body - rubbed) @ rotation
         add_contacts(part.packed, turns, rotation.T @ blocks @ rotation, errors, gradient, hessian)
@@ -663,7 +663,7 @@ def find_fall(found: Measure, stiffness: Floats) -> Floats:
 def measure_imbalance(task: ContactProblem, state: State, found: Measure) -> float:
     """Return the moment by which a segment is out of balance, against those that act."""
     stiffness, spots = task.part.stiffness, task.spots
-    arms = np.linalg.norm(found.points - task.base[:3, 3], axis=1)
+    arms = np.linalg.norm(found.points, axis=1)
     acting = float(np.linalg.norm(found.body_forces, axis=1) @ arms)
     acting += float(np.linalg.norm(spots.forces, axis=1) @ arms[spots.segments])
     acting += float(np.linalg.norm(spots.moments, axis=1).sum())

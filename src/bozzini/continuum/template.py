@@ -7,7 +7,7 @@ from ..checks import check_integer
 HEAD = """\
 # A tendon-driven continuum robot. Units may be left out: mm, N, MPa and rad then; angles beyond
 # a full turn need theirs.
-#   bozzini continuum pose {file} --displacement T1=2mm
+#   bozzini continuum pose {file} {option}
 name: robot
 # base_position: [0 mm, 0 mm, 0 mm]     # of the base in the world, whose weight acts along -z
 # base_rotation: [0 deg, 90 deg, 0 deg] # rotation vector
@@ -25,8 +25,9 @@ SECTION = """\
     # line_weight: 0.1 N/m
     # disc_weight: 1 mN
     max_bend: 120 deg
-    tendons: # those that end in this section
 """
+
+TENDONS = "    tendons: # those that end in this section\n"
 
 TENDON = "      - {{name: {name}, offset: {offset:g} mm, angle: {angle:.10g} deg}}\n"
 
@@ -42,6 +43,11 @@ RADIUS_MM = 6.0
 OFFSET_MM = 4.0
 
 
+def suggest_option(tendons: int) -> str:
+    """Return an option of ``pose`` for a robot with so many tendons in each section."""
+    return "--displacement T1=2mm" if tendons else "--load force=0:10mN:0"
+
+
 def write_template(*, sections: int = 2, tendons: int = 3, file: str = "robot.yaml") -> str:
     """Return the text of a robot file with comments, which `ContinuumRobot.from_yaml` reads.
 
@@ -50,7 +56,7 @@ def write_template(*, sections: int = 2, tendons: int = 3, file: str = "robot.ya
     sections : int
         Number of sections, in [1, 20].
     tendons : int
-        Tendons that end in each section, evenly about the backbone, in [1, 12].
+        Tendons that end in each section, evenly about the backbone, in [0, 12].
     file : str
         Name of the file, for the command in its first lines.
 
@@ -60,13 +66,14 @@ def write_template(*, sections: int = 2, tendons: int = 3, file: str = "robot.ya
         If a number is outside its range.
     """
     count = check_integer("sections", sections, low=1, high=MOST_SECTIONS)
-    each = check_integer("tendons", tendons, low=1, high=MOST_TENDONS)
-    text = HEAD.format(file=file if file.isprintable() else "ROBOT.yaml")
+    each = check_integer("tendons", tendons, low=0, high=MOST_TENDONS)
+    name = file if file.isprintable() else "ROBOT.yaml"
+    text = HEAD.format(file=name, option=suggest_option(each))
     for index in range(count):
-        text += SECTION.format(radius=RADIUS_MM)
+        text += SECTION.format(radius=RADIUS_MM) + (TENDONS if each else "")
         for k in range(each):
             # Those of one section stand between those of the one before.
             angle = 360.0 / each * (k + index / count)
             text += TENDON.format(name=f"T{index * each + k + 1}", offset=OFFSET_MM, angle=angle)
-        text += MORE if index == 0 else ""
+        text += MORE if index == 0 and each else ""
     return text

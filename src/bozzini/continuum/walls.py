@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import NamedTuple, Protocol, runtime_checkable
 
@@ -127,11 +127,16 @@ class Touched(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Boundary:
-    """One wall with its side: a lumen to stay inside, or an obstacle to stay outside."""
+    """One wall with its side: a lumen to stay inside, or an obstacle to stay outside.
+
+    Smooth gaps are those of points seen from `origin` (3,) in the axes of the world [mm], such as a
+    robot's base: then round-off of the places does not grow with the distance to the world's.
+    """
 
     duct: Wall
     outside: bool
     smoothing: float | None = None
+    origin: Floats = field(default_factory=lambda: np.zeros(3))
 
     @cached_property
     def step(self) -> float:
@@ -148,8 +153,11 @@ class Boundary:
     def measure_near(
         self, points: Floats, radii: Floats, held: NDArray[np.bool_], margin: float
     ) -> Touched:
-        """Return smooth gaps of the balls that are nearer than `margin` [mm] or are `held`."""
-        near = self.measure(points, radii) < margin + STEEPEST * 2.0 * self.step
+        """Return smooth gaps of the balls that are nearer than `margin` [mm] or are `held`.
+
+        The points (m, 3) are seen from the origin.
+        """
+        near = self.measure(self.origin + points, radii) < margin + STEEPEST * 2.0 * self.step
         index = np.flatnonzero(near | held)
         if not len(index):
             return Touched.none()
@@ -177,6 +185,7 @@ class Boundary:
             around = np.indices((kernels.SPLINE_NODES,) * cells.shape[1])[::-1] - 1
             around = around.reshape(cells.shape[1], -1).T  # the first axis fastest
             nodes = self.step * (np.array(missing)[:, None] + around)
+            nodes += self.origin[: cells.shape[1]]
             values = np.asarray(self.duct.signed_distance(nodes), dtype=np.float64)
             known.update(zip(missing, values, strict=True))
         return np.array([known[key] for key in keys])

@@ -1,0 +1,55 @@
+"""The rod against another group's Cosserat solver, on all of its shapes."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from bozzini.continuum import ContinuumRobot, PointLoad, RodModel, Section, Wire
+
+
+@pytest.fixture
+def sorosim(monkeypatch: pytest.MonkeyPatch) -> Iterator[ModuleType]:
+    monkeypatch.syspath_prepend(str(Path(__file__).resolve().parents[2] / "validation"))
+    import sorosim_statics
+
+    yield sorosim_statics
+    sys.modules.pop("section", None)
+
+
+def test_another_rod_with_other_stations_is_read(sorosim, tmp_path: Path) -> None:
+    specimen = sorosim.Specimen(length=200.0, radius=1.0, modulus=50e3, density=0.0)
+    middle, tip = (0.0, 0.3, -0.2), (0.0, 0.1, 0.2)  # N, in the axes of the file
+    halves = np.array([0.0, 0.4, 1.0]), np.array([0.0, 0.25, 0.5, 1.0])
+    places = np.concatenate([100.0 * halves[0], 100.0 + 100.0 * halves[1]])
+    wire = Wire(diameter=2.0, modulus=50e3, poisson_ratio=0.33)
+    discs = tuple(np.unique(places)[1:])
+    robot = ContinuumRobot((Section(length=200.0, radius=1.0, disc_positions=discs, wire=wire),))
+    into = sorosim.INTO_WORLD
+    loads = [
+        PointLoad(arc_length=at, force=tuple(np.array(force) @ into))
+        for at, force in ((100.0, middle), (None, tip))
+    ]
+    shape = RodModel(robot, loads=loads, stretches=True).shape_under_tensions([]).require()
+    index = [int(np.argmin(np.abs(shape.arc_length - place))) for place in places]
+    np.testing.assert_allclose(shape.arc_length[index], places, atol=1e-9)
+    points = 1e-3 * shape.frames[index, :3, 3] @ into.T
+    turns = into @ shape.frames[index, :3, :3] @ into.T
+    angles = Rotation.from_matrix(turns).as_euler("XYZ")
+    rows = [["label", *"gmt", *map(str, range(7))], ["s", 0, 0, 0, *halves[0], *halves[1]]]
+    rows += [[f"Eul{k}", 0.0, 0.0, 0.0, *angles[:, k]] for k in range(3)]
+    rows += [[f"P{k}", 0.0, middle[k], tip[k], *points[:, k]] for k in range(3)]
+    with (tmp_path / "rod.csv").open("w", newline="") as file:
+        csv.writer(file).writerows(rows)
+    found = sorosim.compare(sorosim.read_statics(tmp_path / "rod.csv", specimen))
+    assert not found.reasons and found.tip.max() < 1e-9 and found.turn.max() < 1e-4
+    softer = dataclasses.replace(specimen, modulus=45e3)
+    assert sorosim.compare(sorosim.read_statics(tmp_path / "rod.csv", softer)).tip.max() > 1e-3
