@@ -140,6 +140,41 @@ def test_backlash_comes_back():
     assert fit.setup.backlash == pytest.approx(0.2, abs=1e-2)
 
 
+def hide_peaks(data: RobotMeasurements) -> RobotMeasurements:
+    """Return a recording without points where a command turns, and most of what precedes it."""
+    first = data.commands[:, 0]
+    peaks = np.abs(first - np.median(first)) > 0.6 * np.abs(first - np.median(first)).max()
+    hidden = data.points.copy()
+    hidden[peaks] = np.nan
+    return dataclasses.replace(data, points=hidden)
+
+
+def test_backlash_heeds_the_commands_of_rows_without_a_point():
+    truth = RobotSetup(make_robot(lengths=LENGTHS[:1]), MARKERS[:1], backlash=0.5)
+    commands = 3.0 * np.sin(np.linspace(0.0, 19.0, 60)[:, None] + np.zeros(3))
+    commands = commands * [1.0, -0.5, -0.5]
+    blank = simulate(truth, rows=60)
+    moved = dataclasses.replace(blank, commands=commands)
+    data = dataclasses.replace(moved, points=predict_points(truth, moved).predicted)
+    gaps = hide_peaks(data)
+    assert 20 < len(gaps.seen_rows) < 45
+    start = RobotSetup(make_robot(lengths=LENGTHS[:1]), MARKERS[:1])
+    options = RobotFitOptions(folds=3, split="blocks", smaller=False)
+    fit = fit_robot(start, gaps, free=["commands.backlash"], options=options)
+    assert fit.setup.backlash == pytest.approx(0.5, abs=1e-2)
+    assert fit.rms < 1e-2
+    # The blocks left out see the history as well, of rows left out and of those without a point.
+    assert fit.validation is not None and fit.validation.rms < 1e-2
+    assert fit.robot.calibration.rows == len(gaps.seen_rows)
+    # What is predicted of a row goes with the row of the table.
+    rows = gaps.seen_rows
+    assert fit.prediction.predicted[rows] == pytest.approx(data.points[rows], abs=1e-2)
+    assert np.isnan(fit.prediction.predicted).all(axis=(1, 2)).sum() == 60 - len(rows)
+    # Without their history the rows contradict each other.
+    lost = fit_robot(start, gaps.select(rows), free=["commands.backlash"], options=BARE)
+    assert lost.rms > 10.0 * fit.rms
+
+
 def record_loops(friction: float, *, cycles: int, each: int = 8) -> RobotMeasurements:
     """Return growing loops of one tendon's tension, seen at the tip without noise."""
     tendon = Tendon(name="a", offset=4.0, angle=0.3, friction=friction, stiffness=2e3)
@@ -181,6 +216,11 @@ def test_friction_of_a_recorded_loop_comes_back(loops):
     assert find(fit, "tendons.a.friction").value == pytest.approx(FRICTION, rel=0.03)
     without = fit_loops(loops).rms
     assert fit.predict(loops).rms < 0.2 * without
+    # The same with rows that were not seen: their tensions are part of the history.
+    points = loops.points.copy()
+    points[:22] = np.nan
+    late = dataclasses.replace(loops, points=points)
+    assert fit.predict(late).distances[22] == pytest.approx(fit.predict(loops).distances[22])
     # A row depends on those before it: alone it is another shape.
     assert fit.predict(loops.select([22])).rms > 0.5 * without
 

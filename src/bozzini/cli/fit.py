@@ -243,7 +243,8 @@ def command(
     for path, other in checked.items():
         there = found.predict(other)
         result["checks"][str(path)] = there.to_dict()
-        lines.append(f"{path.name}: {len(other)} rows predicted to {there.rms:.3g} mm rms")
+        rows = len(other.seen_rows)
+        lines.append(f"{path.name}: {rows} rows predicted to {there.rms:.3g} mm rms")
     if answer.out is not None:
         found.robot.to_yaml(answer.out)
     if figure is not None:

@@ -146,12 +146,13 @@ class RobotPrediction(Result):
     Parameters
     ----------
     measured, predicted : ndarray, shape (n, m, 3)
-        Points [mm]; NaN where one was not seen.
+        Points [mm]; NaN where one was not seen. Nothing is predicted of a row without a point.
     markers : tuple of str
         Names of the points.
     answered : ndarray of bool, shape (n,)
         Which rows the model has a converged shape for; the others count with the shape that it
-        found, and with the span of the points if that is not finite.
+        found, and with the span of the points if that is not finite. Rows without a point are not
+        asked for.
     reason : str
         Why a row has no shape; empty if all have one.
     """
@@ -163,9 +164,14 @@ class RobotPrediction(Result):
     reason: str
 
     @property
+    def seen_rows(self) -> NDArray[np.int64]:
+        """Indices of the rows with a point, (k,)."""
+        return np.flatnonzero(np.isfinite(self.measured).all(axis=-1).any(axis=-1))
+
+    @property
     def converged(self) -> bool:
-        """Whether all rows have a shape."""
-        return bool(self.answered.all())
+        """Whether all rows with a point have a shape."""
+        return bool(self.answered[self.seen_rows].all())
 
     @property
     def distances(self) -> Floats:
@@ -196,7 +202,7 @@ class RobotPrediction(Result):
             "rms_mm": self.rms,
             "rms_by_marker_mm": self.rms_by_marker,
             "largest_mm": float(np.nanmax(self.distances)),
-            "rows": len(self.answered),
+            "rows": len(self.seen_rows),
             "rows_answered": int(self.answered.sum()),
             "converged": self.converged,
             "reason": self.reason,
@@ -325,7 +331,7 @@ class RobotFit(Result):
             values={one.name: one.value for one in self.estimates},
             rms=self.rms,
             validation_rms=0.0 if self.validation is None else self.validation.rms,
-            rows=len(self.data),
+            rows=len(self.data.seen_rows),
             source=self.data.source,
         )
 
@@ -375,7 +381,7 @@ class RobotFit(Result):
                 "not determined"
             )  # fmt: skip
             lines.append(f"{one.name:<{wide}}{value:11.4g} {unit:<7} {interval}")
-        rows = len(self.prediction.answered)
+        rows = len(self.prediction.seen_rows)
         lines.append(
             f"fitted {rows} rows with {len(self.estimates)} constants: {self.rms:.3g} mm rms"
         )
@@ -614,7 +620,7 @@ def make_observation(
         options = {**robot.calibration.model_options, **options}
     elif name == "energy":
         options.setdefault("segment", "channel")
-    return Observation(setup, data, name, options, np.arange(len(data)))
+    return Observation(setup, data, name, options, data.seen_rows)
 
 
 def predict_points(
@@ -648,14 +654,16 @@ def predict_points(
 
 
 def _compare(observation: Observation, found: Observed) -> RobotPrediction:
-    measured = observation.measured
-    answered = found.answered
-    reasons = found.shape.reason[~answered]
+    measured, rows = observation.measured, observation.rows
+    reasons = found.shape.reason[~found.answered]
     missing = np.isnan(found.points) & np.isfinite(measured)
-    points = np.where(missing, measured + fill_gaps(found.points, measured), found.points)
+    predicted = np.full(observation.data.points.shape, np.nan)
+    predicted[rows] = np.where(missing, measured + fill_gaps(found.points, measured), found.points)
+    answered = np.zeros(len(predicted), dtype=np.bool_)
+    answered[rows] = found.answered
     return RobotPrediction(
-        measured=measured,
-        predicted=points,
+        measured=observation.data.points,
+        predicted=predicted,
         markers=tuple(marker.name for marker in observation.data.markers),
         answered=answered,
         reason=str(reasons[0]) if len(reasons) else "",
@@ -679,7 +687,8 @@ def make_folds(data: RobotMeasurements, options: RobotFitOptions) -> Folds:
     """
     if not options.folds:
         return ()
-    rows, labels = np.arange(len(data)), np.unique(data.blocks)
+    rows = data.seen_rows
+    labels = np.unique(data.blocks[rows])
     if options.split == "random":
         if data.is_ordered:
             raise InputError(
@@ -688,7 +697,7 @@ def make_folds(data: RobotMeasurements, options: RobotFitOptions) -> Folds:
             )
         rows = np.random.default_rng(0).permutation(rows)
     elif len(labels) > 1:
-        return tuple(rows[data.blocks == label] for label in labels)
+        return tuple(rows[data.blocks[rows] == label] for label in labels)
     if len(rows) < options.folds:
         raise InputError(f"{len(rows)} row(s) are too few for {options.folds} folds")
     return tuple(np.sort(part) for part in np.array_split(rows, options.folds))
@@ -808,7 +817,7 @@ class _Linear:
     def make(cls, search: _Search, found: _Found, folds: Folds) -> _Linear:
         """Return it from where a search ended."""
         seen = search.seen
-        row = np.broadcast_to(np.arange(len(seen))[:, None, None], seen.shape)[seen]
+        row = np.broadcast_to(search.observation.rows[:, None, None], seen.shape)[seen]
         target = found.jacobian @ found.changes - search.miss(found.observed)
         return cls(found.jacobian, target, tuple(np.isin(row, fold) for fold in folds))
 
@@ -866,7 +875,7 @@ def _conclude(
         ]
     if not prediction.converged:
         warnings.append(
-            f"{int((~prediction.answered).sum())} of {len(prediction.answered)} rows have no "
+            f"{int((~found.observed.answered).sum())} of {len(observation.rows)} rows have no "
             f"converged shape: {prediction.reason}"
         )
     reasons = {1: "the gradient vanished", 2: "the sum of squares settled"}

@@ -43,6 +43,9 @@ _AXIS = re.compile(r"(.+?)[\s_]+([xyz])")
 class RobotMeasurements:
     """Commands of a robot's tendons, and where points of its body were seen.
 
+    Rows are in the order of time where that matters. A row without a point is not compared with
+    anything, but its command is part of the history of the rows after it.
+
     Parameters
     ----------
     command : {"displacement", "tension"}
@@ -96,7 +99,7 @@ class RobotMeasurements:
         blocks = self.blocks if len(self.blocks) else np.full(rows, "")
         if len(blocks) != rows:
             raise InputError(f"there are {len(blocks)} blocks for {rows} rows: give one for each")
-        if not np.isfinite(points).any():
+        if not np.isfinite(points).all(axis=-1).any():
             raise InputError("no point was seen: the places are all empty")
         object.__setattr__(self, "commands", commands)
         object.__setattr__(self, "points", points)
@@ -104,6 +107,11 @@ class RobotMeasurements:
 
     def __len__(self) -> int:
         return len(self.commands)
+
+    @property
+    def seen_rows(self) -> NDArray[np.int64]:
+        """Indices of the rows with a point, (k,)."""
+        return np.flatnonzero(np.isfinite(self.points).all(axis=-1).any(axis=-1))
 
     @property
     def span(self) -> float:
@@ -117,7 +125,8 @@ class RobotMeasurements:
 
         They are if the points of neighbours are half as far apart as those of any two, or less.
         """
-        flat = np.nan_to_num(self.points.reshape(len(self), -1))
+        rows = self.seen_rows
+        flat = np.nan_to_num(self.points[rows].reshape(len(rows), -1))
         if len(flat) < 8:
             return False
         other = flat[np.random.default_rng(0).permutation(len(flat))]
@@ -125,7 +134,11 @@ class RobotMeasurements:
         return bool(near <= 0.5 * np.median(np.linalg.norm(flat - other, axis=1)))
 
     def select(self, rows: NDArray[np.generic] | Sequence[int]) -> RobotMeasurements:
-        """Return some of the rows, by mask or index."""
+        """Return some of the rows, by mask or index.
+
+        The others are gone from the history of those after them, which backlash and friction ask
+        for: to keep them there, set their points to NaN instead.
+        """
         return dataclasses.replace(
             self, commands=self.commands[rows], points=self.points[rows], blocks=self.blocks[rows]
         )
@@ -174,9 +187,9 @@ def read_robot_measurements(
     Commands are columns such as ``T1 displacement [mm]`` or ``T1 tension [N]``, with the name of
     the tendon; positive displacements are pulled. Points are three columns each, such as
     ``tip x [mm]`` or ``marker_1_x [mm]``, in the world. The unit is in the title, perhaps with a
-    number, as in ``[0.1 mm]``. A place that is empty or ``nan`` was not seen; a row without a point
-    is left out. Other columns are ignored. A table of ``bozzini vision track`` has a row for each
-    point, and the commands as columns that it copied.
+    number, as in ``[0.1 mm]``. A place that is empty or ``nan`` was not seen; the command of
+    a row without a point is the history of the rows after it. Other columns are ignored. A table of
+    ``bozzini vision track`` has a row for each point, and the commands as columns that it copied.
 
     Parameters
     ----------
@@ -234,20 +247,23 @@ def _take_sheet(
     points = np.stack([np.stack([values[place] for place in axes], axis=-1)
                        for axes in seen.values()], axis=1)  # fmt: skip
     points[~np.isfinite(points).all(axis=-1)] = np.nan
-    rows = np.isfinite(points).any(axis=(1, 2))
-    notes = [f"{int((~rows).sum())} row(s) without a point are left out"] if not rows.all() else []
+    empty = int((~np.isfinite(points).any(axis=(1, 2))).sum())
+    notes = []
+    if empty:
+        notes.append(
+            f"{empty} row(s) without a point are not compared; their commands are history of the "
+            "rows after them"
+        )
     ignored = [title for place, title in enumerate(titles) if place not in (*places, label)]
     notes += [f"ignored columns: {', '.join(ignored)}"] if ignored else []
     words = [str(row[label]) for row in sheet.rows] if blocks else [""] * len(sheet.rows)
-    if not rows.any():
-        raise InputError("no point was seen: the places are all empty")
     return RobotMeasurements(
         command="displacement" if command == "displacement" else "tension",
         tendons=tuple(commands[command]),
-        commands=np.stack([values[place] for place in commands[command].values()], axis=-1)[rows],
+        commands=np.stack([values[place] for place in commands[command].values()], axis=-1),
         markers=tuple(({TIP: Marker(name=TIP)} | known)[name] for name in seen),
-        points=points[rows],
-        blocks=np.asarray(words)[rows],
+        points=points,
+        blocks=np.asarray(words),
         notes=tuple(notes),
     )
 
