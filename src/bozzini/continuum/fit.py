@@ -66,7 +66,8 @@ class RobotFitOptions:
         What of each coordinate's misfit is summed, as of `scipy.optimize.least_squares`. The
         robust ones count a misfit above 1.5 times the scatter less than by its square.
     folds : int
-        Blocks of rows that are left out in turn, and predicted; 0 for none.
+        Blocks of rows that are left out in turn, and predicted; 0 for none. Where nothing is free
+        there is nothing to leave out of.
     split : {"blocks", "random"}
         Whether blocks are runs of rows or drawn at random. A random split is refused where rows
         that follow each other are alike: there it tests no prediction. Labels of the data, if there
@@ -299,9 +300,16 @@ class RobotFit(Result):
 
     @property
     def is_poor(self) -> bool:
-        """Whether rows left out, or fitted, are missed by more than 5 % of the points' span."""
-        error = self.rms if self.validation is None else self.validation.rms
-        return not error <= POOR_SHARE * self.data.span
+        """Whether rows left out, or fitted, are missed by more than 5 % of the points' span.
+
+        A comparison with points that all coincide has no span to be judged by, and is not poor.
+        """
+        return self.data.span > 0.0 and not self.error <= POOR_SHARE * self.data.span
+
+    @property
+    def error(self) -> float:
+        """Root mean square distance of rows left out [mm], of those fitted if none were."""
+        return self.rms if self.validation is None else self.validation.rms
 
     def predict(self, data: RobotMeasurements) -> RobotPrediction:
         """Return what the fitted robot predicts of other measurements.
@@ -573,7 +581,13 @@ def fit_robot(
     seen = int(np.isfinite(data.points).sum())
     if seen <= len(unknowns):
         raise InputError(f"{seen} coordinate(s) are too few for {len(unknowns)} constant(s)")
-    folds = make_folds(data, options)
+    if unknowns and data.span == 0.0:
+        place = ", ".join(f"{value:g}" for value in data.points[data.seen_rows[0]].T[:, 0])
+        raise InputError(
+            f"all points of {len(data.seen_rows)} row(s) coincide at ({place}) mm: a fit asks for "
+            "points that move"
+        )
+    folds = make_folds(data, options) if unknowns else ()
     progress("aligning", 0.0)
     if _frees_base(unknowns):
         observation = dataclasses.replace(observation, setup=align_base(observation))
@@ -699,7 +713,10 @@ def make_folds(data: RobotMeasurements, options: RobotFitOptions) -> Folds:
     elif len(labels) > 1:
         return tuple(rows[data.blocks[rows] == label] for label in labels)
     if len(rows) < options.folds:
-        raise InputError(f"{len(rows)} row(s) are too few for {options.folds} folds")
+        legal = f"2 to {len(rows)}, or 0 for none" if len(rows) > 1 else "0 for none"
+        raise InputError(
+            f"{len(rows)} row(s) are too few for {options.folds} folds: --folds must be {legal}"
+        )
     return tuple(np.sort(part) for part in np.array_split(rows, options.folds))
 
 
@@ -898,13 +915,16 @@ def _conclude(
         else f"no minimum within {EVALUATIONS} evaluations",
         evaluations=found.evaluations,
     )
-    if not fit.is_poor:
+    if fit.data.span == 0.0:
+        poor = f"all points coincide: there is no span to judge the error of {fit.error:.3g} mm by"
+    elif fit.is_poor:
+        poor = (
+            f"the fit is poor: it is off by {fit.error:.3g} mm, "
+            f"{100.0 * fit.error / fit.data.span:.0f} % of the points' span, {fit.data.span:.3g} "
+            f"mm; above {100.0 * POOR_SHARE:.0f} % it is poor"
+        )
+    else:
         return fit
-    error = fit.rms if validation is None else validation.rms
-    poor = (
-        f"the fit is poor: it is off by {error:.3g} mm, {100.0 * error / fit.data.span:.0f} % of "
-        f"the points' span, {fit.data.span:.3g} mm; above {100.0 * POOR_SHARE:.0f} % it is poor"
-    )
     return dataclasses.replace(fit, warnings=(*fit.warnings, poor))
 
 

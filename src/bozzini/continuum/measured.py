@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, get_args
@@ -19,6 +19,7 @@ from ..io.sheets import DECIMAL_COMMA, Sheet, read_sheet, show_cell, take_frame,
 from ..units import parse_quantity
 from .calibration import Command, Marker
 from .checks import Floats, check_items
+from .kinematics import ContinuumRobot
 
 if TYPE_CHECKING:
     import pandas
@@ -198,8 +199,8 @@ def read_robot_measurements(
     robot : RobotDesign
         The robot, whose tendons and tip are meant.
     markers : sequence of Marker
-        Where the points seen are on the body. ``tip`` need not be there; points that are not are
-        left out.
+        Where points of the table are on the body; each must be there. Markers of the robot's
+        calibration and ``tip`` need not be there.
     columns : mapping of str to str, optional
         Titles to read for titles of the file, such as ``{"tip_x": "tip x [mm]"}``.
     blocks : str
@@ -234,7 +235,10 @@ def _take_sheet(
 ) -> RobotMeasurements:
     titles = _rename(sheet.titles, columns or {})
     _check_sheet(sheet, titles)
-    commands, seen = _find_columns(titles, robot, {TIP: Marker(name=TIP)} | known)
+    calibration = robot.calibration if isinstance(robot, ContinuumRobot) else None
+    own = {item.name: item for item in (calibration.markers if calibration else ())}
+    everything = {TIP: Marker(name=TIP)} | own | known
+    commands, seen = _find_columns(titles, robot, everything, demanded=known)
     label = titles.index(blocks) if blocks in titles else -1
     if blocks and label < 0:
         raise FileFormatError(f"there is no column '{blocks}' with labels of blocks")
@@ -254,6 +258,9 @@ def _take_sheet(
             f"{empty} row(s) without a point are not compared; their commands are history of the "
             "rows after them"
         )
+    lacking = [name for name in own if name not in seen]
+    if lacking:
+        notes.append(f"markers of the robot without columns are left out: {', '.join(lacking)}")
     ignored = [title for place, title in enumerate(titles) if place not in (*places, label)]
     notes += [f"ignored columns: {', '.join(ignored)}"] if ignored else []
     words = [str(row[label]) for row in sheet.rows] if blocks else [""] * len(sheet.rows)
@@ -261,7 +268,7 @@ def _take_sheet(
         command="displacement" if command == "displacement" else "tension",
         tendons=tuple(commands[command]),
         commands=np.stack([values[place] for place in commands[command].values()], axis=-1),
-        markers=tuple(({TIP: Marker(name=TIP)} | known)[name] for name in seen),
+        markers=tuple(everything[name] for name in seen),
         points=points,
         blocks=np.asarray(words),
         notes=tuple(notes),
@@ -325,7 +332,11 @@ def _check_sheet(sheet: Sheet, titles: Sequence[str]) -> None:
 
 
 def _find_columns(
-    titles: Sequence[str], robot: RobotDesign, known: Mapping[str, Marker]
+    titles: Sequence[str],
+    robot: RobotDesign,
+    known: Mapping[str, Marker],
+    *,
+    demanded: Collection[str],
 ) -> tuple[dict[str, dict[str, int]], dict[str, list[int]]]:
     """Return where the commands are, by kind and tendon, and the coordinates of each marker."""
     commands: dict[str, dict[str, int]] = {}
@@ -361,7 +372,7 @@ def _find_columns(
         )
     for name in known:
         lacking = [axis for axis in "xyz" if axis not in seen.get(name, {})]
-        if lacking and (name in seen or name != TIP):
+        if lacking and (name in seen or name in demanded):
             raise FileFormatError(f"there is no column '{name} {lacking[0]} [mm]' of '{name}'")
     return commands, {name: [axes[axis] for axis in "xyz"] for name, axes in seen.items()}
 
