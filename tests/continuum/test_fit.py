@@ -175,6 +175,28 @@ def test_backlash_heeds_the_commands_of_rows_without_a_point():
     assert lost.rms > 10.0 * fit.rms
 
 
+def test_a_first_row_of_zeros_without_a_point_begins_a_recording_at_rest():
+    truth = RobotSetup(make_robot(lengths=LENGTHS[:1]), MARKERS[:1], backlash=0.5)
+    start = dataclasses.replace(truth, backlash=0.0)
+    blank = simulate(truth, rows=40)
+    turn = np.linspace(1.5, 14.0, 40)
+    commands = 3.0 * np.stack([np.sin(turn + k * 2.0 * math.pi / 3.0) for k in range(3)], axis=-1)
+    commands[0] = 0.0
+    moved = dataclasses.replace(blank, commands=commands)
+    points = predict_points(truth, moved).predicted
+    points[0] = np.nan
+    data = dataclasses.replace(moved, points=points)
+    fits = [
+        fit_robot(start, rows, free=["commands.backlash"], options=BARE)
+        for rows in (data, data.select(np.arange(1, 40)))
+    ]
+    assert fits[0].setup.backlash == pytest.approx(0.5, abs=1e-3)
+    assert fits[0].rms < 1e-3
+    assert fits[1].rms > 0.1
+    warned = [any("began at rest" in text for text in fit.warnings) for fit in fits]
+    assert warned == [False, True]
+
+
 def record_loops(friction: float, *, cycles: int, each: int = 8) -> RobotMeasurements:
     """Return growing loops of one tendon's tension, seen at the tip without noise."""
     tendon = Tendon(name="a", offset=4.0, angle=0.3, friction=friction, stiffness=2e3)

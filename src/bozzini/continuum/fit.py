@@ -890,6 +890,11 @@ def _conclude(
             )
             if not low + AT_BOUND < change < high - AT_BOUND
         ]
+    if setup.backlash > 0.0 and observation.data.commands[0].any():
+        warnings.append(
+            "the play before the first row is unknown: its command is taken to act in full; if the "
+            "recording began at rest, begin the table with a row of zero commands and no point"
+        )
     if not prediction.converged:
         warnings.append(
             f"{int((~found.observed.answered).sum())} of {len(observation.rows)} rows have no "
