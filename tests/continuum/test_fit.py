@@ -20,6 +20,7 @@ from bozzini.continuum import (
     parse_unknowns,
     predict_points,
 )
+from bozzini.continuum.fit import Validation
 from bozzini.continuum.observation import place_markers
 from bozzini.errors import InputError
 from bozzini.muscle.hysteresis import PrandtlIshlinskii
@@ -315,6 +316,38 @@ def test_rows_left_out_are_predicted_as_well_as_the_noise():
     assert fit.predict(data).rms == pytest.approx(fit.rms)
 
 
+@pytest.mark.parametrize("loss", ["soft_l1", "huber", "linear"])
+def test_rows_that_a_robust_loss_counts_less_are_named(loss):
+    truth = RobotSetup(make_robot(lengths=LENGTHS[:1], offset=4.4), MARKERS[:1])
+    data = simulate(truth, noise=0.01)
+    points = data.points.copy()
+    wrong = [3, 8]
+    points[wrong, 0, 1] += 20.0
+    spoilt = dataclasses.replace(data, points=points)
+    options = RobotFitOptions(folds=0, loss=loss)
+    fit = fit_robot(
+        make_robot(lengths=LENGTHS[:1]), spoilt, free=["tendons.*.offset"], options=options
+    )
+    said = "of 24 rows less than half weight" in fit.format_table()
+    assert said == (loss != "linear")
+    if loss == "linear":
+        assert not fit.outliers
+        return
+    assert set(wrong) <= set(fit.outliers) and len(fit.outliers) < 8
+    assert find(fit, "tendons.*.offset").value == pytest.approx(4.4, rel=1e-2)
+    # The rms is of all points, those two as well; the median is that of the others.
+    assert fit.rms == pytest.approx(20.0 * math.sqrt(2.0 / 24.0), rel=0.05)
+    assert fit.prediction.median < 0.1
+    # Rows without a point shift no number.
+    hidden = points.copy()
+    hidden[0] = np.nan
+    gap = fit_robot(
+        make_robot(lengths=LENGTHS[:1]), dataclasses.replace(data, points=hidden),
+        free=["tendons.*.offset"], options=options,
+    )  # fmt: skip
+    assert set(wrong) <= set(gap.outliers)
+
+
 def test_a_random_split_of_a_recording_is_refused():
     data = simulate(RobotSetup(make_robot(), MARKERS), rows=80, ordered=True)
     with pytest.raises(InputError, match="a random split tests no prediction"):
@@ -420,6 +453,25 @@ def test_intervals_cover_the_truth():
     assert 0.88 <= hits / (3 * tries) <= 0.99
 
 
+def make_validation(*blocks: float) -> Validation:
+    return Validation(("a",), math.sqrt(sum(value**2 for value in blocks) / len(blocks)), blocks)
+
+
+def test_a_validation_is_better_beyond_the_scatter_of_its_blocks():
+    blocks = np.array([2.0, 1.0, 3.0, 2.0])
+    every = make_validation(*blocks)
+    assert not every.beats(every)
+    # A gain of every block counts however small it is, one within the scatter of them does not.
+    assert make_validation(*(blocks - 1e-3)).beats(every)
+    for gain, wins in ((0.5, True), (0.15, False)):
+        gains = gain + np.array([0.5, -0.5, 0.3, -0.3])
+        fewer = make_validation(*(blocks - gains))
+        assert fewer.rms < every.rms
+        t = gains.mean() / (gains.std(ddof=1) / math.sqrt(4))
+        assert fewer.beats(every) == wins == (t > 1.0)
+        assert not every.beats(fewer)
+
+
 @pytest.mark.slow
 def test_fewer_constants_that_predict_better_are_said():
     truth = RobotSetup(make_robot(offset=4.4), MARKERS[:1])
@@ -429,5 +481,6 @@ def test_fewer_constants_that_predict_better_are_said():
     assert fit.smaller is not None
     assert fit.validation is not None
     assert fit.smaller.rms <= fit.validation.rms
+    assert fit.smaller.beats(fit.validation)
     assert set(fit.smaller.names) < {one.name for one in fit.estimates}
     assert "fewer constants predict better" in fit.format_table()

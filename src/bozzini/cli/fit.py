@@ -242,7 +242,10 @@ def command(
         there = found.predict(other)
         result["checks"][str(path)] = there.to_dict()
         rows = len(other.seen_rows)
-        lines.append(f"{path.name}: {rows} rows predicted to {there.rms:.3g} mm rms")
+        lines.append(
+            f"{path.name}: {rows} rows predicted to {there.rms:.3g} mm rms, {there.median:.3g} mm "
+            "median"
+        )
     if answer.out is not None:
         found.robot.to_yaml(answer.out)
     if figure is not None:

@@ -47,6 +47,8 @@ FLAT = 1e-3
 """Gradient of half the sum of squares that counts as none [mm^2]."""
 NEARLY_NONE = 1e-3
 """Largest change from which a search begins as from none: its first step is as large as that."""
+HALF = 0.5
+"""Weight of a coordinate below which its row is reported."""
 LEAST_SCATTER_MM = 1e-4
 """Scatter below which all misfits count alike [mm]."""
 
@@ -139,6 +141,16 @@ class Validation:
     rms: float
     blocks: tuple[float, ...]
 
+    def beats(self, other: Validation) -> bool:
+        """Return whether its errors of the same blocks are less than those of another.
+
+        The mean of the blocks' differences must be above its standard error, which is their
+        standard deviation over the root of their number; and the error over all rows no larger.
+        """
+        gains = np.subtract(other.blocks, self.blocks)
+        error = float(np.std(gains, ddof=1)) / math.sqrt(len(gains))
+        return self.rms <= other.rms and bool(gains.mean() > error)
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RobotPrediction(Result):
@@ -185,6 +197,11 @@ class RobotPrediction(Result):
         return float(np.sqrt(np.nanmean(self.distances**2)))
 
     @property
+    def median(self) -> float:
+        """Median distance of all points seen [mm]."""
+        return float(np.nanmedian(self.distances))
+
+    @property
     def residual(self) -> float:
         """`rms` [mm]."""
         return self.rms
@@ -201,6 +218,7 @@ class RobotPrediction(Result):
         """Return the errors as plain values."""
         values = {
             "rms_mm": self.rms,
+            "median_mm": self.median,
             "rms_by_marker_mm": self.rms_by_marker,
             "largest_mm": float(np.nanmax(self.distances)),
             "rows": len(self.seen_rows),
@@ -248,11 +266,14 @@ class RobotFit(Result):
     validation : Validation, optional
         Blocks of rows left out; None if there are no folds.
     smaller : Validation, optional
-        The best of fewer constants, where that predicts rows left out better; None otherwise.
+        The best of fewer constants, where that predicts rows left out better by more than the
+        blocks scatter (`Validation.beats`); None otherwise.
     undetermined : tuple of str
         Sets of numbers that the data do not determine, a sentence each.
     warnings : tuple of str
         What the estimates suffer from.
+    outliers : tuple of int
+        Rows with a coordinate that a robust loss gave less than half the weight of a small misfit.
     data : RobotMeasurements
         What was fitted to.
     model : str
@@ -276,6 +297,7 @@ class RobotFit(Result):
     smaller: Validation | None
     undetermined: tuple[str, ...]
     warnings: tuple[str, ...]
+    outliers: tuple[int, ...]
     data: RobotMeasurements
     model: str
     model_options: Mapping[str, object]
@@ -364,6 +386,7 @@ class RobotFit(Result):
             "smaller": _describe_validation(self.smaller),
             "undetermined": self.undetermined,
             "warnings": self.warnings,
+            "outliers": [row + 1 for row in self.outliers],
             "converged": self.converged,
             "reason": self.reason,
             "residual": self.residual,
@@ -391,8 +414,14 @@ class RobotFit(Result):
             lines.append(f"{one.name:<{wide}}{value:11.4g} {unit:<7} {interval}")
         rows = len(self.prediction.seen_rows)
         lines.append(
-            f"fitted {rows} rows with {len(self.estimates)} constants: {self.rms:.3g} mm rms"
+            f"fitted {rows} rows with {len(self.estimates)} constants: {self.rms:.3g} mm rms, "
+            f"{self.prediction.median:.3g} mm median"
         )
+        if self.outliers:
+            lines.append(
+                f"the robust loss gave {len(self.outliers)} of {rows} rows less than half weight; "
+                "the rms counts them in full"
+            )
         by_marker = self.prediction.rms_by_marker
         if len(by_marker) > 1:
             shown = ", ".join(f"{name} {value:.3g}" for name, value in by_marker.items())
@@ -509,16 +538,24 @@ def fill_gaps(points: Floats, measured: Floats) -> Floats:
     return np.asarray(np.where(np.isfinite(points), missed, span))
 
 
-def _search_all(search: _Search, options: RobotFitOptions) -> tuple[_Found, float]:
-    """Return the best fit to all rows, and from which misfit on a robust loss counts less."""
+def _search_all(search: _Search) -> tuple[_Found, _Search]:
+    """Return the best fit to all rows, and how it was searched for at the end."""
     start = search.limits[2]
     first = search.run(start, loss="linear")
     scatter = 1.4826 * float(np.median(np.abs(search.miss(first.observed))))
-    if options.loss == "linear" or not search.unknowns or scatter < LEAST_SCATTER_MM:
-        return first, max(scatter, 1.0)
-    scale = 1.5 * scatter
-    found = dataclasses.replace(search, scale=scale).run(first.changes, loss=options.loss)
-    return dataclasses.replace(found, evaluations=found.evaluations + first.evaluations), scale
+    if search.loss == "linear" or not search.unknowns or scatter < LEAST_SCATTER_MM:
+        return first, dataclasses.replace(search, loss="linear")
+    robust = dataclasses.replace(search, scale=1.5 * scatter)
+    found = robust.run(first.changes, loss=search.loss)
+    evaluations = found.evaluations + first.evaluations
+    return dataclasses.replace(found, evaluations=evaluations), robust
+
+
+def _find_outliers(search: _Search, found: _Found) -> tuple[int, ...]:
+    """Return the rows of the data with a coordinate of less than half weight."""
+    weight, _ = _weigh(search.miss(found.observed) / search.scale, search.loss)
+    rows = np.broadcast_to(search.observation.rows[:, None, None], search.seen.shape)
+    return tuple(np.unique(rows[search.seen][weight < HALF]).tolist())
 
 
 def fit_robot(
@@ -593,8 +630,7 @@ def fit_robot(
         observation = dataclasses.replace(observation, setup=align_base(observation))
     progress("fitting", 0.1)
     search = _Search(observation, unknowns, options.loss)
-    found, scale = _search_all(search, options)
-    search = dataclasses.replace(search, scale=scale)
+    found, search = _search_all(search)
 
     def leave_out(done: float) -> None:
         progress("leaving out blocks", 0.5 + 0.3 * done)
@@ -788,7 +824,7 @@ def _try_smaller(
     jobs: int,
     progress: Callable[[float], None],
 ) -> Validation | None:
-    """Return the validation of fewer constants, where that is better.
+    """Return the validation of fewer constants, where that is better beyond chance.
 
     One set after the other is left out, the one without which rows left out are predicted best by
     the model linearised at the fit.
@@ -819,7 +855,7 @@ def _try_smaller(
     fewer = dataclasses.replace(search, unknowns=tuple(search.unknowns[i] for i in best))
     again = fewer.run(found.changes[best], loss=search.loss)
     other = _validate(fewer, again.changes, folds, jobs, progress)
-    return other if other is not None and other.rms <= validation.rms else None
+    return other if other is not None and other.beats(validation) else None
 
 
 @dataclass(frozen=True)
@@ -911,6 +947,7 @@ def _conclude(
         smaller=smaller,
         undetermined=tuple(undetermined),
         warnings=tuple(warnings),
+        outliers=_find_outliers(search, found),
         data=observation.data,
         model=observation.model,
         model_options=observation.options,
