@@ -189,12 +189,12 @@ def test_fewer_constants_that_predict_better_are_named(
 ) -> None:
     write_rows(folder / "rows.csv", range(12), noise=1.0)
     free = "tendons.*.offset,tendons.each.zero,base.position"
-    words = ("robot.yaml", "rows.csv", MARKER, "--free", free, "--folds", "3")
+    words = ("robot.yaml", "rows.csv", MARKER, "--free", free, "--folds", "4")
     assert fit(*words, json_=False) in (0, 1)
     said = capsys.readouterr().out
     assert "fewer constants predict better" in said
     better = said.partition("take --free ")[2].splitlines()[0]
-    assert fit("robot.yaml", "rows.csv", MARKER, "--free", better, "--folds", "3") in (0, 1)
+    assert fit("robot.yaml", "rows.csv", MARKER, "--free", better, "--folds", "4") in (0, 1)
     alone = json.loads(capsys.readouterr().out)
     assert fit(*words) in (0, 1)
     both = json.loads(capsys.readouterr().out)
@@ -222,7 +222,11 @@ def change_cell(path: Path, row: int, column: int, text: str) -> None:
         ((3, 0, "much"), (), "row 4"),
         ((3, 3, "inf"), (), "row 4"),
         (None, ("--split", "random"), "a random split tests no prediction"),
-        (None, ("--folds", "17"), "16 row(s) are too few for 17 folds"),
+        (
+            None,
+            ("--folds", "17"),
+            "16 row(s) are too few for 17 folds: --folds must be 2 to 16, or 0",
+        ),
         (None, ("--folds", "1"), "folds is 1: it must be 2 or more, or 0 for none"),
         (None, ("--jobs", "0"), "jobs is 0"),
         (None, ("--marker", "m-1=20mm,5mm,0mm,0mm", "--loss", "cubic"), "--loss"),
@@ -260,6 +264,53 @@ def test_too_few_rows_are_refused(folder: Path, capsys: pytest.CaptureFixture[st
     words = ("robot.yaml", "rows.csv", MARKER, "--free", "tendons.each.zero,base", "--folds", "0")
     assert fit(*words) == 2
     assert "6 coordinate(s) are too few for 9 constant(s)" in capsys.readouterr().err
+
+
+def test_points_that_all_coincide_are_refused_by_a_fit_and_not_judged_by_a_comparison(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    header, *rows = Path("rows.csv").read_text().splitlines()
+    titles = ",".join(header.split(",")[:6])
+    still = [",".join([*row.split(",")[:3], "1", "2", "40.5"]) for row in rows]
+    Path("still.csv").write_text("\n".join([titles, *still]) + "\n")
+    assert fit("robot.yaml", "still.csv", "--free", "base", json_=False) == 2
+    err = capsys.readouterr().err
+    assert "all points of 16 row(s) coincide at (1, 2, 40.5) mm" in err and err.count("\n") == 1
+    assert fit("robot.yaml", "still.csv", json_=False) == 0
+    assert "all points coincide: there is no span" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("rows", [1, 2, 3])
+def test_a_few_rows_are_predicted(
+    rows: int, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_rows(folder / "rows.csv", range(rows))
+    assert fit("robot.yaml", "rows.csv", MARKER) in (0, 1)
+    found = json.loads(capsys.readouterr().out)
+    assert found["fit"]["rows"] == rows and found["validation"] is None
+    assert fit("robot.yaml", "rows.csv", MARKER, "--free", "commands.scale") == 2
+    legal = "0 for none" if rows == 1 else f"2 to {rows}, or 0 for none"
+    assert f"too few for 4 folds: --folds must be {legal}" in capsys.readouterr().err
+
+
+def test_a_table_may_lack_a_marker_of_the_robot_file_but_none_that_is_typed(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = (MARKER, "--free", "tendons.*.offset", "--folds", "0", "--out", "fitted.yaml")
+    assert fit("robot.yaml", "rows.csv", *words) == 0
+    lines = Path("rows.csv").read_text().splitlines()
+    Path("tips.csv").write_text("\n".join(",".join(row.split(",")[:6]) for row in lines) + "\n")
+    capsys.readouterr()
+    assert fit("fitted.yaml", "tips.csv") in (0, 1)
+    tips = json.loads(capsys.readouterr().out)
+    assert "markers of the robot without columns are left out: m-1" in tips["notes"]
+    assert fit("fitted.yaml", "rows.csv") in (0, 1)
+    both = json.loads(capsys.readouterr().out)
+    assert set(tips["fit"]["rms_by_marker_mm"]) == {"tip"}
+    same = [found["fit"]["rms_by_marker_mm"]["tip"] for found in (tips, both)]
+    assert same[0] == pytest.approx(same[1], rel=1e-9)
+    assert fit("fitted.yaml", "tips.csv", MARKER) == 2
+    assert "there is no column 'm-1 x [mm]' of 'm-1'" in capsys.readouterr().err
 
 
 def test_a_calibration_of_other_tendons_is_refused(

@@ -20,6 +20,7 @@ from bozzini.continuum import (
     parse_unknowns,
     predict_points,
 )
+from bozzini.continuum.fit import Validation
 from bozzini.continuum.observation import place_markers
 from bozzini.errors import InputError
 from bozzini.muscle.hysteresis import PrandtlIshlinskii
@@ -140,6 +141,63 @@ def test_backlash_comes_back():
     assert fit.setup.backlash == pytest.approx(0.2, abs=1e-2)
 
 
+def hide_peaks(data: RobotMeasurements) -> RobotMeasurements:
+    """Return a recording without points where a command turns, and most of what precedes it."""
+    first = data.commands[:, 0]
+    peaks = np.abs(first - np.median(first)) > 0.6 * np.abs(first - np.median(first)).max()
+    hidden = data.points.copy()
+    hidden[peaks] = np.nan
+    return dataclasses.replace(data, points=hidden)
+
+
+def test_backlash_heeds_the_commands_of_rows_without_a_point():
+    truth = RobotSetup(make_robot(lengths=LENGTHS[:1]), MARKERS[:1], backlash=0.5)
+    commands = 3.0 * np.sin(np.linspace(0.0, 19.0, 60)[:, None] + np.zeros(3))
+    commands = commands * [1.0, -0.5, -0.5]
+    blank = simulate(truth, rows=60)
+    moved = dataclasses.replace(blank, commands=commands)
+    data = dataclasses.replace(moved, points=predict_points(truth, moved).predicted)
+    gaps = hide_peaks(data)
+    assert 20 < len(gaps.seen_rows) < 45
+    start = RobotSetup(make_robot(lengths=LENGTHS[:1]), MARKERS[:1])
+    options = RobotFitOptions(folds=3, split="blocks", smaller=False)
+    fit = fit_robot(start, gaps, free=["commands.backlash"], options=options)
+    assert fit.setup.backlash == pytest.approx(0.5, abs=1e-2)
+    assert fit.rms < 1e-2
+    # The blocks left out see the history as well, of rows left out and of those without a point.
+    assert fit.validation is not None and fit.validation.rms < 1e-2
+    assert fit.robot.calibration.rows == len(gaps.seen_rows)
+    # What is predicted of a row goes with the row of the table.
+    rows = gaps.seen_rows
+    assert fit.prediction.predicted[rows] == pytest.approx(data.points[rows], abs=1e-2)
+    assert np.isnan(fit.prediction.predicted).all(axis=(1, 2)).sum() == 60 - len(rows)
+    # Without their history the rows contradict each other.
+    lost = fit_robot(start, gaps.select(rows), free=["commands.backlash"], options=BARE)
+    assert lost.rms > 10.0 * fit.rms
+
+
+def test_a_first_row_of_zeros_without_a_point_begins_a_recording_at_rest():
+    truth = RobotSetup(make_robot(lengths=LENGTHS[:1]), MARKERS[:1], backlash=0.5)
+    start = dataclasses.replace(truth, backlash=0.0)
+    blank = simulate(truth, rows=40)
+    turn = np.linspace(1.5, 14.0, 40)
+    commands = 3.0 * np.stack([np.sin(turn + k * 2.0 * math.pi / 3.0) for k in range(3)], axis=-1)
+    commands[0] = 0.0
+    moved = dataclasses.replace(blank, commands=commands)
+    points = predict_points(truth, moved).predicted
+    points[0] = np.nan
+    data = dataclasses.replace(moved, points=points)
+    fits = [
+        fit_robot(start, rows, free=["commands.backlash"], options=BARE)
+        for rows in (data, data.select(np.arange(1, 40)))
+    ]
+    assert fits[0].setup.backlash == pytest.approx(0.5, abs=1e-3)
+    assert fits[0].rms < 1e-3
+    assert fits[1].rms > 0.1
+    warned = [any("began at rest" in text for text in fit.warnings) for fit in fits]
+    assert warned == [False, True]
+
+
 def record_loops(friction: float, *, cycles: int, each: int = 8) -> RobotMeasurements:
     """Return growing loops of one tendon's tension, seen at the tip without noise."""
     tendon = Tendon(name="a", offset=4.0, angle=0.3, friction=friction, stiffness=2e3)
@@ -181,6 +239,11 @@ def test_friction_of_a_recorded_loop_comes_back(loops):
     assert find(fit, "tendons.a.friction").value == pytest.approx(FRICTION, rel=0.03)
     without = fit_loops(loops).rms
     assert fit.predict(loops).rms < 0.2 * without
+    # The same with rows that were not seen: their tensions are part of the history.
+    points = loops.points.copy()
+    points[:22] = np.nan
+    late = dataclasses.replace(loops, points=points)
+    assert fit.predict(late).distances[22] == pytest.approx(fit.predict(loops).distances[22])
     # A row depends on those before it: alone it is another shape.
     assert fit.predict(loops.select([22])).rms > 0.5 * without
 
@@ -251,6 +314,38 @@ def test_rows_left_out_are_predicted_as_well_as_the_noise():
     expected = 0.2 * math.sqrt(3.0)
     assert fit.validation.rms == pytest.approx(expected, rel=0.3)
     assert fit.predict(data).rms == pytest.approx(fit.rms)
+
+
+@pytest.mark.parametrize("loss", ["soft_l1", "huber", "linear"])
+def test_rows_that_a_robust_loss_counts_less_are_named(loss):
+    truth = RobotSetup(make_robot(lengths=LENGTHS[:1], offset=4.4), MARKERS[:1])
+    data = simulate(truth, noise=0.01)
+    points = data.points.copy()
+    wrong = [3, 8]
+    points[wrong, 0, 1] += 20.0
+    spoilt = dataclasses.replace(data, points=points)
+    options = RobotFitOptions(folds=0, loss=loss)
+    fit = fit_robot(
+        make_robot(lengths=LENGTHS[:1]), spoilt, free=["tendons.*.offset"], options=options
+    )
+    said = "of 24 rows less than half weight" in fit.format_table()
+    assert said == (loss != "linear")
+    if loss == "linear":
+        assert not fit.outliers
+        return
+    assert set(wrong) <= set(fit.outliers) and len(fit.outliers) < 8
+    assert find(fit, "tendons.*.offset").value == pytest.approx(4.4, rel=1e-2)
+    # The rms is of all points, those two as well; the median is that of the others.
+    assert fit.rms == pytest.approx(20.0 * math.sqrt(2.0 / 24.0), rel=0.05)
+    assert fit.prediction.median < 0.1
+    # Rows without a point shift no number.
+    hidden = points.copy()
+    hidden[0] = np.nan
+    gap = fit_robot(
+        make_robot(lengths=LENGTHS[:1]), dataclasses.replace(data, points=hidden),
+        free=["tendons.*.offset"], options=options,
+    )  # fmt: skip
+    assert set(wrong) <= set(gap.outliers)
 
 
 def test_a_random_split_of_a_recording_is_refused():
@@ -358,6 +453,25 @@ def test_intervals_cover_the_truth():
     assert 0.88 <= hits / (3 * tries) <= 0.99
 
 
+def make_validation(*blocks: float) -> Validation:
+    return Validation(("a",), math.sqrt(sum(value**2 for value in blocks) / len(blocks)), blocks)
+
+
+def test_a_validation_is_better_beyond_the_scatter_of_its_blocks():
+    blocks = np.array([2.0, 1.0, 3.0, 2.0])
+    every = make_validation(*blocks)
+    assert not every.beats(every)
+    # A gain of every block counts however small it is, one within the scatter of them does not.
+    assert make_validation(*(blocks - 1e-3)).beats(every)
+    for gain, wins in ((0.5, True), (0.15, False)):
+        gains = gain + np.array([0.5, -0.5, 0.3, -0.3])
+        fewer = make_validation(*(blocks - gains))
+        assert fewer.rms < every.rms
+        t = gains.mean() / (gains.std(ddof=1) / math.sqrt(4))
+        assert fewer.beats(every) == wins == (t > 1.0)
+        assert not every.beats(fewer)
+
+
 @pytest.mark.slow
 def test_fewer_constants_that_predict_better_are_said():
     truth = RobotSetup(make_robot(offset=4.4), MARKERS[:1])
@@ -367,5 +481,6 @@ def test_fewer_constants_that_predict_better_are_said():
     assert fit.smaller is not None
     assert fit.validation is not None
     assert fit.smaller.rms <= fit.validation.rms
+    assert fit.smaller.beats(fit.validation)
     assert set(fit.smaller.names) < {one.name for one in fit.estimates}
     assert "fewer constants predict better" in fit.format_table()

@@ -46,8 +46,10 @@ def test_units_are_in_the_titles(tmp_path):
 def test_places_that_are_empty_were_not_seen(tmp_path):
     head = f"{HEAD},m_1_x [mm],m_1_y [mm],m_1_z [mm]"
     data = read(tmp_path, f"{head}\n0,0,,6,7,1,2,3\n0,0,nan,,,,,\n0,0,0,1,2,,,\n", markers=[M1])
-    assert len(data) == 2
-    assert np.isnan(data.points[:, :, 0]).tolist() == [[True, False], [False, True]]
+    # The row without a point stays: its command is the history of the next one.
+    assert len(data) == 3
+    assert data.seen_rows.tolist() == [0, 2]
+    assert np.isnan(data.points[:, :, 0]).tolist() == [[True, False], [True, True], [False, True]]
     assert any("1 row(s) without a point" in note for note in data.notes)
 
 

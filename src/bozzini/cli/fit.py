@@ -26,11 +26,10 @@ from .common import (
 
 if TYPE_CHECKING:
     from ..checks import Quantity
-    from ..continuum import ContinuumModel
+    from ..continuum import ContinuumModel, ContinuumRobot
     from ..continuum.calibration import Marker
     from ..continuum.fit import RobotFitOptions
     from ..continuum.measured import RobotMeasurements
-    from ..continuum.unknowns import RobotSetup
     from ..registry import Registry
 
 
@@ -52,11 +51,10 @@ class FitTable:
         """Return the markers of ``--marker``."""
         return tuple(parse_marker(text) for text in self.marker_texts)
 
-    def read(self, path: Path, setup: RobotSetup) -> RobotMeasurements:
-        """Return the measurements in a file; markers of the setup hold unless they are typed."""
+    def read(self, path: Path, robot: ContinuumRobot) -> RobotMeasurements:
+        """Return the measurements in a file; markers of the robot hold unless they are typed."""
         from ..continuum.measured import read_robot_measurements
 
-        markers = {marker.name: marker for marker in (*setup.markers, *self.list_markers())}
         columns = {}
         for text in self.column_texts:
             title, old = _split("--column", text, "TITLE=TITLE IN THE FILE")
@@ -64,9 +62,8 @@ class FitTable:
                 raise InputError(f"--column names '{old}' more than once: give it once")
             columns[old] = title
         return read_robot_measurements(
-            path, robot=setup.robot, markers=tuple(markers.values()), columns=columns,
-            blocks=self.blocks,
-        )  # fmt: skip
+            path, robot=robot, markers=self.list_markers(), columns=columns, blocks=self.blocks
+        )
 
 
 def _split(option_name: str, text: str, form: str) -> tuple[str, str]:
@@ -97,7 +94,8 @@ table_options = gather(
     option(
         "--marker marker_texts NAME=ARC,X,Y,Z",
         "A point of the table: arc length of its cross-section, and where it is in that, such as "
-        "m1=129.1mm,0mm,0mm,25mm; can be repeated. The column tip is the tip.",
+        "m1=129.1mm,0mm,0mm,25mm; can be repeated. The column tip is the tip; markers of the robot "
+        "file hold where the table has them.",
         multiple=True,
     ),
     option(
@@ -168,7 +166,7 @@ fit_options = gather(
         ("soft_l1", "huber", "linear"),
         default="soft_l1",
     ),
-    option("--folds", "Blocks of rows left out in turn; 0 for none.", int, default=4),
+    option("--folds", "Blocks of rows left out of a fit in turn; 0 for none.", int, default=4),
     option(
         "--split",
         "What a block is: rows that follow each other, or rows drawn at random.",
@@ -232,8 +230,8 @@ def command(
     check_target(figure, PICTURES, force=answer.force)
     robot = ContinuumRobot.from_yaml(robot_file)
     setup = RobotSetup.of(robot)
-    data = table.read(data_file, setup)
-    checked = {path: table.read(path, setup) for path in others}
+    data = table.read(data_file, robot)
+    checked = {path: table.read(path, robot) for path in others}
     free = tuple(name for name in names.split(",") if name.strip())
     with answer.show_progress() as progress:
         found = fit_robot(setup, data, free=free, options=options, progress=progress)
@@ -243,7 +241,11 @@ def command(
     for path, other in checked.items():
         there = found.predict(other)
         result["checks"][str(path)] = there.to_dict()
-        lines.append(f"{path.name}: {len(other)} rows predicted to {there.rms:.3g} mm rms")
+        rows = len(other.seen_rows)
+        lines.append(
+            f"{path.name}: {rows} rows predicted to {there.rms:.3g} mm rms, {there.median:.3g} mm "
+            "median"
+        )
     if answer.out is not None:
         found.robot.to_yaml(answer.out)
     if figure is not None:

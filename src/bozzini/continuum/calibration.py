@@ -64,7 +64,8 @@ class RobotCalibration:
     scale : float
         By what commands are multiplied.
     backlash : float
-        Half the play between a command and its tendon [mm].
+        Half the play between a command and its tendon [mm]. Nothing is known of it before the first
+        command of a history: that one is taken to act in full, in the middle of its play.
     markers : tuple of Marker
         Where the points seen are on the body.
     model : str
@@ -138,7 +139,10 @@ def convert_commands(
 
 
 def play(commands: Floats, width: float) -> Floats:
-    """Return what follows commands (n, t), from the first on, with a play of `width` each way."""
+    """Return what follows commands (n, t) in time, with a play of `width` each way.
+
+    The first command acts in full, as nothing is known of the play before it.
+    """
     followed = np.empty_like(commands)
     at = commands[0]
     for row, value in enumerate(commands):

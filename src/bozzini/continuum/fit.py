@@ -47,6 +47,8 @@ FLAT = 1e-3
 """Gradient of half the sum of squares that counts as none [mm^2]."""
 NEARLY_NONE = 1e-3
 """Largest change from which a search begins as from none: its first step is as large as that."""
+HALF = 0.5
+"""Weight of a coordinate below which its row is reported."""
 LEAST_SCATTER_MM = 1e-4
 """Scatter below which all misfits count alike [mm]."""
 
@@ -66,7 +68,8 @@ class RobotFitOptions:
         What of each coordinate's misfit is summed, as of `scipy.optimize.least_squares`. The
         robust ones count a misfit above 1.5 times the scatter less than by its square.
     folds : int
-        Blocks of rows that are left out in turn, and predicted; 0 for none.
+        Blocks of rows that are left out in turn, and predicted; 0 for none. Where nothing is free
+        there is nothing to leave out of.
     split : {"blocks", "random"}
         Whether blocks are runs of rows or drawn at random. A random split is refused where rows
         that follow each other are alike: there it tests no prediction. Labels of the data, if there
@@ -138,6 +141,16 @@ class Validation:
     rms: float
     blocks: tuple[float, ...]
 
+    def beats(self, other: Validation) -> bool:
+        """Return whether its errors of the same blocks are less than those of another.
+
+        The mean of the blocks' differences must be above its standard error, which is their
+        standard deviation over the root of their number; and the error over all rows no larger.
+        """
+        gains = np.subtract(other.blocks, self.blocks)
+        error = float(np.std(gains, ddof=1)) / math.sqrt(len(gains))
+        return self.rms <= other.rms and bool(gains.mean() > error)
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RobotPrediction(Result):
@@ -146,12 +159,13 @@ class RobotPrediction(Result):
     Parameters
     ----------
     measured, predicted : ndarray, shape (n, m, 3)
-        Points [mm]; NaN where one was not seen.
+        Points [mm]; NaN where one was not seen. Nothing is predicted of a row without a point.
     markers : tuple of str
         Names of the points.
     answered : ndarray of bool, shape (n,)
         Which rows the model has a converged shape for; the others count with the shape that it
-        found, and with the span of the points if that is not finite.
+        found, and with the span of the points if that is not finite. Rows without a point are not
+        asked for.
     reason : str
         Why a row has no shape; empty if all have one.
     """
@@ -163,9 +177,14 @@ class RobotPrediction(Result):
     reason: str
 
     @property
+    def seen_rows(self) -> NDArray[np.int64]:
+        """Indices of the rows with a point, (k,)."""
+        return np.flatnonzero(np.isfinite(self.measured).all(axis=-1).any(axis=-1))
+
+    @property
     def converged(self) -> bool:
-        """Whether all rows have a shape."""
-        return bool(self.answered.all())
+        """Whether all rows with a point have a shape."""
+        return bool(self.answered[self.seen_rows].all())
 
     @property
     def distances(self) -> Floats:
@@ -176,6 +195,11 @@ class RobotPrediction(Result):
     def rms(self) -> float:
         """Root mean square distance over all points seen [mm]."""
         return float(np.sqrt(np.nanmean(self.distances**2)))
+
+    @property
+    def median(self) -> float:
+        """Median distance of all points seen [mm]."""
+        return float(np.nanmedian(self.distances))
 
     @property
     def residual(self) -> float:
@@ -194,9 +218,10 @@ class RobotPrediction(Result):
         """Return the errors as plain values."""
         values = {
             "rms_mm": self.rms,
+            "median_mm": self.median,
             "rms_by_marker_mm": self.rms_by_marker,
             "largest_mm": float(np.nanmax(self.distances)),
-            "rows": len(self.answered),
+            "rows": len(self.seen_rows),
             "rows_answered": int(self.answered.sum()),
             "converged": self.converged,
             "reason": self.reason,
@@ -241,11 +266,14 @@ class RobotFit(Result):
     validation : Validation, optional
         Blocks of rows left out; None if there are no folds.
     smaller : Validation, optional
-        The best of fewer constants, where that predicts rows left out better; None otherwise.
+        The best of fewer constants, where that predicts rows left out better by more than the
+        blocks scatter (`Validation.beats`); None otherwise.
     undetermined : tuple of str
         Sets of numbers that the data do not determine, a sentence each.
     warnings : tuple of str
         What the estimates suffer from.
+    outliers : tuple of int
+        Rows with a coordinate that a robust loss gave less than half the weight of a small misfit.
     data : RobotMeasurements
         What was fitted to.
     model : str
@@ -269,6 +297,7 @@ class RobotFit(Result):
     smaller: Validation | None
     undetermined: tuple[str, ...]
     warnings: tuple[str, ...]
+    outliers: tuple[int, ...]
     data: RobotMeasurements
     model: str
     model_options: Mapping[str, object]
@@ -293,9 +322,16 @@ class RobotFit(Result):
 
     @property
     def is_poor(self) -> bool:
-        """Whether rows left out, or fitted, are missed by more than 5 % of the points' span."""
-        error = self.rms if self.validation is None else self.validation.rms
-        return not error <= POOR_SHARE * self.data.span
+        """Whether rows left out, or fitted, are missed by more than 5 % of the points' span.
+
+        A comparison with points that all coincide has no span to be judged by, and is not poor.
+        """
+        return self.data.span > 0.0 and not self.error <= POOR_SHARE * self.data.span
+
+    @property
+    def error(self) -> float:
+        """Root mean square distance of rows left out [mm], of those fitted if none were."""
+        return self.rms if self.validation is None else self.validation.rms
 
     def predict(self, data: RobotMeasurements) -> RobotPrediction:
         """Return what the fitted robot predicts of other measurements.
@@ -325,7 +361,7 @@ class RobotFit(Result):
             values={one.name: one.value for one in self.estimates},
             rms=self.rms,
             validation_rms=0.0 if self.validation is None else self.validation.rms,
-            rows=len(self.data),
+            rows=len(self.data.seen_rows),
             source=self.data.source,
         )
 
@@ -350,6 +386,7 @@ class RobotFit(Result):
             "smaller": _describe_validation(self.smaller),
             "undetermined": self.undetermined,
             "warnings": self.warnings,
+            "outliers": [row + 1 for row in self.outliers],
             "converged": self.converged,
             "reason": self.reason,
             "residual": self.residual,
@@ -375,10 +412,16 @@ class RobotFit(Result):
                 "not determined"
             )  # fmt: skip
             lines.append(f"{one.name:<{wide}}{value:11.4g} {unit:<7} {interval}")
-        rows = len(self.prediction.answered)
+        rows = len(self.prediction.seen_rows)
         lines.append(
-            f"fitted {rows} rows with {len(self.estimates)} constants: {self.rms:.3g} mm rms"
+            f"fitted {rows} rows with {len(self.estimates)} constants: {self.rms:.3g} mm rms, "
+            f"{self.prediction.median:.3g} mm median"
         )
+        if self.outliers:
+            lines.append(
+                f"the robust loss gave {len(self.outliers)} of {rows} rows less than half weight; "
+                "the rms counts them in full"
+            )
         by_marker = self.prediction.rms_by_marker
         if len(by_marker) > 1:
             shown = ", ".join(f"{name} {value:.3g}" for name, value in by_marker.items())
@@ -495,16 +538,24 @@ def fill_gaps(points: Floats, measured: Floats) -> Floats:
     return np.asarray(np.where(np.isfinite(points), missed, span))
 
 
-def _search_all(search: _Search, options: RobotFitOptions) -> tuple[_Found, float]:
-    """Return the best fit to all rows, and from which misfit on a robust loss counts less."""
+def _search_all(search: _Search) -> tuple[_Found, _Search]:
+    """Return the best fit to all rows, and how it was searched for at the end."""
     start = search.limits[2]
     first = search.run(start, loss="linear")
     scatter = 1.4826 * float(np.median(np.abs(search.miss(first.observed))))
-    if options.loss == "linear" or not search.unknowns or scatter < LEAST_SCATTER_MM:
-        return first, max(scatter, 1.0)
-    scale = 1.5 * scatter
-    found = dataclasses.replace(search, scale=scale).run(first.changes, loss=options.loss)
-    return dataclasses.replace(found, evaluations=found.evaluations + first.evaluations), scale
+    if search.loss == "linear" or not search.unknowns or scatter < LEAST_SCATTER_MM:
+        return first, dataclasses.replace(search, loss="linear")
+    robust = dataclasses.replace(search, scale=1.5 * scatter)
+    found = robust.run(first.changes, loss=search.loss)
+    evaluations = found.evaluations + first.evaluations
+    return dataclasses.replace(found, evaluations=evaluations), robust
+
+
+def _find_outliers(search: _Search, found: _Found) -> tuple[int, ...]:
+    """Return the rows of the data with a coordinate of less than half weight."""
+    weight, _ = _weigh(search.miss(found.observed) / search.scale, search.loss)
+    rows = np.broadcast_to(search.observation.rows[:, None, None], search.seen.shape)
+    return tuple(np.unique(rows[search.seen][weight < HALF]).tolist())
 
 
 def fit_robot(
@@ -567,14 +618,19 @@ def fit_robot(
     seen = int(np.isfinite(data.points).sum())
     if seen <= len(unknowns):
         raise InputError(f"{seen} coordinate(s) are too few for {len(unknowns)} constant(s)")
-    folds = make_folds(data, options)
+    if unknowns and data.span == 0.0:
+        place = ", ".join(f"{value:g}" for value in data.points[data.seen_rows[0]].T[:, 0])
+        raise InputError(
+            f"all points of {len(data.seen_rows)} row(s) coincide at ({place}) mm: a fit asks for "
+            "points that move"
+        )
+    folds = make_folds(data, options) if unknowns else ()
     progress("aligning", 0.0)
     if _frees_base(unknowns):
         observation = dataclasses.replace(observation, setup=align_base(observation))
     progress("fitting", 0.1)
     search = _Search(observation, unknowns, options.loss)
-    found, scale = _search_all(search, options)
-    search = dataclasses.replace(search, scale=scale)
+    found, search = _search_all(search)
 
     def leave_out(done: float) -> None:
         progress("leaving out blocks", 0.5 + 0.3 * done)
@@ -614,7 +670,7 @@ def make_observation(
         options = {**robot.calibration.model_options, **options}
     elif name == "energy":
         options.setdefault("segment", "channel")
-    return Observation(setup, data, name, options, np.arange(len(data)))
+    return Observation(setup, data, name, options, data.seen_rows)
 
 
 def predict_points(
@@ -648,14 +704,16 @@ def predict_points(
 
 
 def _compare(observation: Observation, found: Observed) -> RobotPrediction:
-    measured = observation.measured
-    answered = found.answered
-    reasons = found.shape.reason[~answered]
+    measured, rows = observation.measured, observation.rows
+    reasons = found.shape.reason[~found.answered]
     missing = np.isnan(found.points) & np.isfinite(measured)
-    points = np.where(missing, measured + fill_gaps(found.points, measured), found.points)
+    predicted = np.full(observation.data.points.shape, np.nan)
+    predicted[rows] = np.where(missing, measured + fill_gaps(found.points, measured), found.points)
+    answered = np.zeros(len(predicted), dtype=np.bool_)
+    answered[rows] = found.answered
     return RobotPrediction(
-        measured=measured,
-        predicted=points,
+        measured=observation.data.points,
+        predicted=predicted,
         markers=tuple(marker.name for marker in observation.data.markers),
         answered=answered,
         reason=str(reasons[0]) if len(reasons) else "",
@@ -679,7 +737,8 @@ def make_folds(data: RobotMeasurements, options: RobotFitOptions) -> Folds:
     """
     if not options.folds:
         return ()
-    rows, labels = np.arange(len(data)), np.unique(data.blocks)
+    rows = data.seen_rows
+    labels = np.unique(data.blocks[rows])
     if options.split == "random":
         if data.is_ordered:
             raise InputError(
@@ -688,9 +747,12 @@ def make_folds(data: RobotMeasurements, options: RobotFitOptions) -> Folds:
             )
         rows = np.random.default_rng(0).permutation(rows)
     elif len(labels) > 1:
-        return tuple(rows[data.blocks == label] for label in labels)
+        return tuple(rows[data.blocks[rows] == label] for label in labels)
     if len(rows) < options.folds:
-        raise InputError(f"{len(rows)} row(s) are too few for {options.folds} folds")
+        legal = f"2 to {len(rows)}, or 0 for none" if len(rows) > 1 else "0 for none"
+        raise InputError(
+            f"{len(rows)} row(s) are too few for {options.folds} folds: --folds must be {legal}"
+        )
     return tuple(np.sort(part) for part in np.array_split(rows, options.folds))
 
 
@@ -762,7 +824,7 @@ def _try_smaller(
     jobs: int,
     progress: Callable[[float], None],
 ) -> Validation | None:
-    """Return the validation of fewer constants, where that is better.
+    """Return the validation of fewer constants, where that is better beyond chance.
 
     One set after the other is left out, the one without which rows left out are predicted best by
     the model linearised at the fit.
@@ -793,7 +855,7 @@ def _try_smaller(
     fewer = dataclasses.replace(search, unknowns=tuple(search.unknowns[i] for i in best))
     again = fewer.run(found.changes[best], loss=search.loss)
     other = _validate(fewer, again.changes, folds, jobs, progress)
-    return other if other is not None and other.rms <= validation.rms else None
+    return other if other is not None and other.beats(validation) else None
 
 
 @dataclass(frozen=True)
@@ -808,7 +870,7 @@ class _Linear:
     def make(cls, search: _Search, found: _Found, folds: Folds) -> _Linear:
         """Return it from where a search ended."""
         seen = search.seen
-        row = np.broadcast_to(np.arange(len(seen))[:, None, None], seen.shape)[seen]
+        row = np.broadcast_to(search.observation.rows[:, None, None], seen.shape)[seen]
         target = found.jacobian @ found.changes - search.miss(found.observed)
         return cls(found.jacobian, target, tuple(np.isin(row, fold) for fold in folds))
 
@@ -864,9 +926,14 @@ def _conclude(
             )
             if not low + AT_BOUND < change < high - AT_BOUND
         ]
+    if setup.backlash > 0.0 and observation.data.commands[0].any():
+        warnings.append(
+            "the play before the first row is unknown: its command is taken to act in full; if the "
+            "recording began at rest, begin the table with a row of zero commands and no point"
+        )
     if not prediction.converged:
         warnings.append(
-            f"{int((~prediction.answered).sum())} of {len(prediction.answered)} rows have no "
+            f"{int((~found.observed.answered).sum())} of {len(observation.rows)} rows have no "
             f"converged shape: {prediction.reason}"
         )
     reasons = {1: "the gradient vanished", 2: "the sum of squares settled"}
@@ -880,6 +947,7 @@ def _conclude(
         smaller=smaller,
         undetermined=tuple(undetermined),
         warnings=tuple(warnings),
+        outliers=_find_outliers(search, found),
         data=observation.data,
         model=observation.model,
         model_options=observation.options,
@@ -889,13 +957,16 @@ def _conclude(
         else f"no minimum within {EVALUATIONS} evaluations",
         evaluations=found.evaluations,
     )
-    if not fit.is_poor:
+    if fit.data.span == 0.0:
+        poor = f"all points coincide: there is no span to judge the error of {fit.error:.3g} mm by"
+    elif fit.is_poor:
+        poor = (
+            f"the fit is poor: it is off by {fit.error:.3g} mm, "
+            f"{100.0 * fit.error / fit.data.span:.0f} % of the points' span, {fit.data.span:.3g} "
+            f"mm; above {100.0 * POOR_SHARE:.0f} % it is poor"
+        )
+    else:
         return fit
-    error = fit.rms if validation is None else validation.rms
-    poor = (
-        f"the fit is poor: it is off by {error:.3g} mm, {100.0 * error / fit.data.span:.0f} % of "
-        f"the points' span, {fit.data.span:.3g} mm; above {100.0 * POOR_SHARE:.0f} % it is poor"
-    )
     return dataclasses.replace(fit, warnings=(*fit.warnings, poor))
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, get_args
@@ -19,6 +19,7 @@ from ..io.sheets import DECIMAL_COMMA, Sheet, read_sheet, show_cell, take_frame,
 from ..units import parse_quantity
 from .calibration import Command, Marker
 from .checks import Floats, check_items
+from .kinematics import ContinuumRobot
 
 if TYPE_CHECKING:
     import pandas
@@ -42,6 +43,9 @@ _AXIS = re.compile(r"(.+?)[\s_]+([xyz])")
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RobotMeasurements:
     """Commands of a robot's tendons, and where points of its body were seen.
+
+    Rows are in the order of time where that matters. A row without a point is not compared with
+    anything, but its command is part of the history of the rows after it.
 
     Parameters
     ----------
@@ -96,7 +100,7 @@ class RobotMeasurements:
         blocks = self.blocks if len(self.blocks) else np.full(rows, "")
         if len(blocks) != rows:
             raise InputError(f"there are {len(blocks)} blocks for {rows} rows: give one for each")
-        if not np.isfinite(points).any():
+        if not np.isfinite(points).all(axis=-1).any():
             raise InputError("no point was seen: the places are all empty")
         object.__setattr__(self, "commands", commands)
         object.__setattr__(self, "points", points)
@@ -104,6 +108,11 @@ class RobotMeasurements:
 
     def __len__(self) -> int:
         return len(self.commands)
+
+    @property
+    def seen_rows(self) -> NDArray[np.int64]:
+        """Indices of the rows with a point, (k,)."""
+        return np.flatnonzero(np.isfinite(self.points).all(axis=-1).any(axis=-1))
 
     @property
     def span(self) -> float:
@@ -117,7 +126,8 @@ class RobotMeasurements:
 
         They are if the points of neighbours are half as far apart as those of any two, or less.
         """
-        flat = np.nan_to_num(self.points.reshape(len(self), -1))
+        rows = self.seen_rows
+        flat = np.nan_to_num(self.points[rows].reshape(len(rows), -1))
         if len(flat) < 8:
             return False
         other = flat[np.random.default_rng(0).permutation(len(flat))]
@@ -125,7 +135,11 @@ class RobotMeasurements:
         return bool(near <= 0.5 * np.median(np.linalg.norm(flat - other, axis=1)))
 
     def select(self, rows: NDArray[np.generic] | Sequence[int]) -> RobotMeasurements:
-        """Return some of the rows, by mask or index."""
+        """Return some of the rows, by mask or index.
+
+        The others are gone from the history of those after them, which backlash and friction ask
+        for: to keep them there, set their points to NaN instead.
+        """
         return dataclasses.replace(
             self, commands=self.commands[rows], points=self.points[rows], blocks=self.blocks[rows]
         )
@@ -174,9 +188,9 @@ def read_robot_measurements(
     Commands are columns such as ``T1 displacement [mm]`` or ``T1 tension [N]``, with the name of
     the tendon; positive displacements are pulled. Points are three columns each, such as
     ``tip x [mm]`` or ``marker_1_x [mm]``, in the world. The unit is in the title, perhaps with a
-    number, as in ``[0.1 mm]``. A place that is empty or ``nan`` was not seen; a row without a point
-    is left out. Other columns are ignored. A table of ``bozzini vision track`` has a row for each
-    point, and the commands as columns that it copied.
+    number, as in ``[0.1 mm]``. A place that is empty or ``nan`` was not seen; the command of
+    a row without a point is the history of the rows after it. Other columns are ignored. A table of
+    ``bozzini vision track`` has a row for each point, and the commands as columns that it copied.
 
     Parameters
     ----------
@@ -185,8 +199,8 @@ def read_robot_measurements(
     robot : RobotDesign
         The robot, whose tendons and tip are meant.
     markers : sequence of Marker
-        Where the points seen are on the body. ``tip`` need not be there; points that are not are
-        left out.
+        Where points of the table are on the body; each must be there. Markers of the robot's
+        calibration and ``tip`` need not be there.
     columns : mapping of str to str, optional
         Titles to read for titles of the file, such as ``{"tip_x": "tip x [mm]"}``.
     blocks : str
@@ -221,7 +235,10 @@ def _take_sheet(
 ) -> RobotMeasurements:
     titles = _rename(sheet.titles, columns or {})
     _check_sheet(sheet, titles)
-    commands, seen = _find_columns(titles, robot, {TIP: Marker(name=TIP)} | known)
+    calibration = robot.calibration if isinstance(robot, ContinuumRobot) else None
+    own = {item.name: item for item in (calibration.markers if calibration else ())}
+    everything = {TIP: Marker(name=TIP)} | own | known
+    commands, seen = _find_columns(titles, robot, everything, demanded=known)
     label = titles.index(blocks) if blocks in titles else -1
     if blocks and label < 0:
         raise FileFormatError(f"there is no column '{blocks}' with labels of blocks")
@@ -234,20 +251,26 @@ def _take_sheet(
     points = np.stack([np.stack([values[place] for place in axes], axis=-1)
                        for axes in seen.values()], axis=1)  # fmt: skip
     points[~np.isfinite(points).all(axis=-1)] = np.nan
-    rows = np.isfinite(points).any(axis=(1, 2))
-    notes = [f"{int((~rows).sum())} row(s) without a point are left out"] if not rows.all() else []
+    empty = int((~np.isfinite(points).any(axis=(1, 2))).sum())
+    notes = []
+    if empty:
+        notes.append(
+            f"{empty} row(s) without a point are not compared; their commands are history of the "
+            "rows after them"
+        )
+    lacking = [name for name in own if name not in seen]
+    if lacking:
+        notes.append(f"markers of the robot without columns are left out: {', '.join(lacking)}")
     ignored = [title for place, title in enumerate(titles) if place not in (*places, label)]
     notes += [f"ignored columns: {', '.join(ignored)}"] if ignored else []
     words = [str(row[label]) for row in sheet.rows] if blocks else [""] * len(sheet.rows)
-    if not rows.any():
-        raise InputError("no point was seen: the places are all empty")
     return RobotMeasurements(
         command="displacement" if command == "displacement" else "tension",
         tendons=tuple(commands[command]),
-        commands=np.stack([values[place] for place in commands[command].values()], axis=-1)[rows],
-        markers=tuple(({TIP: Marker(name=TIP)} | known)[name] for name in seen),
-        points=points[rows],
-        blocks=np.asarray(words)[rows],
+        commands=np.stack([values[place] for place in commands[command].values()], axis=-1),
+        markers=tuple(everything[name] for name in seen),
+        points=points,
+        blocks=np.asarray(words),
         notes=tuple(notes),
     )
 
@@ -309,7 +332,11 @@ def _check_sheet(sheet: Sheet, titles: Sequence[str]) -> None:
 
 
 def _find_columns(
-    titles: Sequence[str], robot: RobotDesign, known: Mapping[str, Marker]
+    titles: Sequence[str],
+    robot: RobotDesign,
+    known: Mapping[str, Marker],
+    *,
+    demanded: Collection[str],
 ) -> tuple[dict[str, dict[str, int]], dict[str, list[int]]]:
     """Return where the commands are, by kind and tendon, and the coordinates of each marker."""
     commands: dict[str, dict[str, int]] = {}
@@ -345,7 +372,7 @@ def _find_columns(
         )
     for name in known:
         lacking = [axis for axis in "xyz" if axis not in seen.get(name, {})]
-        if lacking and (name in seen or name != TIP):
+        if lacking and (name in seen or name in demanded):
             raise FileFormatError(f"there is no column '{name} {lacking[0]} [mm]' of '{name}'")
     return commands, {name: [axes[axis] for axis in "xyz"] for name, axes in seen.items()}
 
