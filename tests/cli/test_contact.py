@@ -97,6 +97,19 @@ def test_loads_are_those_of_pose(folder: Path, capsys: pytest.CaptureFixture[str
     assert abs(ask(*insert)["push_force_N"][-1]) < 1e-3
 
 
+def test_a_shape_that_is_refused_names_the_options_to_type(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    save(RoundCones(np.array([[1.0, -20.0, 5.0], [1.0, 20.0, 5.0]]), np.full(2, 0.1)), "wire.yaml")
+    words = ["contact", "robot.yaml", "--obstacle", "wire.yaml", "--segment-length", "10mm"]
+    said = "take a smaller --segment-length or --smoothing"
+    assert main(["continuum", *words, "--out", "forces.csv"]) == 1
+    assert said in capsys.readouterr().out
+    assert main(["continuum", *words, "--json"]) == 1
+    assert json.loads(capsys.readouterr().out)["reason"].endswith(said)
+    assert not Path("forces.csv").exists()
+
+
 def test_insert_writes_force_and_contacts(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     words = ("insert", "robot.yaml", "tube.yaml", "--to", "30mm", "--step", "10mm")
     files = ("--out", "force.csv", "--contacts", "contacts.csv", "--quiet")

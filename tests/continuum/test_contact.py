@@ -66,6 +66,12 @@ def make_rod(length: float, stiffness: float, *, weight: float = 0.0) -> RobotDe
     return RobotDesign((section,), base_rotation=ALONG_X)
 
 
+def make_rod_with_tendons() -> RobotDesign:
+    tendons = tuple(Tendon(name=f"T{k}", offset=1.0, angle=k * np.pi) for k in range(2))
+    section = Section(length=100.0, radius=1.5, tendons=tendons, bending_stiffness=1000.0)
+    return RobotDesign((section,))
+
+
 def check_balance(shape: ContactShape) -> None:
     assert shape.converged, shape.reason
     assert shape.imbalance < 1e-6
@@ -534,6 +540,31 @@ def test_a_thin_wall_between_stations_is_not_passed_silently() -> None:
     assert rough.depth > 0.5 and "take a smaller segment_length" in rough.reason
 
 
+def test_a_base_outside_the_lumen_is_said_to_stand_in_the_wall() -> None:
+    def place(height: float) -> ContactShape:
+        robot = replace(make_rod(60.0, 100.0), base_position=(0.0, 0.0, height))
+        return ContactModel(robot, Tube(3.0), options=ContactOptions(segment_length=3.0)).shape()
+
+    assert place(1.9).converged
+    for height in (2.5, 6.0, 500.0):
+        shape = place(height)
+        assert not shape.converged
+        words = f"the base stands in a wall: at (0, 0, {height:g}) mm the body, of radius 1 mm, is "
+        assert shape.reason == f"{words}{height - 2.0:.3g} mm in it"
+
+
+def test_the_argument_that_is_wrong_is_named() -> None:
+    model = ContactModel(make_rod_with_tendons(), obstacles=(FAR,))
+    for solve, name in ((model.shape, "displacement"), (model.shape_under_tensions, "tension")):
+        with pytest.raises(InputError, match=rf"{name}s have shape \(1,\): they must be \(2,\)"):
+            solve([1.0])
+        for infinite in ([np.inf, 0.0], {"T0": np.inf}):
+            with pytest.raises(InputError, match=rf"{name} of tendon 'T0' is inf: it must be fin"):
+                solve(infinite)
+    with pytest.raises(InputError, match="tension of tendon 'T1' is nan"):
+        model.shape_under_tensions([1.0, np.nan])
+
+
 def test_friction_is_in_its_cone_and_against_the_slip() -> None:
     robot, share = make_rod(60.0, 100.0), 0.3
     options = ContactOptions(segment_length=3.0, friction=share)
@@ -565,8 +596,7 @@ def test_friction_is_in_its_cone_and_against_the_slip() -> None:
 
 @pytest.mark.parametrize("friction", [0.0, 0.2])
 def test_a_scene_that_is_moved_by_metres_has_the_same_forces(friction: float) -> None:
-    tendons = tuple(Tendon(name=f"T{k}", offset=1.0, angle=k * np.pi) for k in range(2))
-    section = Section(length=100.0, radius=1.5, tendons=tendons, bending_stiffness=1000.0)
+    section = make_rod_with_tendons().sections[0]
     options = ContactOptions(segment_length=5.0, friction=friction)
 
     def press(turn: NDArray[np.float64], shift: NDArray[np.float64]) -> ContactShape:

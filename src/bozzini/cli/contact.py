@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -176,6 +177,13 @@ def _read_commands(
     return parse_pairs(flag, text, kind, example=example, names=robot.tendon_names, owner=owner)
 
 
+def _spell_options(words: str) -> str:
+    """Return a message with options of the model as they are typed."""
+    for name in ("segment_length", "smoothing"):
+        words = re.sub(rf"\b{name}\b", f"--{name.replace('_', '-')}", words)
+    return words
+
+
 def _list_contacts(shape: ContactShape) -> str:
     import numpy as np
 
@@ -295,9 +303,10 @@ def contact_command(
         progress("contact", 0.0)
         solve = model.shape if tension is None else model.shape_under_tensions
         shape = solve(commands, inserted=inserted)
-    result = {"input": source, "file": None, "notes": model.notes} | shape.to_dict()
+    result: Json = {"input": source, "file": None, "notes": model.notes} | shape.to_dict()
     if not shape.converged:
-        answer.give(result, f"no stable shape: {shape.reason}")
+        result["reason"] = reason = _spell_options(shape.reason)
+        answer.give(result, f"no stable shape: {reason}")
         run_exit(EXIT_NEGATIVE)
     answer.write(shape.list_columns(), shape.plot)
     text = "\n".join([_describe_shape(shape), *(f"note: {line}" for line in model.notes)])
@@ -368,8 +377,10 @@ def insert_command(
     points = _start_inside(model, line)
     with answer.show_progress() as progress:
         found = insert_robot(model, points, drives=table, step=step, progress=progress)
-    result = {"input": source, "file": None, "contacts": None, "notes": model.notes}
+    result: Json = {"input": source, "file": None, "contacts": None, "notes": model.notes}
+    found = dataclasses.replace(found, reason=_spell_options(found.reason))
     result |= found.to_dict()
+    result["last"]["reason"] = _spell_options(found.last.reason)
     answer.write(found.list_columns(), found.plot)
     if forces is not None:
         write_text(forces, format_csv(found.list_contacts()))

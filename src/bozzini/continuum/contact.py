@@ -17,6 +17,7 @@ from ..errors import InputError
 from ..results import Json, Result, measured, take_axes, to_plain
 from .checks import Floats
 from .contact_solver import (
+    DEEP,
     WARM,
     ContactProblem,
     FreePart,
@@ -342,7 +343,7 @@ class ContactModel:
         InputError
             If the displacements or the length are not legal.
         """
-        commands = self._take(displacements)
+        commands = self._take("displacement", displacements)
         check_pretensions(self.robot, commands, self._compliances)
         return self._follow(commands, self.robot.pretensions, inserted, initial)
 
@@ -354,21 +355,30 @@ class ContactModel:
         initial: ContactShape | None = None,
     ) -> ContactShape:
         """Return the shape under tendon tensions (t,) [N]; the others as of `shape`."""
-        forces = check_tension_commands(self.robot, self._take(tensions, unset=0.0))
+        forces = check_tension_commands(self.robot, self._take("tension", tensions, unset=0.0))
         return self._follow(np.full(len(forces), np.nan), forces, inserted, initial)
 
-    def _take(self, given: object, unset: float = math.nan) -> Floats:
+    def _take(self, name: str, given: object, *, unset: float = math.nan) -> Floats:
+        """Return displacements or tensions (t,); NaN, for one that follows, only if `unset` is."""
         names = self.robot.tendon_names
         if isinstance(given, Mapping):
-            known = {name: float(value) for name, value in given.items()}
+            known = {key: float(value) for key, value in given.items()}
             self.robot.order_displacements({k: v for k, v in known.items() if not math.isnan(v)})
-            return np.array([known.get(name, unset) for name in names])
-        if isinstance(given, tuple) and not given:
-            return np.full(len(names), unset)
-        array = np.array(check_array("displacements", given))  # type: ignore[arg-type]
-        if array.shape != (len(names),) or np.isinf(array).any():
+            array = np.array([known.get(key, unset) for key in names])
+        elif isinstance(given, tuple) and not given:
+            array = np.full(len(names), unset)
+        else:
+            array = np.array(check_array(f"{name}s", given))  # type: ignore[arg-type]
+        if array.shape != (len(names),):
             raise InputError(
-                f"displacements have shape {array.shape}: they must be ({len(names)},), finite"
+                f"{name}s have shape {array.shape}: they must be ({len(names)},), one for each "
+                "tendon"
+            )
+        follows = math.isnan(unset)
+        for index in np.flatnonzero(~np.isfinite(array) & ~(np.isnan(array) & follows)):
+            legal = "finite, or NaN where it follows" if follows else "finite"
+            raise InputError(
+                f"{name} of tendon '{names[index]}' is {array[index]:g}: it must be {legal}"
             )
         return array
 
@@ -388,6 +398,10 @@ class ContactModel:
             )
         command = Command(commands + self._pretension_stretches, tensions, length)
         shape = self._solve(command, initial)
+        if not shape.settled or shape.depth > DEEP * self.robot.radius:
+            words = self._find_buried_base(length)
+            if words:
+                return dataclasses.replace(shape, converged=False, reason=words)
         if shape.settled:
             return shape
         words = self._find_lock(command, initial)
@@ -412,6 +426,20 @@ class ContactModel:
             else:
                 part *= 0.5
         return shape
+
+    def _find_buried_base(self, inserted: float) -> str:
+        """Return words if the body is in a wall where the base holds it; else nothing."""
+        base = self.robot.base_frame[:3, 3]
+        radii = measure_radii(self.robot, np.array([self.robot.length - inserted]))
+        for wall in self.walls:
+            deep = -float(wall.measure(base[None], radii)[0])
+            if deep > DEEP * radii[0] + float(wall.duct.error):
+                place = ", ".join(f"{value:z.6g}" for value in base)
+                return (
+                    f"the base stands in a wall: at ({place}) mm the body, of radius "
+                    f"{radii[0]:g} mm, is {deep:.3g} mm in it"
+                )
+        return ""
 
     def _find_lock(self, command: Command, initial: ContactShape | None) -> str:
         """Return words if tendons that hardly stretch leave the body no play; else nothing."""
