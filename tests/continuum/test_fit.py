@@ -299,6 +299,45 @@ def test_an_operator_of_hysteresis_lags_the_commands_of_a_fit():
     assert errors[0] < 1e-3 < errors[1] < errors[2]
 
 
+def test_an_amount_without_a_unit_is_no_factor_and_intervals_end_at_bounds():
+    tendon = Tendon(name="a", offset=4.0, angle=0.3, stiffness=2e3)
+    section = Section(length=60.0, radius=6.0, discs=1, bending_stiffness=500.0, tendons=(tendon,))
+    setup = RobotSetup(ContinuumRobot((section,)))
+    blank = RobotMeasurements(
+        command="tension",
+        tendons=("a",),
+        commands=np.array([0.0, 0.4, 0.6, 0.3, 0.1])[:, None],
+        markers=MARKERS[:1],
+        points=np.zeros((5, 1, 3)),
+    )
+    points = predict_points(setup, blank, model="rod", model_options=FEW_STEPS).predicted
+    noise = np.random.default_rng(0).normal(0.0, 0.5, points.shape)
+    data = dataclasses.replace(blank, points=points + noise)
+    fit = fit_loops(data, "tendons.*.friction", loss="linear")
+    (friction,) = fit.estimates
+    assert friction.change == "shift"
+    assert 0.0 <= friction.low <= friction.value <= friction.high <= 2.0
+    # Without the cut it is as wide on both sides.
+    assert friction.high - friction.value > friction.value - friction.low
+    assert "times" not in fit.format_table()
+    scaled = fit_loops(data, "commands.scale", loss="linear")
+    assert scaled.estimates[0].change == "factor"
+    assert "times" in scaled.format_table()
+
+
+def test_the_error_is_a_share_of_the_span():
+    truth = RobotSetup(make_robot(offset=4.4), MARKERS[:1])
+    data = simulate(truth, noise=0.2)
+    fits = [fit_robot(truth, data, free=free) for free in ((), ("commands.scale",))]
+    for fit, rows in zip(fits, ("the rows", "rows left out"), strict=True):
+        share = f"{fit.error:.3g} mm rms of {rows} is {100.0 * fit.error / data.span:.2g} % of"
+        assert share in fit.format_table() and not fit.is_poor
+    far = dataclasses.replace(data, points=data.points + 50.0)
+    poor = fit_robot(truth, far, free=())
+    assert poor.is_poor and any(text.startswith("the fit is poor: 86") for text in poor.warnings)
+    assert poor.format_table().count("of the points' span") == 1
+
+
 def test_friction_takes_the_rod():
     data = simulate(RobotSetup(make_robot(), MARKERS))
     options = dataclasses.replace(BARE, model="energy")

@@ -27,7 +27,7 @@ from .kinematics import ContinuumRobot
 from .measured import RobotMeasurements
 from .models import CONTINUUM_MODELS
 from .observation import Observation, Observed, align_base
-from .unknowns import FIELDS, RobotSetup, Unknown, change_setup, parse_unknowns
+from .unknowns import FIELDS, Change, RobotSetup, Unknown, change_setup, parse_unknowns
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -109,10 +109,13 @@ class Estimate:
         What was fitted.
     value, low, high : float
         The number, and the ends of its 95 % interval; infinite where the data do not determine it.
+        That of a friction, a pretension or a backlash is cut where these are not legal.
     unit : str
-        Its unit; empty for a factor on what is in the robot file.
+        Its unit; empty for a number without one, such as a factor on what is in the robot file.
     standard_error : float
         Standard deviation, of a factor on its own value.
+    change : {"factor", "shift"}
+        Whether the number of the robot file was multiplied or moved.
     """
 
     name: str
@@ -121,6 +124,7 @@ class Estimate:
     high: float
     unit: str
     standard_error: float
+    change: Change = "factor"
 
 
 @dataclass(frozen=True)
@@ -333,6 +337,17 @@ class RobotFit(Result):
         """Root mean square distance of rows left out [mm], of those fitted if none were."""
         return self.rms if self.validation is None else self.validation.rms
 
+    def describe_error(self) -> str:
+        """Return the error as a share of the points' span, and from which share on it is poor."""
+        if self.data.span == 0.0:
+            return f"all points coincide: there is no span to judge {self.error:.3g} mm rms by"
+        of = "rms of the rows" if self.validation is None else "rms of rows left out"
+        share = self.error / self.data.span
+        return (
+            f"{self.error:.3g} mm {of} is {100.0 * share:.2g} % of the points' span of "
+            f"{self.data.span:.3g} mm; above {100.0 * POOR_SHARE:.0f} % it is poor"
+        )
+
     def predict(self, data: RobotMeasurements) -> RobotPrediction:
         """Return what the fitted robot predicts of other measurements.
 
@@ -406,7 +421,7 @@ class RobotFit(Result):
             values, unit = [one.value, one.low, one.high], one.unit
             if unit == "rad":
                 values, unit = [math.degrees(value) for value in values], "deg"
-            unit = unit or "times"
+            unit = unit or ("times" if one.change == "factor" else "")
             value, low, high = values
             interval = f"95 %: {low:.4g} to {high:.4g}" if math.isfinite(high - low) else (
                 "not determined"
@@ -428,6 +443,8 @@ class RobotFit(Result):
             lines.append(f"by marker [mm]: {shown}")
         if self.validation is not None:
             lines.append(_format_validation(self.validation))
+        if self.data.span > 0.0 and not self.is_poor:  # else a warning says it
+            lines.append(self.describe_error())
         if self.smaller is not None and self.validation is not None:
             lines.append(
                 f"fewer constants predict better: {len(self.smaller.names)} in place of "
@@ -958,16 +975,11 @@ def _conclude(
         evaluations=found.evaluations,
     )
     if fit.data.span == 0.0:
-        poor = f"all points coincide: there is no span to judge the error of {fit.error:.3g} mm by"
-    elif fit.is_poor:
-        poor = (
-            f"the fit is poor: it is off by {fit.error:.3g} mm, "
-            f"{100.0 * fit.error / fit.data.span:.0f} % of the points' span, {fit.data.span:.3g} "
-            f"mm; above {100.0 * POOR_SHARE:.0f} % it is poor"
-        )
-    else:
-        return fit
-    return dataclasses.replace(fit, warnings=(*fit.warnings, poor))
+        return dataclasses.replace(fit, warnings=(*fit.warnings, fit.describe_error()))
+    if fit.is_poor:
+        poor = f"the fit is poor: {fit.describe_error()}"
+        return dataclasses.replace(fit, warnings=(*fit.warnings, poor))
+    return fit
 
 
 def _estimate(
@@ -987,7 +999,11 @@ def _estimate(
         value = change + (start or 0.0)
         if one.field.startswith("rotation"):
             value = after.robot.base_rotation["xyz".index(one.field[-1])]
-        return Estimate(one.name, value, value - half, value + half, one.known.unit, spread)
+        low, high = value - half, value + half
+        if one.known.begin and math.isfinite(half):
+            lowest, highest, _ = one.limit(before)
+            low, high = max(low, lowest + (start or 0.0)), min(high, highest + (start or 0.0))
+        return Estimate(one.name, value, low, high, one.known.unit, spread, "shift")
     factor, unit = (1.0, "") if start is None else (start, one.known.unit)
     value = factor * math.exp(change)
     low, high = (
