@@ -1,4 +1,4 @@
-"""One Chromium for all tests of pages, and what they ask of a page."""
+"""A Chromium for the tests of pages, and what they ask of a page."""
 
 from __future__ import annotations
 
@@ -13,8 +13,9 @@ from playwright.sync_api import Browser, sync_playwright
 FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
+    # Not for the whole session: while the driver runs, no other test may run an event loop.
     program = shutil.which("chromium")
     if program is None and not os.environ.get("CI"):
         pytest.skip("no Chromium on this machine")

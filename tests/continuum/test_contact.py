@@ -181,6 +181,66 @@ def test_a_rod_in_a_tube_buckles_sideways_at_the_load_of_paslay_and_dawson() -> 
     assert found == pytest.approx(2.0 * np.sqrt(stiffness * weight / gap), rel=0.05)
 
 
+def make_helix(length: float, stiffness: float, bend: float, rate: float) -> RobotDesign:
+    """A rod along x that wants to wind by ``rate`` [rad/mm], with ``bend`` [1/mm] after a turn."""
+    places = np.linspace(0.0, length, 200)
+    bends = bend * np.minimum(1.0, rate * places / (2.0 * np.pi))
+    ways = rate * places
+    table = np.stack([places, bends * np.cos(ways), bends * np.sin(ways), 0.0 * places], axis=1)
+    (section,) = make_rod(length, stiffness).sections
+    bent = replace(section, curvature=tuple(map(tuple, table.tolist())))
+    return RobotDesign((bent,), base_rotation=ALONG_X)
+
+
+@pytest.mark.slow(60)
+def test_a_rod_in_a_tube_winds_to_a_helix_at_the_load_of_chen_lin_and_cheatham() -> None:
+    # Chen, Lin and Cheatham 1990, J. Energy Resources Technology 112(3), 176: at 2 sqrt(2 EI w / r)
+    # the helix has the energy of the rod that lies on the floor; Lubinski et al. 1962, J. Petroleum
+    # Technology 14(6), 655: it winds by sqrt(F / 2 EI); Mitchell 1988, SPE Drilling Engineering
+    # 3(3), 303: it presses by r F^2 / 4 EI per length.
+    stiffness, weight, gap, wall = 500.0, 0.01, 2.0, 5.0
+    critical = np.sqrt(8.0 * stiffness * weight / gap)
+    pitch = 2.0 * np.pi * np.sqrt(2.0 * stiffness / critical)
+    options = ContactOptions(segment_length=pitch / 20.0, wall_stiffness=wall)
+    even = LineLoad(force=(0.0, 0.0, -weight), frame="world")
+
+    def raise_energy(load: float, length: float) -> float:
+        """Energy of the helix above that of the straight rod on the floor [N mm]."""
+        push = PointLoad(force=(-load, 0.0, 0.0), frame="world")
+        rate = np.sqrt(0.5 * load / stiffness)
+        shape: ContactShape | None = None
+        # The bend that it is made with is taken away.
+        for share in (1.3, 0.4, 0.0):
+            robot = make_helix(length, stiffness, share * gap * rate**2, rate)
+            model = ContactModel(robot, Tube(gap + 1.0), loads=(even, push), options=options)
+            # Each call takes at most so many steps; the helix turns round far.
+            for _ in range(4):
+                shape = model.shape(initial=shape)
+                if shape.converged:
+                    break
+            assert shape is not None and shape.converged, shape
+        check_balance(shape)
+        inner = (shape.arc_length > pitch) & (shape.arc_length < length - pitch)
+        places = shape.arc_length[inner]
+        turned = np.unwrap(np.arctan2(*shape.points[inner, :0:-1].T))
+        winds = (turned[-1] - turned[0]) / (places[-1] - places[0])
+        assert winds == pytest.approx(rate, rel=0.03)
+        spacing = float(np.diff(shape.arc_length)[0])
+        pressed = shape.normal_forces[inner].mean() / spacing
+        assert pressed == pytest.approx(0.25 * gap * load**2 / stiffness, rel=0.05)
+        heights = 0.5 * (shape.points[1:, 2] + shape.points[:-1, 2])
+        lifted = weight * spacing * float(np.sum(heights + gap))
+        sunk = 0.5 * float(np.sum(shape.normal_forces**2)) / (wall * spacing)
+        return float(shape.energy + lifted + sunk - load * (length - shape.tip[0]))
+
+    # Two turns more leave out what the ends do.
+    loads = critical * np.array([0.95, 1.02])
+    low, high = (raise_energy(f, 5.0 * pitch) - raise_energy(f, 3.0 * pitch) for f in loads)
+    assert low > 0.0 > high
+    found = loads[0] + (loads[1] - loads[0]) * low / (low - high)
+    assert found == pytest.approx(critical, rel=0.03)
+
+
 def solve_chain(
     links: int, length: float, offset: float, pull: float, circle: tuple[float, float, float]
 ) -> NDArray[np.float64]:
