@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import os
 import queue
+import signal
+import threading
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from bozzini.cockpit.planning import Bench, Job, Planning, Superseded, merge
+from bozzini.cockpit.run import Cockpit, CockpitOptions
+from bozzini.cockpit.server import bind
 from bozzini.cockpit.session import Session
 from bozzini.cockpit.wire import Change
 from bozzini.errors import InputError
@@ -16,6 +22,7 @@ from bozzini.motion import Scope
 from bozzini.progress import no_progress
 from bozzini.study.options import PathOptions, ReadOptions
 from tests.cli.plan_cases import Tracts, write_tracts
+from tests.cockpit.conftest import make_plan
 
 
 @pytest.fixture(scope="module")
@@ -118,30 +125,143 @@ def test_changes_add_up() -> None:
     assert asked.end == (1.0, 2.0, 3.0)
 
 
-def test_process_plans_what_was_asked_last(tracts) -> None:
-    heard: queue.Queue = queue.Queue()
-    planning = Planning(make_job(tracts), lambda kind, what: heard.put((kind, what)))
-    try:
+class Heard:
+    """A planning process, and what it says."""
 
-        def wait_for(wanted: str):
-            while True:
-                kind, what = heard.get(timeout=120)
-                assert kind in ("progress", "scene", "plan", "done", wanted), what
-                if kind == wanted:
-                    return what
+    def __init__(self, job: Job) -> None:
+        self.messages: queue.Queue = queue.Queue()
+        self.planning = Planning(job, lambda kind, what: self.messages.put((kind, what)))
 
-        assert wait_for("plan").info["diameter_mm"] == 5.0
-        wait_for("done")
-        for diameter in (4.0, 17.0, 6.0):
-            planning.ask(Change(diameter=diameter))
-        while (found := wait_for("plan").info)["diameter_mm"] != 6.0:
-            pass
-        assert found["status"] == "complete"
-        planning.ask(Change(link=5000.0))
-        assert "link" in wait_for("refused")
-    finally:
-        planning.close()
-    assert not planning._process.is_alive()
+    def wait_for(self, wanted: str):
+        while True:
+            kind, what = self.messages.get(timeout=120)
+            assert kind in ("progress", "scene", "plan", "done", wanted), what
+            if kind == wanted:
+                return what
+
+
+@pytest.fixture
+def heard(tracts) -> Iterator[Heard]:
+    made = Heard(make_job(tracts))
+    yield made
+    made.planning.close()
+    assert not made.planning._process.is_alive()
+
+
+def test_process_plans_what_was_asked_last(heard) -> None:
+    assert heard.wait_for("plan").info["diameter_mm"] == 5.0
+    heard.wait_for("done")
+    for diameter in (4.0, 17.0, 6.0):
+        heard.planning.ask(Change(diameter=diameter))
+    while (found := heard.wait_for("plan").info)["diameter_mm"] != 6.0:
+        pass
+    assert found["status"] == "complete"
+    heard.planning.ask(Change(link=5000.0))
+    assert "link" in heard.wait_for("refused")
+
+
+def test_process_that_was_killed_is_started_anew_with_the_next_change(heard) -> None:
+    planning, first = heard.planning, heard.planning._process
+    heard.wait_for("done")
+    planning.ask(Change(inflate=1.0))
+    heard.wait_for("done")
+    os.kill(first.pid, signal.SIGSTOP)
+    planning.ask(Change(diameter=4.0))
+    planning.ask(Change(link=9.0))
+    first.kill()
+    assert "signal 9" in heard.wait_for("lost")
+    planning.ask(Change(link=8.5))
+    assert planning._process is not first and not planning.start_again()
+    info = heard.wait_for("plan").info
+    # What was shown before holds on, and what the process had not taken is not lost.
+    assert (info["inflate_mm"], info["diameter_mm"], info["link_mm"]) == (1.0, 4.0, 8.5)
+
+
+def test_asking_does_not_wait_for_a_process_that_does_not_read(heard) -> None:
+    heard.wait_for("done")
+    os.kill(heard.planning._process.pid, signal.SIGSTOP)
+    changes = [Change(end=(float(k), 0.0, 0.0), diameter=5.0 + 1e-4 * k) for k in range(5000)]
+    asking = threading.Thread(target=lambda: [*map(heard.planning.ask, changes)], daemon=True)
+    asking.start()
+    asking.join(30.0)
+    assert not asking.is_alive()
+    assert heard.planning._waiting == changes[-1]
+
+
+class Clock:
+    """A loop that calls what is due only when it is told."""
+
+    def __init__(self) -> None:
+        self.due: list[Clock] = []
+
+    def call_later(self, delay: float, act: Callable[[], None]) -> Clock:
+        handle = Clock()
+        handle.act = act
+        self.due.append(handle)
+        return handle
+
+    def cancel(self) -> None:
+        self.act = lambda: None
+
+
+class Idle:
+    """A planning process that only takes what it is asked."""
+
+    def __init__(self) -> None:
+        self.changes: list[Change] = []
+        self.is_new = False
+
+    def ask(self, change: Change) -> bool:
+        self.changes.append(change)
+        return self.is_new
+
+    def start_again(self) -> bool:
+        return self.is_new
+
+
+@pytest.fixture
+def cockpit(tracts) -> Iterator[Cockpit]:
+    with bind("127.0.0.1", 0) as listener:
+        made = Cockpit(make_job(tracts), CockpitOptions(), listener=listener)
+        made._loop, made._planning = Clock(), Idle()
+        made._take("scene", b"wall")
+        made._take("plan", replace(make_plan(), info={"final": True}))
+        yield made
+
+
+def test_windows_hear_that_planning_has_ended_and_go_on(cockpit) -> None:
+    session, planning = cockpit.session, cockpit._planning
+    session.take(session.open(), Change(diameter=4.0))
+    assert session.planning["busy"] and planning.changes == [Change(diameter=4.0)]
+    session.show_moved(make_plan(steps=1), np.zeros((3, 3)))
+    cockpit._take("lost", "it has ended")
+    assert not session.planning["busy"] and "it has ended" in session.planning["message"]
+    assert cockpit.error is None and session.moved is None and len(session.windows) == 1
+    # Another one shows its wall only once it has a plan.
+    planning.is_new = True
+    session.take(session.open(), Change(diameter=4.5))
+    cockpit._take("scene", b"wall")
+    assert session.planning["busy"] and session.view == make_plan().view
+    cockpit._take("lost", "it has ended")
+    assert session.planning["busy"] and "anew" in session.planning["message"]
+
+
+def test_windows_hear_that_it_takes_long_only_while_it_does(cockpit) -> None:
+    session, due = cockpit.session, cockpit._loop.due
+    window = session.open()
+    for diameter in (4.0, 4.5):
+        session.take(window, Change(diameter=diameter))
+        cockpit._take("progress", "certify")
+    due[0].act()  # of the first change
+    assert session.planning["message"] == ""
+    due[1].act()
+    assert "longer" in session.planning["message"] and session.planning["stage"] == "certify"
+    session.take(window, Change(diameter=5.0))
+    cockpit._take("plan", replace(make_plan(), info={"final": False}))
+    due[2].act()  # what is at work now is something else
+    assert session.planning["busy"] and session.planning["message"] == ""
+    cockpit._take("refused", "why")
+    assert session.planning == {"busy": False, "stage": "", "message": "why"}
 
 
 def test_tract_that_moves_carries_body_and_wall(tracts) -> None:

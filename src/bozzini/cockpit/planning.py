@@ -12,6 +12,7 @@ import signal
 import threading
 import time
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, fields, replace
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -47,7 +48,7 @@ FRAME_RATE = 5.0
 MOST_INFLATION = 10.0
 """By which the wall may be moved outwards in the page [mm]."""
 PATIENCE = 1.0
-"""Time after which the windows are told that no motion was found yet [s]."""
+"""Time after which the windows are told that planning takes longer [s]."""
 PHANTOM_VOXEL = 1.5
 """Of the phantom that is shown where no file is given [mm]."""
 
@@ -342,7 +343,7 @@ def _describe(plan: Plan, asked: Change, seconds: float) -> Json:
     }
 
 
-def work(pipe: Connection, job: Job) -> None:
+def work(pipe: Connection, job: Job, first: Change) -> None:
     """Plan whatever comes through a pipe, until it is closed: the process's main function."""
     from ..scene.view import encode_view
 
@@ -356,8 +357,13 @@ def work(pipe: Connection, job: Job) -> None:
             last[0] = time.monotonic()
             pipe.send(("progress", stage))
 
+    def take() -> Change:
+        change: Change = pipe.recv()
+        pipe.send(("taken", ""))
+        return change
+
     try:
-        pending = Change()
+        pending = first
         bench = None
         while True:
             try:
@@ -377,9 +383,9 @@ def work(pipe: Connection, job: Job) -> None:
             except BozziniError as error:
                 pipe.send(("refused", str(error)))
                 pending = Change()
-            pending = merge(pending, pipe.recv())
+            pending = merge(pending, take())
             while pipe.poll():
-                pending = merge(pending, pipe.recv())
+                pending = merge(pending, take())
     except (EOFError, BrokenPipeError, ConnectionResetError):  # the server has gone
         return
 
@@ -387,17 +393,31 @@ def work(pipe: Connection, job: Job) -> None:
 class Planning:
     """The server's end: the process, and a thread that hears what it says.
 
+    A change is sent once the one before was taken, and until then added to what waits: so sending
+    never blocks, even if the process does not read.
+
     Parameters
     ----------
     job : Job
     hear : callable
-        Is given each message, in the thread: its kind and what belongs to it.
+        Is given each message, in the thread: its kind and what belongs to it. ``"lost"`` is the
+        last one of a process that has ended; the next change starts another.
     """
 
     def __init__(self, job: Job, hear: Callable[[str, Any], None]) -> None:
+        self._job, self._hear = job, hear
+        self._lock = threading.Lock()
+        self._waiting: Change | None = None
+        self._sent: Change | None = None
+        self._shown = Change()
+        self._closing = False
+        self._start(Change())
+
+    def _start(self, first: Change) -> None:
+        """Start a process, which plans for `first`, and a thread that hears it."""
         context = multiprocessing.get_context("spawn")
         self._pipe, other = context.Pipe()
-        self._process = context.Process(target=work, args=(other, job), daemon=True)
+        self._process = context.Process(target=work, args=(other, self._job, first), daemon=True)
         # An interrupt of the terminal reaches the process before it could ignore it.
         before = None
         if threading.current_thread() is threading.main_thread():
@@ -408,29 +428,80 @@ class Planning:
             if before is not None:
                 signal.signal(signal.SIGINT, before)
         other.close()
-        self._hear = hear
-        self._closing = False
+        self._is_lost = False
         self._thread = threading.Thread(target=self._listen, name="planning", daemon=True)
         self._thread.start()
 
-    def ask(self, change: Change) -> None:
-        """Let something else be planned."""
-        self._pipe.send(change)
+    def ask(self, change: Change) -> bool:
+        """Let something else be planned; return whether by another process, as one has ended."""
+        with self._lock:
+            self._waiting = merge(self._waiting or Change(), change)
+            if not self._is_lost:
+                self._send()
+                return False
+        return self.start_again()
+
+    def start_again(self) -> bool:
+        """Start another process if the last one has ended and a change waits."""
+        with self._lock:
+            if self._closing or not self._is_lost or self._waiting is None:
+                return False
+            first, self._waiting = merge(self._shown, self._waiting), None
+            self._pipe.close()
+            self._start(first)
+            return True
+
+    def _send(self) -> None:
+        """Send what waits, unless what was sent before is not taken yet."""
+        if self._sent is None and self._waiting is not None:
+            self._sent, self._waiting = self._waiting, None
+            with suppress(OSError):  # the thread hears that it has ended
+                self._pipe.send(self._sent)
 
     def close(self) -> None:
         """End the process."""
         self._closing = True
         self._process.terminate()
         self._process.join(1.0)
+        if self._process.is_alive():  # it is stopped
+            self._process.kill()
+            self._process.join(1.0)
         self._thread.join(1.0)
         self._pipe.close()
 
     def _listen(self) -> None:
+        pipe = self._pipe
         while True:
             try:
-                kind, what = self._pipe.recv()
+                kind, what = pipe.recv()
             except (EOFError, OSError):
-                if not self._closing:
-                    self._hear("lost", "the planning process has ended")
-                return
-            self._hear(kind, what)
+                break
+            if kind == "plan":
+                self._shown = _recall(what.info)
+            if kind == "taken":
+                with self._lock:
+                    self._sent = None
+                    self._send()
+            else:
+                self._hear(kind, what)
+        if self._closing:
+            return
+        self._process.join(1.0)
+        with self._lock:  # what it has not taken has not ended it
+            if self._sent is not None:
+                self._waiting = merge(self._sent, self._waiting or Change())
+            self._is_lost, self._sent = True, None
+        self._hear("lost", _explain_end(self._process.exitcode))
+
+
+def _recall(info: Json) -> Change:
+    """Return what a plan was asked for with."""
+    return Change(**{f.name: info[f"{f.name}_mm"] for f in fields(Change)})
+
+
+def _explain_end(code: int | None) -> str:
+    """Return that the planning process has ended, and how."""
+    how = "" if code is None else f" (exit code {code})"
+    if code is not None and code < 0:
+        how = f" (signal {-code}: {signal.strsignal(-code)})"
+    return f"the planning process has ended{how}"
