@@ -158,6 +158,10 @@ def test_process_plans_what_was_asked_last(heard) -> None:
     assert found["status"] == "complete"
     heard.planning.ask(Change(link=5000.0))
     assert "link" in heard.wait_for("refused")
+    # What is legal is planned, whatever is asked with it.
+    heard.planning.ask(Change(link=5000.0, diameter=4.0))
+    assert heard.wait_for("plan").info["diameter_mm"] == 4.0
+    assert "link" in heard.wait_for("refused")
 
 
 def test_process_that_was_killed_is_started_anew_with_the_next_change(heard) -> None:
@@ -186,6 +190,26 @@ def test_asking_does_not_wait_for_a_process_that_does_not_read(heard) -> None:
     asking.join(30.0)
     assert not asking.is_alive()
     assert heard.planning._waiting == changes[-1]
+
+
+def test_legal_part_of_a_change_is_planned(bench) -> None:
+    before, line = bench.asked, bench._space.centreline
+    (shown,) = plan(bench, diameter=4.0, link=5000.0, inflate=1.0, end=(1e5, 0.0, 0.0))
+    assert (shown.info["diameter_mm"], shown.info["inflate_mm"]) == (4.0, 1.0)
+    assert (bench.asked.link, bench.asked.end) == (before.link, before.end)
+    assert len(bench.refused) == 2
+    assert any("link" in reason for reason in bench.refused)
+    # A link that is legal on the new way only, beside something that never is.
+    lengths = {}
+    for place in line.points[[len(line.points) // 3, -1]]:
+        plan(bench, link=8.0, end=tuple(place.tolist()))
+        lengths[bench._space.centreline.length] = bench.asked.end
+    plan(bench, end=lengths[min(lengths)])
+    link = sum(lengths) / 2
+    plan(bench, link=link, end=lengths[max(lengths)], start=(1e5, 0.0, 0.0))
+    assert bench.asked.link == link and len(bench.refused) == 1
+    plan(bench, diameter=5.0, link=8.0, inflate=0.0)
+    assert bench.refused == ()
 
 
 class Clock:

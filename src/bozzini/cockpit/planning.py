@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import BozziniError
+from ..errors import BozziniError, InputError
 from ..progress import Progress
 from ..results import Json
 from ..study.options import PathOptions, ReadOptions
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from ..continuum import ContinuumRobot
     from ..duct import Centreline
     from ..duct.field import SampledField
-    from ..motion import FreeSpace, Plan, Scope
+    from ..motion import FreeSpace, Plan, PlannerOptions, Scope
     from ..scene.view import View
 
 Floats = NDArray[np.float64]
@@ -118,34 +118,80 @@ class Bench:
         self._space_for: tuple[object, ...] = ()
         self._line: Centreline | None = None
         self._space: FreeSpace | None = None
+        self._last_space: FreeSpace | None = None
         self._walls: dict[float, View] = {}
         self._sent: float | None = None
+        self.refused: tuple[str, ...] = ()
         self._last: Plan | None = None
 
-    def plan(self, change: Change, progress: Progress) -> Iterator[ShownPlan]:
-        """Plan for what is asked; give the plan, and again once more of it is known.
+    def _keep_legal(self, change: Change, progress: Progress) -> Change:
+        """Return what is legal of a change; `refused` says why the rest is not.
 
         Raises
         ------
         BozziniError
-            If something asked for is not legal; what was asked before stays.
+            If nothing of it is legal.
         """
-        from ..motion import PlannerOptions, Scope, plan_insertion
+        self.refused = ()
+        try:
+            self._prepare(merge(self.asked, change), progress)
+        except BozziniError as error:
+            rest, legal, before = _list_given(change), Change(), None
+            reasons: dict[str, str] = {"": str(error)}
+            while rest and legal != before:  # what is legal may make more of it so
+                before, reasons = legal, {}
+                for name, value in rest.items():
+                    tried = replace(legal, **{name: value})
+                    try:
+                        self._prepare(merge(self.asked, tried), progress)
+                    except BozziniError as reason:
+                        reasons[name] = str(reason)
+                    else:
+                        legal = tried
+                rest = {name: rest[name] for name in reasons}
+            if legal == Change():
+                raise InputError("; ".join(reasons.values())) from None
+            self.refused = tuple(reasons.values())
+            return legal
+        return change
 
-        asked = merge(self.asked, change)
-        begin = time.perf_counter()
+    def _prepare(
+        self, asked: Change, progress: Progress
+    ) -> tuple[FreeSpace, Scope, PlannerOptions]:
+        """Return what is planned with; raise `BozziniError` if something of it is not legal."""
+        from ..motion import PlannerOptions, Scope
+        from ..motion.planner import check_link
+
         scope = Scope(
             diameter=asked.diameter or 0.0,
             link_length=asked.link or 0.0,
             length=self.job.scope.length,
         )
         space = self._find_space(asked, progress)
+        check_link(scope, space.centreline)
         joints = scope.count_links(space.centreline.length) + 1
         step = max(HEAD_STEP, space.centreline.length * joints / MOST_JOINTS)
         options = PlannerOptions(head_step=min(step, scope.link_length), advise=False)
+        return space, scope, options
+
+    def plan(self, change: Change, progress: Progress) -> Iterator[ShownPlan]:
+        """Plan for what is asked; give the plan, and again once more of it is known.
+
+        What is not legal stays as it was asked before: `refused` then says why.
+
+        Raises
+        ------
+        BozziniError
+            If nothing of the change is legal.
+        """
+        from ..motion import plan_insertion
+
+        begin = time.perf_counter()
+        asked = merge(self.asked, self._keep_legal(change, progress))
+        space, scope, options = self._prepare(asked, progress)
         make = {"scope": scope, "method": "best", "progress": progress}
         plan = plan_insertion(space.duct, space.centreline, options=options, **make)  # type: ignore[arg-type]
-        self.asked, self._last = asked, plan
+        self.asked, self._last, self._last_space = asked, plan, space
         seconds = time.perf_counter() - begin
         yield self._show(plan, space, seconds, final=plan.status == "complete")
         if plan.status != "complete":
@@ -163,7 +209,7 @@ class Bench:
         from ..anatomy.tract import SurfaceTract
         from ..motion.live import LiveOptions, follow_tissue
 
-        plan, space = self._last, self._space
+        plan, space = self._last, self._last_space
         if self.job.moving is None or plan is None or space is None or plan.status != "complete":
             return
         motion = make_motion(self.job.moving, space.centreline)
@@ -312,8 +358,13 @@ def make_motion(name: str, line: Centreline) -> TissueMotion:
 
 def merge(asked: Change, change: Change) -> Change:
     """Return what is asked for after a change."""
+    return replace(asked, **_list_given(change))
+
+
+def _list_given(change: Change) -> Json:
+    """Return what a change gives, by its name."""
     given = {f.name: getattr(change, f.name) for f in fields(change)}
-    return replace(asked, **{name: value for name, value in given.items() if value is not None})
+    return {name: value for name, value in given.items() if value is not None}
 
 
 def _describe(plan: Plan, asked: Change, seconds: float) -> Json:
@@ -370,9 +421,13 @@ def work(pipe: Connection, job: Job, first: Change) -> None:
                 if bench is None:
                     bench = Bench(job, report)
                     pipe.send(("scene", encode_view(bench.view_wall())))
-                for shown in bench.plan(pending, report):
-                    pipe.send(("plan", shown))
-                pipe.send(("done", ""))
+                try:
+                    for shown in bench.plan(pending, report):
+                        pipe.send(("plan", shown))
+                    refused = "; ".join(bench.refused)
+                except BozziniError as error:
+                    refused = str(error)
+                pipe.send(("refused", refused) if refused else ("done", ""))
                 pending = Change()
                 for moved in bench.follow():
                     pipe.send(("moved", moved))
