@@ -101,6 +101,41 @@ def test_ends_are_moved(bench) -> None:
     assert np.linalg.norm(np.array(half.info["goal_mm"]) - middle) < 8.0
 
 
+@pytest.mark.parametrize("reverse", [False, True])
+def test_click_on_the_wall_moves_an_end_beside_it_and_leaves_the_other(tracts, reverse) -> None:
+    job = replace(make_job(tracts), options=PathOptions(reverse=reverse))
+    bench = Bench(job, no_progress)
+    (whole,) = plan(bench)
+    places = {"start": np.array(whole.info["entry_mm"]), "end": np.array(whole.info["goal_mm"])}
+    wall = bench.view_wall().surfaces[0].vertices
+    for click in wall[np.linspace(0, len(wall) - 1, 12).astype(int)]:
+        gaps = {name: np.linalg.norm(place - click) for name, place in places.items()}
+        name = min(gaps, key=lambda key: gaps[key])
+        bench.asked = Change(diameter=5.0, link=8.0, inflate=0.0)
+        (moved,) = plan(bench, **{name: tuple(click.tolist())})
+        assert moved.info["status"] == "complete"
+        now = {"start": np.array(moved.info["entry_mm"]), "end": np.array(moved.info["goal_mm"])}
+        depth = -float(bench.rest.signed_distance(now[name]))
+        # The tube's radius is 8 mm, in voxels of 1.5 mm: it is about its middle, or in a tip.
+        assert depth > 5.0 and np.linalg.norm(now[name] - click) < 2.0 * depth
+        (other,) = places.keys() - {name}
+        np.testing.assert_allclose(now[other], places[other], atol=0.02)
+
+
+def test_click_on_moved_tissue_is_a_click_on_it_at_rest(tracts) -> None:
+    bench = Bench(replace(make_job(tracts), moving="breathing"), no_progress)
+    plan(bench)
+    wall = bench.view_wall().surfaces[0].vertices
+    middle = int(np.argmin(np.abs(wall[:, 2] - 20.0)))
+    (still,) = plan(bench, end=tuple(wall[middle].tolist()))
+    frames = bench.follow()
+    for _ in range(6):
+        _, vertices = next(frames)
+    assert np.linalg.norm(vertices[middle] - wall[middle]) > 2.0
+    (moved,) = plan(bench, end=tuple(vertices[middle].tolist()))
+    assert moved.info["goal_mm"] == still.info["goal_mm"]
+
+
 def test_what_is_not_legal_leaves_what_was_asked_before(bench) -> None:
     asked = bench.asked
     for change in ({"link": 5000.0}, {"end": (1e5, 0.0, 0.0)}, {"inflate": 25.0}):

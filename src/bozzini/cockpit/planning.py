@@ -51,6 +51,8 @@ PATIENCE = 1.0
 """Time after which the windows are told that planning takes longer [s]."""
 PHANTOM_VOXEL = 1.5
 """Of the phantom that is shown where no file is given [mm]."""
+CLICK_REACH = 1.0
+"""A place this near to the wall, or a voxel farther, is a click on it [mm]."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -116,7 +118,9 @@ class Bench:
         )
         self._line_for: tuple[object, ...] = ()
         self._space_for: tuple[object, ...] = ()
+        self._whole: Centreline | None = None
         self._line: Centreline | None = None
+        self._moved: tuple[Floats, Floats] | None = None
         self._space: FreeSpace | None = None
         self._last_space: FreeSpace | None = None
         self._walls: dict[float, View] = {}
@@ -187,7 +191,7 @@ class Bench:
         from ..motion import plan_insertion
 
         begin = time.perf_counter()
-        asked = merge(self.asked, self._keep_legal(change, progress))
+        asked = merge(self.asked, self._keep_legal(self._settle(change, progress), progress))
         space, scope, options = self._prepare(asked, progress)
         make = {"scope": scope, "method": "best", "progress": progress}
         plan = plan_insertion(space.duct, space.centreline, options=options, **make)  # type: ignore[arg-type]
@@ -209,7 +213,7 @@ class Bench:
         from ..anatomy.tract import SurfaceTract
         from ..motion.live import LiveOptions, follow_tissue
 
-        plan, space = self._last, self._last_space
+        plan, space, self._moved = self._last, self._last_space, None
         if self.job.moving is None or plan is None or space is None or plan.status != "complete":
             return
         motion = make_motion(self.job.moving, space.centreline)
@@ -235,27 +239,67 @@ class Bench:
                 radius=plan.get_scope().radius,
                 info=info,
             )
-            yield body, rest + motion.at(frame.time)(rest)
+            shift = motion.at(frame.time)(rest)
+            self._moved = rest + shift, shift
+            yield body, self._moved[0]
             time.sleep(max(begin + frame.time - time.monotonic(), 0.0))
 
     def _find_space(self, asked: Change, progress: Progress) -> FreeSpace:
         """Return the lumen, with the line from the entry to the goal."""
         from ..motion import FreeSpace
+
+        inflate = asked.inflate or 0.0
+        wanted = (asked.start, asked.end, inflate)
+        known = self._line_for
+        if self._line is None or known[:2] != wanted[:2] or inflate < known[2]:  # type: ignore[operator]
+            self._line = self._find_line(asked, progress)
+            self._line_for, self._space_for = wanted, ()
+        if self._space is None or self._space_for != wanted:
+            self._space = FreeSpace(self._inflate(inflate), self._line)
+            self._space_for = wanted
+        return self._space
+
+    def _inflate(self, inflation: float | None) -> SampledField:
+        return self.rest.inflate(inflation) if inflation else self.rest
+
+    def _find_line(self, asked: Change, progress: Progress) -> Centreline:
+        """Return the line from the entry to the goal; an end that was not moved stays."""
         from ..study.ends import orient_centreline, resolve_places
 
-        options, inflate = self.job.options, asked.inflate or 0.0
-        field = self.rest.inflate(inflate) if inflate else self.rest
-        ends = asked.start or options.start, asked.end or options.end
-        wanted = (repr(ends), inflate)
-        if self._line is None or self._line_for[0] != wanted[0] or inflate < self._line_for[1]:  # type: ignore[operator]
-            places = resolve_places(self.tract, *ends, options.via)
-            found = orient_centreline(
-                self.tract, field, places, reverse=options.reverse, progress=progress
-            )
-            self._line, self._line_for, self._space_for = found.line, wanted, ()
-        if self._space is None or self._space_for != wanted:
-            self._space, self._space_for = FreeSpace(field, self._line), wanted
-        return self._space
+        options = self.job.options
+        start, end, via, reverse = options.start, options.end, options.via, options.reverse
+        if asked.start or asked.end:
+            whole = self._find_whole(progress).points
+            start, end = asked.start or whole[0], asked.end or whole[-1]
+            via, reverse = via[::-1] if reverse else via, False
+        places = resolve_places(self.tract, start, end, via)
+        field = self._inflate(asked.inflate)
+        found = orient_centreline(self.tract, field, places, reverse=reverse, progress=progress)
+        if not (asked.start or asked.end):
+            self._whole = found.line
+        return found.line
+
+    def _find_whole(self, progress: Progress) -> Centreline:
+        """Return the line of before an end was moved."""
+        return self._whole or self._find_line(Change(inflate=self.asked.inflate), progress)
+
+    def _settle(self, change: Change, progress: Progress) -> Change:
+        """Return a change whose ends are in the lumen, beside the wall that was clicked."""
+        inflation = self.asked.inflate if change.inflate is None else change.inflate
+        inflation = min(inflation or 0.0, self.most)  # more is refused later
+
+        def settle(place: tuple[float, ...] | None) -> tuple[float, ...] | None:
+            if place is None:
+                return None
+            field, click = self._inflate(inflation), np.array(place)
+            if self._moved is not None:  # the wall was seen where the tissue had moved it to
+                seen, shift = self._moved
+                click -= shift[int(np.argmin(np.linalg.norm(seen - click, axis=1)))]
+            if abs(float(field.signed_distance(click))) <= CLICK_REACH + field.spacing.max():
+                click = find_beside(field, self._find_whole(progress), click)
+            return tuple(click.tolist())
+
+        return replace(change, start=settle(change.start), end=settle(change.end))
 
     def _follow(self, plan: Plan, space: FreeSpace, progress: Progress) -> Json:
         """Return what a robot's tendons do along a plan."""
@@ -337,6 +381,35 @@ class Bench:
         axes = getattr(self.tract, "frame", None)
         view = replace(view, surfaces=own, notes=notes, axes=axes)
         return encode_view(join_views([view, wall], title=f"Cockpit: {self.tract.source}"))
+
+
+def find_beside(field: SampledField, line: Centreline, click: Floats) -> Floats:
+    """Return the place in the lumen beside a place of its wall.
+
+    It is the nearest of the line that is seen from the middle of the ball that touches the wall
+    there; that middle, away from the line.
+
+    Parameters
+    ----------
+    field : SampledField
+        The lumen.
+    line : Centreline
+    click : (3,) float
+        On the wall, or near it [mm].
+    """
+    step = float(field.spacing.min())
+    along = np.arange(0.0, 2.0 * float(line.radius.max()), 0.25 * step)[:, None]
+    ray = click - along * field.gradient(click)
+    depth = -field.signed_distance(ray)
+    falls = np.flatnonzero(depth < np.maximum.accumulate(depth) - 0.5 * step)
+    middle = ray[int(np.argmax(depth[: falls[0]] if len(falls) else depth))]
+    gaps = np.linalg.norm(line.points - click, axis=1)
+    near = line.points[gaps <= 2.0 * line.radius]
+    way = np.linspace(0.0, 1.0, 33)[:, None, None] * (near - middle)
+    seen = near[(field.signed_distance(middle + way) < 0.0).all(axis=0)]
+    if not len(seen):
+        return np.asarray(middle)
+    return np.asarray(seen[int(np.argmin(np.linalg.norm(seen - click, axis=1)))])
 
 
 def make_motion(name: str, line: Centreline) -> TissueMotion:
