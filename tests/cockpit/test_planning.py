@@ -8,6 +8,7 @@ import signal
 import threading
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,12 +18,15 @@ from bozzini.cockpit.run import Cockpit, CockpitOptions
 from bozzini.cockpit.server import bind
 from bozzini.cockpit.session import Session
 from bozzini.cockpit.wire import Change
+from bozzini.continuum import ContinuumRobot
 from bozzini.errors import InputError
 from bozzini.motion import Scope
 from bozzini.progress import no_progress
 from bozzini.study.options import PathOptions, ReadOptions
 from tests.cli.plan_cases import Tracts, write_tracts
 from tests.cockpit.conftest import make_plan
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
 @pytest.fixture(scope="module")
@@ -342,6 +346,34 @@ def test_tract_that_moves_carries_body_and_wall(tracts) -> None:
     assert moves[0] == 0.0 and (np.diff(moves) > 0.0).all() and session.tissue_number == 4
     session.show(shown)
     assert session.moved is None and session.describe()["moving"] is None
+
+
+def test_tract_moves_while_it_is_found_out_what_a_robot_does(tracts) -> None:
+    robot = ContinuumRobot.from_yaml(EXAMPLES / "thin_gastroscope.yaml")
+    still, moving = (
+        Bench(replace(make_job(tracts), robot=robot, moving=moving), no_progress)
+        for moving in (None, "breathing")
+    )
+    first, wanted = plan(still)
+    gate = threading.Event()
+    follow = moving._follow
+    moving._follow = lambda *given: gate.wait(60) and follow(*given)
+    (shown,) = plan(moving)  # it does not wait for the robot
+    motion = moving.follow()
+    next(motion)
+    assert moving.take_robot() is None
+    gate.set()
+    while (found := moving.take_robot()) is None:
+        next(motion)
+    assert found.info["robot"] == wanted.info["robot"] and shown.info["robot"] is None
+    np.testing.assert_allclose(found.tendons, wanted.tendons)
+    assert moving.take_robot() is None and moving.explain_rest() == ""
+
+
+def test_tract_that_cannot_be_moved_says_so(tracts) -> None:
+    bench = Bench(replace(make_job(tracts), moving="breathing"), no_progress)
+    assert plan(bench, diameter=17.0)[-1].info["status"] == "stopped"
+    assert list(bench.follow()) == [] and "does not move" in bench.explain_rest()
 
 
 def test_file_that_cannot_be_read_is_refused(tmp_path) -> None:

@@ -12,6 +12,7 @@ import signal
 import threading
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, fields, replace
 from multiprocessing.connection import Connection
@@ -123,6 +124,9 @@ class Bench:
         self._moved: tuple[Floats, Floats] | None = None
         self._space: FreeSpace | None = None
         self._last_space: FreeSpace | None = None
+        self._beside = ThreadPoolExecutor(1)
+        self._number = 0
+        self._robot: tuple[Future[Json], Callable[[], ShownPlan]] | None = None
         self._walls: dict[float, View] = {}
         self._sent: float | None = None
         self.refused: tuple[str, ...] = ()
@@ -193,6 +197,7 @@ class Bench:
         begin = time.perf_counter()
         asked = merge(self.asked, self._keep_legal(self._settle(change, progress), progress))
         space, scope, options = self._prepare(asked, progress)
+        self._number, self._robot = self._number + 1, None
         make = {"scope": scope, "method": "best", "progress": progress}
         plan = plan_insertion(space.duct, space.centreline, options=options, **make)  # type: ignore[arg-type]
         self.asked, self._last, self._last_space = asked, plan, space
@@ -202,13 +207,40 @@ class Bench:
             advised = replace(options, advise=True)
             found = plan_insertion(space.duct, space.centreline, options=advised, **make)  # type: ignore[arg-type]
             yield self._show(found, space, seconds, final=True)
-        elif self.job.robot is not None:
+        elif self.job.robot is not None and self.job.moving is None:
             yield self._show(plan, space, seconds, robot=self._follow(plan, space, progress))
+        elif self.job.robot is not None:  # beside the motion of the tract: see `follow`
+            work = self._beside.submit(self._follow, plan, space, self._make_end())
+            self._robot = work, lambda: self._show(plan, space, seconds, robot=work.result())
+
+    def _make_end(self) -> Progress:
+        """Return a progress for work beside, which ends once another plan is asked for."""
+        number = self._number
+
+        def go_on(stage: str, fraction: float) -> None:
+            if number != self._number:
+                raise Superseded
+
+        return go_on
+
+    def take_robot(self) -> ShownPlan | None:
+        """Return the plan with the robot that follows it, once it is known; else None."""
+        if self._robot is None or not self._robot[0].done():
+            return None
+        (_, show), self._robot = self._robot, None
+        return show()
+
+    def explain_rest(self) -> str:
+        """Return why a tract that could move does not; empty if it does, or cannot."""
+        if self.job.moving is None or self._last is None or self._last.status == "complete":
+            return ""
+        return "the tract does not move: the scope does not reach its goal"
 
     def follow(self) -> Iterator[tuple[ShownPlan, Floats]]:
         """Keep the scope clear while the tissue moves; give the body and the wall's vertices.
 
-        Nothing is given if there is no motion, or no plan to the goal.
+        Nothing is given if there is no motion, or no plan to the goal. What a robot does is found
+        out meanwhile, see `take_robot`: that takes long.
         """
         from ..anatomy.tract import SurfaceTract
         from ..motion.live import LiveOptions, follow_tissue
@@ -481,6 +513,13 @@ def work(pipe: Connection, job: Job, first: Change) -> None:
             last[0] = time.monotonic()
             pipe.send(("progress", stage))
 
+    def tell_robot(bench: Bench) -> None:
+        try:
+            if shown := bench.take_robot():
+                pipe.send(("plan", shown))
+        except BozziniError as error:
+            pipe.send(("refused", str(error)))
+
     def take() -> Change:
         change: Change = pipe.recv()
         pipe.send(("taken", ""))
@@ -500,9 +539,10 @@ def work(pipe: Connection, job: Job, first: Change) -> None:
                     refused = "; ".join(bench.refused)
                 except BozziniError as error:
                     refused = str(error)
-                pipe.send(("refused", refused) if refused else ("done", ""))
+                pipe.send(("refused", refused) if refused else ("done", bench.explain_rest()))
                 pending = Change()
                 for moved in bench.follow():
+                    tell_robot(bench)
                     pipe.send(("moved", moved))
                     if pipe.poll():
                         break

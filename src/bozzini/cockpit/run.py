@@ -200,7 +200,7 @@ class Cockpit:
         elif kind == "progress":
             session.planning = {**session.planning, "busy": True, "stage": what}
         elif kind == "done":
-            self._tell()
+            self._tell(message=what)
         elif session.plan is None:  # refused, or lost, before there was anything to show
             self._end(InputError(what))
         elif kind == "lost":
