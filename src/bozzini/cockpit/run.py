@@ -163,6 +163,9 @@ class Cockpit:
                 self._server.should_exit = True
         except BozziniError as error:
             self._end(error)
+        except Exception:  # raised once the server has ended
+            self._server.should_exit = True
+            raise
 
     def _open_drive(self) -> Drive:
         from .drive import open_drive
@@ -204,7 +207,7 @@ class Cockpit:
         elif session.plan is None:  # refused, or lost, before there was anything to show
             self._end(InputError(what))
         elif kind == "lost":
-            session.moved = session.moving = None
+            session.rest()
             self._tell(message=f"{what}: with the next change it is started anew")
             if self._planning is not None and self._planning.start_again():
                 self._tell("starting anew", busy=True, message=f"{what}: it is started anew")

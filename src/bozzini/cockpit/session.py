@@ -41,7 +41,7 @@ STATUS_TICKS = 6
 STRAIGHT = 0.01
 """A bend of less than this is none [mm]: a transducer at rest is never quite at 0."""
 LONGEST_SILENCE = 0.8
-"""Time after which a window that holds the stick and says nothing has let go of it [s]."""
+"""Time after which a window that holds the stick and says nothing of it has let go of it [s]."""
 
 
 class Distance(Protocol):
@@ -226,8 +226,8 @@ class Session:
 
     def take(self, window: Window, message: Message) -> None:
         """Do what a window asks for."""
-        window.heard = time.monotonic()
         if isinstance(message, StickMove):
+            window.heard = time.monotonic()
             window.travel, window.echo = np.array([message.x, message.y]), message.time
             self._hold(window)
         elif isinstance(message, Seek):
@@ -242,6 +242,7 @@ class Session:
         elif self.ask_plan is None:
             self.note = "there is nothing to plan yet"
         else:
+            self.note = ""
             self.ask_plan(message)
 
     def _hold(self, window: Window) -> None:
@@ -308,6 +309,12 @@ class Session:
         )
         self.tissue, self.tissue_number = pack_tissue(vertices), self.tissue_number + 1
         self._wake()
+
+    def rest(self) -> None:
+        """Show body and wall as they are planned: nothing moves the tissue any more."""
+        if self.moved is not None:
+            self.moved, self.moving = None, None
+            self.show_scene(self.view)
 
     # The clock.
 
