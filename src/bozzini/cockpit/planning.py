@@ -48,6 +48,8 @@ FRAME_RATE = 5.0
 """Of a tract that moves [Hz]."""
 MOST_INFLATION = 10.0
 """By which the wall may be moved outwards in the page [mm]."""
+MOST_WALLS = 4
+"""Drawings of the wall, differently inflated, that are kept."""
 PATIENCE = 1.0
 """Time after which the windows are told that planning takes longer [s]."""
 PHANTOM_VOXEL = 1.5
@@ -379,7 +381,7 @@ class Bench:
             "inflate_most_mm": self.most,
             "robot": robot or None,
         }
-        return ShownPlan(
+        shown = ShownPlan(
             view=self._encode(plan, space.duct),  # type: ignore[arg-type]
             joints=joints,
             clearance=np.where(known, plan.clearance, np.nan).astype(np.float32),
@@ -389,6 +391,8 @@ class Bench:
             tendons=moves,
             info=info,
         )
+        _ = shown.frames  # made here, not in the server's event loop
+        return shown
 
     def view_wall(self, field: SampledField | None = None) -> View:
         """Return the wall to look at, as it is inflated in a field."""
@@ -399,20 +403,19 @@ class Bench:
         inflation = field.inflation
         if inflation not in self._walls:
             is_surface = isinstance(self.tract, SurfaceTract) and inflation == 0.0
-            self._walls = {inflation: make_view(self.tract if is_surface else field)}
+            if len(self._walls) == MOST_WALLS:
+                del self._walls[next(iter(self._walls))]
+            self._walls[inflation] = make_view(self.tract if is_surface else field)
         return self._walls[inflation]
 
     def _encode(self, plan: Plan, field: SampledField) -> bytes:
         """Return what the page draws: the plan, in the wall."""
-        from ..scene.make_view import join_views, view_plan
+        from ..scene.make_view import view_plan
         from ..scene.view import encode_view
 
-        wall, view = self.view_wall(field), view_plan(plan)
-        own = tuple(item for item in view.surfaces if item.name != "inscribed tube")
-        notes = tuple(note for note in view.notes if "not known" not in note)
-        axes = getattr(self.tract, "frame", None)
-        view = replace(view, surfaces=own, notes=notes, axes=axes)
-        return encode_view(join_views([view, wall], title=f"Cockpit: {self.tract.source}"))
+        title = f"Cockpit: {self.tract.source}"
+        view = view_plan(plan, self.view_wall(field), title=title)
+        return encode_view(replace(view, axes=getattr(self.tract, "frame", None)))
 
 
 def find_beside(field: SampledField, line: Centreline, click: Floats) -> Floats:
