@@ -18,6 +18,8 @@ from bozzini import Plan, duct
 from bozzini.cli.main import main
 from bozzini.continuum import ContinuumRobot
 from bozzini.muscle import MuscleFile, preset, write_muscle
+from bozzini.plot.style import ClearanceScale
+from bozzini.scene.film import _encode_gif
 from tests.cli.plan_cases import SCOPE, Outcome, Tracts
 from tests.plot.fake_motion import make_plan
 from tests.scene.decode_view import decode_view
@@ -187,6 +189,19 @@ def test_a_film_has_as_many_pictures_as_it_says_and_they_differ(call, tmp_path):
         pictures.seek(pictures.n_frames - 1)
         last = np.asarray(pictures.convert("RGB"), dtype=float)
     assert first.std() > 8.0 and (np.abs(first - last).max(axis=-1) > 30).mean() > 0.002
+
+
+def test_a_gif_keeps_the_colours_of_a_small_scope(tmp_path):
+    colors = np.array([ClearanceScale(low=-1.0, high=5.0).color(value) for value in (-1, 0, 2, 5)])
+    across, down = np.meshgrid(np.linspace(0, 150, 960), np.linspace(0, 150, 540))
+    picture = np.stack([across, 0.5 * (across + down), down], axis=-1).astype(np.uint8)
+    for k, color in enumerate(colors):
+        picture[100 * k + 40 : 100 * k + 50, 400:420] = 255 * color
+    _encode_gif(tmp_path / "film.gif", iter([picture, picture[::-1]]), 2.0)
+    with Image.open(tmp_path / "film.gif") as film:
+        found = np.asarray(film.convert("RGB"), dtype=float)
+    for k, color in enumerate(colors):
+        np.testing.assert_allclose(found[100 * k + 45, 410], 255 * color, atol=20)
 
 
 def test_a_film_needs_its_extra_and_a_legal_rate(call, tmp_path, monkeypatch):
