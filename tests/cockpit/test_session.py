@@ -14,7 +14,7 @@ from bozzini.cockpit.drive import Drive
 from bozzini.cockpit.guard import Access
 from bozzini.cockpit.server import bind, make_server, run_server
 from bozzini.cockpit.session import LONGEST_SILENCE, Session
-from bozzini.cockpit.wire import MAGIC, TISSUE, Flags, Play, RigCommand, Seek, StickMove
+from bozzini.cockpit.wire import MAGIC, TISSUE, Change, Flags, Play, RigCommand, Seek, StickMove
 from bozzini.effector import Effector
 from tests.cockpit.conftest import LINKS, STEPS, Frame, make_plan, next_frame, wait_until
 
@@ -250,6 +250,17 @@ def test_without_a_rig_nothing_is_armed(session) -> None:
         session.take(session.open(), RigCommand(what=what))
         assert words in session.note
     assert not session._flags(session.drive.state) & Flags.ARMED
+
+
+def test_change_that_is_refused_is_said_until_the_next_one(session) -> None:
+    session.take(session.open(), Change(diameter=5.0))
+    assert "nothing to plan" in session.describe()["planning"]["message"] and not session.note
+    asked: list[Change] = []
+    session.ask_plan = asked.append
+    count = session.describe()["planning"]["asked"]
+    session.take(session.open(), Change(diameter=6.0))
+    assert asked == [Change(diameter=6.0)]
+    assert session.describe()["planning"]["asked"] == count + 1
 
 
 def test_new_plan_keeps_the_head_where_it_was(session) -> None:

@@ -171,7 +171,7 @@ async def _listen(session: Session, connection: WebSocket, window: Window) -> No
                 await connection.close(MALFORMED, str(error)[:120])
             return
         except InputError as error:
-            session.note = str(error)
+            session.refuse(str(error))
 
 
 async def _show(session: Session, connection: WebSocket, window: Window) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import secrets
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -201,6 +202,8 @@ class Session:
         self.step, self.place, self.speed, self.is_playing = 0, 0.0, 20.0, False
         self.holder: Window | None = None
         self.planning: Json = {"busy": True, "stage": "starting", "message": ""}
+        self.changes = 0
+        self.name = secrets.token_hex(4)
         self.ask_plan: Callable[[Change], None] | None = None
         self.note = ""
         self.number, self.status_number, self.tissue_number = 0, 0, 0
@@ -240,10 +243,15 @@ class Session:
         elif isinstance(message, RigCommand):
             self.note = self._command(message.what)
         elif self.ask_plan is None:
-            self.note = "there is nothing to plan yet"
+            self.refuse("there is nothing to plan yet")
         else:
-            self.note = ""
+            self.changes += 1
             self.ask_plan(message)
+
+    def refuse(self, words: str) -> None:
+        """Say why a change is not planned for; the next that is takes the words away."""
+        self.changes += 1
+        self.planning = {**self.planning, "message": words}
 
     def _hold(self, window: Window) -> None:
         """Let one window at a time hold the stick: the first, until it lets go."""
@@ -425,7 +433,8 @@ class Session:
             "tendons_mm": None
             if plan is None or not plan.tendons.size
             else plan.tendons[self.step].round(2).tolist(),
-            "planning": dict(self.planning),
+            "planning": {**self.planning, "asked": self.changes},
+            "session": self.name,
             "moving": self.moving,
             "view": self.view_version,
             "plan": None if plan is None else plan.info,
