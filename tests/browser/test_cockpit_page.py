@@ -221,14 +221,83 @@ def test_plan_is_made_anew_in_the_page(visit, address) -> None:
     wait_for(page, "() => document.querySelector('.verdict').textContent.includes('Fits')")
     assert read_state(page)["view"] > views
     wait_for(page, "() => cockpit.viewer.frames > 0 && cockpit.frame.links > 0")
-    # An end is moved by a click on the wall.
-    before = read_state(page)["plan"]["goal_mm"]
-    page.get_by_role("button", name="Move the end").click()
-    place = [*read_state(page)["plan"]["entry_mm"][:2], 12.0]
-    page.evaluate("(place) => cockpit.viewer.onpick({place, normal: [0, 0, 1], surface: 0})", place)
-    state = wait_until(page, lambda state: state["plan"]["goal_mm"] != before
-                       or state["planning"]["message"])  # fmt: skip
-    assert state["plan"]["goal_mm"] != before or "end" in state["planning"]["message"]
+
+
+def is_settled(state) -> bool:
+    return not state["planning"]["busy"]
+
+
+def test_ends_are_moved_by_clicks_on_the_wall_and_by_keys(visit, address) -> None:
+    page = visit(address)
+    wait_for(page, PLANNED)
+    button = page.get_by_role("button", name="Move the end")
+    box, before = page.locator(".stage > canvas").bounding_box(), read_state(page)["plan"]
+    seen = [before["goal_mm"]]
+    # The scope, which is seen through the wall, is not in the way, nor is a place beside the wall.
+    for x, y in [(0.02, 0.5), *((x, y) for x in (0.22, 0.4, 0.5) for y in (0.3, 0.5, 0.7))]:
+        if button.get_attribute("aria-pressed") == "false":
+            button.click()
+        asked = read_state(page)["planning"]["asked"]
+        page.mouse.click(box["x"] + x * box["width"], box["y"] + y * box["height"])
+        if button.get_attribute("aria-pressed") == "true":
+            assert "no wall" in page.locator(".said").inner_text()
+            continue
+        state = wait_until(
+            page, lambda s, n=asked: s["planning"]["asked"] > n and is_settled(s), seconds=60.0
+        )
+        # Beside the start there is no way to go, and that is said.
+        assert "same point" in (state["planning"]["message"] or "same point")
+        assert state["plan"]["entry_mm"] == before["entry_mm"]
+        seen.append(state["plan"]["goal_mm"])
+    assert len({tuple(goal) for goal in seen}) > 2
+    # By keys: the cross is in the middle of the picture.
+    page.keyboard.press("Escape")
+    assert button.get_attribute("aria-pressed") == "false"
+    button.focus()
+    page.keyboard.press("Enter")
+    wait_for(page, "() => getComputedStyle(document.querySelector('.cross')).display === 'block'")
+    asked = read_state(page)["planning"]["asked"]
+    for _ in range(12):
+        page.keyboard.press("Shift+ArrowRight")
+        page.keyboard.press("Enter")
+        if button.get_attribute("aria-pressed") == "false":
+            break
+    state = wait_until(page, lambda s: s["planning"]["asked"] > asked and is_settled(s), seconds=60)
+    assert "same point" in (state["planning"]["message"] or "same point")
+    page.wait_for_timeout(100)
+    assert not page.locator(".cross").is_visible()
+
+
+def test_size_that_is_refused_is_not_shown_as_in_force(visit, address) -> None:
+    page = visit(address)
+    wait_for(page, PLANNED)
+    size, line = page.get_by_label("Link"), page.locator(".busy")
+    value = size.input_value()
+    for _ in range(2):  # the second time nothing else changes
+        size.fill("5000")
+        assert size.input_value() == "5000"
+        size.press("Enter")
+        wait_for(page, "() => document.querySelector('.busy').textContent.includes('5000')")
+        wait_for(page, f"() => document.querySelector('[name=link]').value === '{value}'")
+    # What is out of range for any plan is the planning's business, too, not the drive's.
+    page.evaluate("() => (document.querySelector('[name=link]').max = '')")
+    size.fill("20000")
+    size.press("Enter")
+    wait_for(page, "() => document.querySelector('.busy').textContent.includes('20000')")
+    wait_for(page, f"() => document.querySelector('[name=link]').value === '{value}'")
+    assert "20000" not in page.locator(".drive").inner_text()
+    size.fill("7")
+    size.press("Enter")
+    wait_for(page, f"{PLANNED} && cockpit.status.plan.link_mm === 7")
+    wait_for(page, "() => !document.querySelector('.busy').textContent")
+    assert not line.is_visible() and size.input_value() == "7"
+    # What is typed and not confirmed stays while it is typed, and goes with the focus.
+    size.fill("6")
+    page.evaluate("() => cockpit.viewer.say('')")
+    assert size.input_value() == "6"
+    page.evaluate("() => (document.querySelector('[name=link]').onchange = null)")
+    size.blur()
+    assert size.input_value() == "7"
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
@@ -346,5 +415,12 @@ def test_page_connects_again(visit) -> None:
         assert time.monotonic() - begin < RECONNECTION
         running.session.go_to(7)
         wait_for(page, "() => cockpit.frame.step === 7")
+        # Another server, which has nothing to show yet, does not leave the plan before on the page.
+        assert page.locator(".verdict").inner_text().startswith("Fits")
+        running.stop()
+        running.session = Session()
+        running.start()
+        page.get_by_text("Reading the tract: starting").wait_for()
+        assert page.locator(".verdict").inner_text() == ""
     finally:
         running.stop()

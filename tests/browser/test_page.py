@@ -331,3 +331,16 @@ def test_the_report_turns_and_prints_on_two_pages(visit):
     assert get_step(page) == 0
     paper = page.pdf(format="A4", print_background=True)
     assert len(re.findall(rb"/Type\s*/Page\b", paper)) == 2
+
+
+@pytest.mark.parametrize(("width", "height"), [(1000, 640), (820, 500), (420, 800)])
+def test_what_is_over_the_picture_does_not_overlap(visit, width, height):
+    page = visit(width=width, height=height)
+    boxes = [page.locator(name).bounding_box() for name in (".head", ".tools", "button.inset")]
+    for k, one in enumerate(boxes):
+        for other in boxes[:k]:
+            across = one["x"] < other["x"] + other["width"] and other["x"] < one["x"] + one["width"]
+            along = (
+                one["y"] < other["y"] + other["height"] and other["y"] < one["y"] + one["height"]
+            )
+            assert not (across and along)

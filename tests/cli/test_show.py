@@ -7,6 +7,7 @@ import gzip
 import json
 import re
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,8 @@ from bozzini import Plan, duct
 from bozzini.cli.main import main
 from bozzini.continuum import ContinuumRobot
 from bozzini.muscle import MuscleFile, preset, write_muscle
+from bozzini.plot.style import ClearanceScale
+from bozzini.scene.film import _encode_gif
 from tests.cli.plan_cases import SCOPE, Outcome, Tracts
 from tests.plot.fake_motion import make_plan
 from tests.scene.decode_view import decode_view
@@ -66,6 +69,59 @@ def test_a_plan_is_shown_in_its_own_tract_and_in_no_other(call, plan, tracts, tm
     assert "inscribed tube" in alone.result["surfaces"]
 
 
+def test_a_plan_that_does_not_name_its_file_is_compared_with_the_wall(call, plan, tracts, tmp_path):
+    made = Plan.load(plan)
+    nameless = tmp_path / "nameless.npz"
+    replace(made, input=replace(made.input, sha256=None, file="phantom")).save(nameless)
+    page = tmp_path / "page.html"
+    assert call("show", nameless, tracts.surface, "--out", page, "--quiet").code == 0
+    # The same lumen in another form is the same, one that is wider, or elsewhere, is another.
+    done = call("show", nameless, tracts.volume, "--out", page, "--quiet", "--force")
+    assert done.code == 0
+    for name, other in (
+        ("wide", tracts.mesh.copy().apply_scale(1.3)),
+        ("away", tracts.mesh.copy().apply_translation([0, 9, 0])),
+    ):
+        other.export(tmp_path / f"{name}.stl")
+        film = tmp_path / "film.gif"
+        for command in (
+            ["show", nameless, tmp_path / f"{name}.stl", "--out", tmp_path / "no.html"],
+            ["record", nameless, tmp_path / f"{name}.stl", "--out", film, "--style", "x-ray"],
+        ):
+            done = call(*command, "--quiet")
+            assert done.code == 2 and "is not what the plan was made from" in done.err
+            assert done.err.count("\n") == 1 and not film.exists()
+    assert not (tmp_path / "no.html").exists()
+
+
+def test_of_two_walls_one_must_be_the_plans(call, plan, tracts, tmp_path):
+    others = []
+    for k in (1, 2):
+        others.append(tmp_path / f"other{k}.stl")
+        tracts.mesh.copy().apply_translation([40 * k, 0, 0]).export(others[-1])
+    page = tmp_path / "page.html"
+    done = call("show", plan, *others, "--out", page, "--quiet")
+    assert done.code == 2 and "is not the file" in done.err and not page.exists()
+    assert call("show", plan, others[0], tracts.surface, "--out", page, "--quiet").code == 0
+    walls = [item for item in read_view(page)["surfaces"] if item["name"] == "wall"]
+    assert len(walls) == 2
+
+
+def test_a_plans_tract_is_read_as_the_plan_says_and_not_otherwise(call, tracts, tmp_path):
+    folder = tmp_path / "made"
+    only = ["--labels", "1", "--link", "5mm", "--diameter", "5mm", "--head-step", "1mm"]
+    assert call("plan", tracts.halves, *only, "--quiet", "--out", folder).code in (0, 1)
+    made, page = folder / "plan.npz", tmp_path / "page.html"
+    assert call("show", made, tracts.halves, "--out", page, "--quiet").code == 0
+    high = read_view(page)["surfaces"][-1]["vertices"][:, 2].max()
+    again = ["--out", page, "--quiet", "--force"]
+    assert call("show", made, tracts.halves, "--labels", "1", *again).code == 0
+    assert read_view(page)["surfaces"][-1]["vertices"][:, 2].max() == high
+    assert high < 0.9 * tracts.mesh.vertices[:, 2].max()
+    done = call("show", made, tracts.halves, "--labels", "2", *again)
+    assert done.code == 2 and "--labels" in done.err and done.err.count("\n") == 1
+
+
 def test_everything_with_a_shape_goes_on_one_page(call, tmp_path):
     duct.save(duct.RoundCones(np.array([[0.0, 0, 0], [30.0, 0, 0]]), np.array([5.0, 6.0])),
               tmp_path / "shapes.json")  # fmt: skip
@@ -91,6 +147,7 @@ def test_everything_with_a_shape_goes_on_one_page(call, tmp_path):
         ("a.yaml", "name: x\n", "has no 'shapes', 'sections' or 'muscle'"),
         ("a.json", "[1", "a.json"),
         ("a.csv", "u,v\n1,2\n", "it needs x, y and z"),
+        ("a.csv", "x_mm,y_mm,z_mm\n", "holds no points"),
         ("a.npz", "x", "is not a Bozzini plan"),
         ("a.stl", "x", "a.stl"),
     ],
@@ -132,6 +189,19 @@ def test_a_film_has_as_many_pictures_as_it_says_and_they_differ(call, tmp_path):
         pictures.seek(pictures.n_frames - 1)
         last = np.asarray(pictures.convert("RGB"), dtype=float)
     assert first.std() > 8.0 and (np.abs(first - last).max(axis=-1) > 30).mean() > 0.002
+
+
+def test_a_gif_keeps_the_colours_of_a_small_scope(tmp_path):
+    colors = np.array([ClearanceScale(low=-1.0, high=5.0).color(value) for value in (-1, 0, 2, 5)])
+    across, down = np.meshgrid(np.linspace(0, 150, 960), np.linspace(0, 150, 540))
+    picture = np.stack([across, 0.5 * (across + down), down], axis=-1).astype(np.uint8)
+    for k, color in enumerate(colors):
+        picture[100 * k + 40 : 100 * k + 50, 400:420] = 255 * color
+    _encode_gif(tmp_path / "film.gif", iter([picture, picture[::-1]]), 2.0)
+    with Image.open(tmp_path / "film.gif") as film:
+        found = np.asarray(film.convert("RGB"), dtype=float)
+    for k, color in enumerate(colors):
+        np.testing.assert_allclose(found[100 * k + 45, 410], 255 * color, atol=20)
 
 
 def test_a_film_needs_its_extra_and_a_legal_rate(call, tmp_path, monkeypatch):

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
+import uvicorn
 from websockets.sync.client import ClientConnection, connect
 
 from bozzini.cockpit.guard import Access
@@ -45,6 +46,7 @@ class Served:
 
     session: Session
     access: Access
+    server: uvicorn.Server
     sockets: ExitStack = field(default_factory=ExitStack)
 
     def connect(self, **given: object) -> ClientConnection:
@@ -83,7 +85,7 @@ def serve() -> Iterator[Callable[..., Served]]:
         thread = threading.Thread(target=run, daemon=True)
         thread.start()
         assert ready.wait(10)
-        served = Served(session, access)
+        served = Served(session, access, server)
         stops.append((served, server, thread))
         return served
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import time
 
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 
 from bozzini.cockpit.drive import RigDrive, check_rig, open_drive
-from bozzini.cockpit.operator import Figure
+from bozzini.cockpit.operator import Drawing, Figure, draw
 from bozzini.cockpit.session import Session
 from bozzini.cockpit.wire import RigCommand, StickMove
 from bozzini.effector import Effector
@@ -104,6 +105,33 @@ def test_fault_is_shown_and_cleared(serve, session, rig) -> None:
     rig.plant.set_faults()
     client.send(json.dumps({"kind": "rig", "what": "clear"}))
     wait_until(lambda: served.state()["rig"] == "DISARMED")
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_drive_that_ends_by_any_error_is_shown_as_lost(session, rig) -> None:
+    def fail(state) -> None:
+        raise ValueError("no more")
+
+    rig.listeners.append(fail)
+    _keep_on(session, lambda: session.describe()["rig"] == "LOST")
+    assert "no more" in session.describe()["note"]
+    rig._thread.join(5.0)
+    assert not rig._thread.is_alive()
+
+
+def test_operator_whose_connection_ends_says_so(serve) -> None:
+    served = serve()
+    served.session.drive = drive = open_drive("prototype")
+
+    async def cut() -> Drawing:
+        drawing = asyncio.create_task(draw(Figure(kind="line", size=5.0), drive, served.access))
+        while drive.state.target[0] == 0.0:
+            await asyncio.sleep(0.01)
+        served.server.should_exit = True
+        return await drawing
+
+    drawing = asyncio.run(asyncio.wait_for(cut(), 30.0))
+    assert not drawing.converged and "connection" in drawing.reason
 
 
 @pytest.mark.parametrize("rig", ["serial:", "serial", "usb:/dev/x", "Demo", ""])

@@ -2,20 +2,31 @@
 
 from __future__ import annotations
 
+import os
 import queue
+import signal
+import threading
+from collections.abc import Callable, Iterator
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from bozzini.cockpit.planning import Bench, Job, Planning, Superseded, merge
+from bozzini.cockpit.run import Cockpit, CockpitOptions
+from bozzini.cockpit.server import bind
 from bozzini.cockpit.session import Session
 from bozzini.cockpit.wire import Change
+from bozzini.continuum import ContinuumRobot
 from bozzini.errors import InputError
 from bozzini.motion import Scope
 from bozzini.progress import no_progress
 from bozzini.study.options import PathOptions, ReadOptions
 from tests.cli.plan_cases import Tracts, write_tracts
+from tests.cockpit.conftest import make_plan
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
 @pytest.fixture(scope="module")
@@ -94,6 +105,41 @@ def test_ends_are_moved(bench) -> None:
     assert np.linalg.norm(np.array(half.info["goal_mm"]) - middle) < 8.0
 
 
+@pytest.mark.parametrize("reverse", [False, True])
+def test_click_on_the_wall_moves_an_end_beside_it_and_leaves_the_other(tracts, reverse) -> None:
+    job = replace(make_job(tracts), options=PathOptions(reverse=reverse))
+    bench = Bench(job, no_progress)
+    (whole,) = plan(bench)
+    places = {"start": np.array(whole.info["entry_mm"]), "end": np.array(whole.info["goal_mm"])}
+    wall = bench.view_wall().surfaces[0].vertices
+    for click in wall[np.linspace(0, len(wall) - 1, 12).astype(int)]:
+        gaps = {name: np.linalg.norm(place - click) for name, place in places.items()}
+        name = min(gaps, key=lambda key: gaps[key])
+        bench.asked = Change(diameter=5.0, link=8.0, inflate=0.0)
+        (moved,) = plan(bench, **{name: tuple(click.tolist())})
+        assert moved.info["status"] == "complete"
+        now = {"start": np.array(moved.info["entry_mm"]), "end": np.array(moved.info["goal_mm"])}
+        depth = -float(bench.rest.signed_distance(now[name]))
+        # The tube's radius is 8 mm, in voxels of 1.5 mm: it is about its middle, or in a tip.
+        assert depth > 5.0 and np.linalg.norm(now[name] - click) < 2.0 * depth
+        (other,) = places.keys() - {name}
+        np.testing.assert_allclose(now[other], places[other], atol=0.02)
+
+
+def test_click_on_moved_tissue_is_a_click_on_it_at_rest(tracts) -> None:
+    bench = Bench(replace(make_job(tracts), moving="breathing"), no_progress)
+    plan(bench)
+    wall = bench.view_wall().surfaces[0].vertices
+    middle = int(np.argmin(np.abs(wall[:, 2] - 20.0)))
+    (still,) = plan(bench, end=tuple(wall[middle].tolist()))
+    frames = bench.follow()
+    for _ in range(6):
+        _, vertices = next(frames)
+    assert np.linalg.norm(vertices[middle] - wall[middle]) > 2.0
+    (moved,) = plan(bench, end=tuple(vertices[middle].tolist()))
+    assert moved.info["goal_mm"] == still.info["goal_mm"]
+
+
 def test_what_is_not_legal_leaves_what_was_asked_before(bench) -> None:
     asked = bench.asked
     for change in ({"link": 5000.0}, {"end": (1e5, 0.0, 0.0)}, {"inflate": 25.0}):
@@ -118,30 +164,167 @@ def test_changes_add_up() -> None:
     assert asked.end == (1.0, 2.0, 3.0)
 
 
-def test_process_plans_what_was_asked_last(tracts) -> None:
-    heard: queue.Queue = queue.Queue()
-    planning = Planning(make_job(tracts), lambda kind, what: heard.put((kind, what)))
-    try:
+class Heard:
+    """A planning process, and what it says."""
 
-        def wait_for(wanted: str):
-            while True:
-                kind, what = heard.get(timeout=120)
-                assert kind in ("progress", "scene", "plan", "done", wanted), what
-                if kind == wanted:
-                    return what
+    def __init__(self, job: Job) -> None:
+        self.messages: queue.Queue = queue.Queue()
+        self.planning = Planning(job, lambda kind, what: self.messages.put((kind, what)))
 
-        assert wait_for("plan").info["diameter_mm"] == 5.0
-        wait_for("done")
-        for diameter in (4.0, 17.0, 6.0):
-            planning.ask(Change(diameter=diameter))
-        while (found := wait_for("plan").info)["diameter_mm"] != 6.0:
-            pass
-        assert found["status"] == "complete"
-        planning.ask(Change(link=5000.0))
-        assert "link" in wait_for("refused")
-    finally:
-        planning.close()
-    assert not planning._process.is_alive()
+    def wait_for(self, wanted: str):
+        while True:
+            kind, what = self.messages.get(timeout=120)
+            assert kind in ("progress", "scene", "plan", "done", wanted), what
+            if kind == wanted:
+                return what
+
+
+@pytest.fixture
+def heard(tracts) -> Iterator[Heard]:
+    made = Heard(make_job(tracts))
+    yield made
+    made.planning.close()
+    assert not made.planning._process.is_alive()
+
+
+def test_process_plans_what_was_asked_last(heard) -> None:
+    assert heard.wait_for("plan").info["diameter_mm"] == 5.0
+    heard.wait_for("done")
+    for diameter in (4.0, 17.0, 6.0):
+        heard.planning.ask(Change(diameter=diameter))
+    while (found := heard.wait_for("plan").info)["diameter_mm"] != 6.0:
+        pass
+    assert found["status"] == "complete"
+    heard.planning.ask(Change(link=5000.0))
+    assert "link" in heard.wait_for("refused")
+    # What is legal is planned, whatever is asked with it.
+    heard.planning.ask(Change(link=5000.0, diameter=4.0))
+    assert heard.wait_for("plan").info["diameter_mm"] == 4.0
+    assert "link" in heard.wait_for("refused")
+
+
+def test_process_that_was_killed_is_started_anew_with_the_next_change(heard) -> None:
+    planning, first = heard.planning, heard.planning._process
+    heard.wait_for("done")
+    planning.ask(Change(inflate=1.0))
+    heard.wait_for("done")
+    os.kill(first.pid, signal.SIGSTOP)
+    planning.ask(Change(diameter=4.0))
+    planning.ask(Change(link=9.0))
+    first.kill()
+    assert "signal 9" in heard.wait_for("lost")
+    planning.ask(Change(link=8.5))
+    assert planning._process is not first and not planning.start_again()
+    info = heard.wait_for("plan").info
+    # What was shown before holds on, and what the process had not taken is not lost.
+    assert (info["inflate_mm"], info["diameter_mm"], info["link_mm"]) == (1.0, 4.0, 8.5)
+
+
+def test_asking_does_not_wait_for_a_process_that_does_not_read(heard) -> None:
+    heard.wait_for("done")
+    os.kill(heard.planning._process.pid, signal.SIGSTOP)
+    changes = [Change(end=(float(k), 0.0, 0.0), diameter=5.0 + 1e-4 * k) for k in range(5000)]
+    asking = threading.Thread(target=lambda: [*map(heard.planning.ask, changes)], daemon=True)
+    asking.start()
+    asking.join(30.0)
+    assert not asking.is_alive()
+    assert heard.planning._waiting == changes[-1]
+
+
+def test_legal_part_of_a_change_is_planned(bench) -> None:
+    before, line = bench.asked, bench._space.centreline
+    (shown,) = plan(bench, diameter=4.0, link=5000.0, inflate=1.0, end=(1e5, 0.0, 0.0))
+    assert (shown.info["diameter_mm"], shown.info["inflate_mm"]) == (4.0, 1.0)
+    assert (bench.asked.link, bench.asked.end) == (before.link, before.end)
+    assert len(bench.refused) == 2
+    assert any("link" in reason for reason in bench.refused)
+    # A link that is legal on the new way only, beside something that never is.
+    lengths = {}
+    for place in line.points[[len(line.points) // 3, -1]]:
+        plan(bench, link=8.0, end=tuple(place.tolist()))
+        lengths[bench._space.centreline.length] = bench.asked.end
+    plan(bench, end=lengths[min(lengths)])
+    link = sum(lengths) / 2
+    plan(bench, link=link, end=lengths[max(lengths)], start=(1e5, 0.0, 0.0))
+    assert bench.asked.link == link and len(bench.refused) == 1
+    plan(bench, diameter=5.0, link=8.0, inflate=0.0)
+    assert bench.refused == ()
+
+
+class Clock:
+    """A loop that calls what is due only when it is told."""
+
+    def __init__(self) -> None:
+        self.due: list[Clock] = []
+
+    def call_later(self, delay: float, act: Callable[[], None]) -> Clock:
+        handle = Clock()
+        handle.act = act
+        self.due.append(handle)
+        return handle
+
+    def cancel(self) -> None:
+        self.act = lambda: None
+
+
+class Idle:
+    """A planning process that only takes what it is asked."""
+
+    def __init__(self) -> None:
+        self.changes: list[Change] = []
+        self.is_new = False
+
+    def ask(self, change: Change) -> bool:
+        self.changes.append(change)
+        return self.is_new
+
+    def start_again(self) -> bool:
+        return self.is_new
+
+
+@pytest.fixture
+def cockpit(tracts) -> Iterator[Cockpit]:
+    with bind("127.0.0.1", 0) as listener:
+        made = Cockpit(make_job(tracts), CockpitOptions(), listener=listener)
+        made._loop, made._planning = Clock(), Idle()
+        made._take("scene", b"wall")
+        made._take("plan", replace(make_plan(), info={"final": True}))
+        yield made
+
+
+def test_windows_hear_that_planning_has_ended_and_go_on(cockpit) -> None:
+    session, planning = cockpit.session, cockpit._planning
+    session.take(session.open(), Change(diameter=4.0))
+    assert session.planning["busy"] and planning.changes == [Change(diameter=4.0)]
+    session.show_moved(make_plan(steps=1), np.zeros((3, 3)))
+    cockpit._take("lost", "it has ended")
+    assert not session.planning["busy"] and "it has ended" in session.planning["message"]
+    assert cockpit.error is None and session.moved is None and len(session.windows) == 1
+    # Another one shows its wall only once it has a plan.
+    planning.is_new = True
+    session.take(session.open(), Change(diameter=4.5))
+    cockpit._take("scene", b"wall")
+    assert session.planning["busy"] and session.view == make_plan().view
+    cockpit._take("lost", "it has ended")
+    assert session.planning["busy"] and "anew" in session.planning["message"]
+
+
+def test_windows_hear_that_it_takes_long_only_while_it_does(cockpit) -> None:
+    session, due = cockpit.session, cockpit._loop.due
+    window = session.open()
+    for diameter in (4.0, 4.5):
+        session.take(window, Change(diameter=diameter))
+        cockpit._take("progress", "certify")
+    due[0].act()  # of the first change
+    assert session.planning["message"] == ""
+    due[1].act()
+    assert "longer" in session.planning["message"] and session.planning["stage"] == "certify"
+    session.take(window, Change(diameter=5.0))
+    cockpit._take("plan", replace(make_plan(), info={"final": False}))
+    due[2].act()  # what is at work now is something else
+    assert session.planning["busy"] and session.planning["message"] == ""
+    cockpit._take("refused", "why")
+    assert session.planning == {"busy": False, "stage": "", "message": "why"}
 
 
 def test_tract_that_moves_carries_body_and_wall(tracts) -> None:
@@ -163,6 +346,34 @@ def test_tract_that_moves_carries_body_and_wall(tracts) -> None:
     assert moves[0] == 0.0 and (np.diff(moves) > 0.0).all() and session.tissue_number == 4
     session.show(shown)
     assert session.moved is None and session.describe()["moving"] is None
+
+
+def test_tract_moves_while_it_is_found_out_what_a_robot_does(tracts) -> None:
+    robot = ContinuumRobot.from_yaml(EXAMPLES / "thin_gastroscope.yaml")
+    still, moving = (
+        Bench(replace(make_job(tracts), robot=robot, moving=moving), no_progress)
+        for moving in (None, "breathing")
+    )
+    first, wanted = plan(still)
+    gate = threading.Event()
+    follow = moving._follow
+    moving._follow = lambda *given: gate.wait(60) and follow(*given)
+    (shown,) = plan(moving)  # it does not wait for the robot
+    motion = moving.follow()
+    next(motion)
+    assert moving.take_robot() is None
+    gate.set()
+    while (found := moving.take_robot()) is None:
+        next(motion)
+    assert found.info["robot"] == wanted.info["robot"] and shown.info["robot"] is None
+    np.testing.assert_allclose(found.tendons, wanted.tendons)
+    assert moving.take_robot() is None and moving.explain_rest() == ""
+
+
+def test_tract_that_cannot_be_moved_says_so(tracts) -> None:
+    bench = Bench(replace(make_job(tracts), moving="breathing"), no_progress)
+    assert plan(bench, diameter=17.0)[-1].info["status"] == "stopped"
+    assert list(bench.follow()) == [] and "does not move" in bench.explain_rest()
 
 
 def test_file_that_cannot_be_read_is_refused(tmp_path) -> None:

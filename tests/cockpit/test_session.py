@@ -5,13 +5,16 @@ from __future__ import annotations
 import asyncio
 import json
 import time
+from contextlib import suppress
 
 import numpy as np
 import pytest
 
 from bozzini.cockpit.drive import Drive
+from bozzini.cockpit.guard import Access
+from bozzini.cockpit.server import bind, make_server, run_server
 from bozzini.cockpit.session import LONGEST_SILENCE, Session
-from bozzini.cockpit.wire import MAGIC, Flags, Play, RigCommand, Seek, StickMove
+from bozzini.cockpit.wire import MAGIC, TISSUE, Change, Flags, Play, RigCommand, Seek, StickMove
 from bozzini.effector import Effector
 from tests.cockpit.conftest import LINKS, STEPS, Frame, make_plan, next_frame, wait_until
 
@@ -165,6 +168,55 @@ def test_lost_or_silent_window_lets_go_of_the_stick(serve, session) -> None:
     assert not session.drive.state.setpoints.any()
 
 
+def test_window_that_says_all_but_where_its_stick_is_lets_go_of_it(session) -> None:
+    window = session.open()
+    session.take(window, StickMove(x=0.5, y=0.0))
+    heard = window.heard
+    session.take(window, Seek(step=3.0))
+    session.take(window, Play(on=False))
+    session.tick(heard + 1.5 * LONGEST_SILENCE)
+    assert session.holder is None and not session.drive.state.setpoints.any()
+
+
+def test_new_window_gets_moved_tissue_only_while_it_moves(serve, session) -> None:
+    served = serve(session)
+    session.show_moved(make_plan(steps=1), np.zeros((4, 3)))
+    assert TISSUE in _list_kinds(served.connect())
+    version = session.view_version
+    session.rest()
+    assert session.view_version == version + 1 and session.describe()["moving"] is None
+    assert TISSUE not in _list_kinds(served.connect())
+    session.rest()  # nothing moved
+    assert session.view_version == version + 1
+
+
+def _list_kinds(client) -> set[int]:
+    """The kinds of the frames that come at once."""
+    found = set()
+    with suppress(TimeoutError):
+        while True:
+            data = client.recv(timeout=0.5)
+            if isinstance(data, bytes):
+                found.add(int.from_bytes(data[:4], "little"))
+    assert MAGIC in found
+    return found
+
+
+def test_clock_that_fails_ends_the_server_with_its_error(session) -> None:
+    def fail(now: float) -> None:
+        raise ValueError("no time")
+
+    session.tick = fail
+    listener = bind("127.0.0.1", 0)
+    server = make_server(session, Access(port=1), page="", folders=())
+    with pytest.raises(ValueError, match="no time"):
+        asyncio.run(
+            asyncio.wait_for(
+                run_server(server, listener, session=session, when_ready=lambda: None), 20.0
+            )
+        )
+
+
 @pytest.mark.parametrize("speed", [10.0, -10.0])
 def test_head_plays_at_its_speed_and_stops_at_the_end(session, speed) -> None:
     window, begin = session.open(), time.monotonic()
@@ -198,6 +250,17 @@ def test_without_a_rig_nothing_is_armed(session) -> None:
         session.take(session.open(), RigCommand(what=what))
         assert words in session.note
     assert not session._flags(session.drive.state) & Flags.ARMED
+
+
+def test_change_that_is_refused_is_said_until_the_next_one(session) -> None:
+    session.take(session.open(), Change(diameter=5.0))
+    assert "nothing to plan" in session.describe()["planning"]["message"] and not session.note
+    asked: list[Change] = []
+    session.ask_plan = asked.append
+    count = session.describe()["planning"]["asked"]
+    session.take(session.open(), Change(diameter=6.0))
+    assert asked == [Change(diameter=6.0)]
+    assert session.describe()["planning"]["asked"] == count + 1
 
 
 def test_new_plan_keeps_the_head_where_it_was(session) -> None:

@@ -104,6 +104,22 @@ def test_a_narrow_goal_is_named_as_such(narrow_end):
     assert narrow_end.plan(refusal.diameter_max - 0.1, 9.0).status == "complete"
 
 
+def test_what_stops_it_far_before_a_narrow_goal_is_named():
+    curve = np.arange(0.0, 140.0)[:, None] * np.array([0.0, 0.0, 1.0])
+    s = measure_arc_length(curve)
+    goal = np.where(s < 100.0, 7.0, 3.3)
+    waist = 7.0 - 3.2 * np.exp(-(((s - 50.0) / 4.0) ** 2))
+    plan = Lumen(curve, np.minimum(goal, waist)).plan(8.0, 9.0)
+    refusal = plan.refusal
+    alone = Lumen(curve, waist).plan(8.0, 9.0)
+    assert (refusal.code, refusal.offers) == (alone.refusal.code, alone.refusal.offers)
+    assert refusal.at == pytest.approx(alone.refusal.at, abs=1.0)
+    assert refusal.ends_at == pytest.approx(plan.inserted, abs=3.0)
+    assert abs(refusal.ends_at - refusal.at) < 15.0 and "goal" not in refusal.what
+    # Where nothing stops it but the goal, that is named.
+    assert Lumen(curve, goal).plan(8.0, 9.0).reason_code == "GOAL_CLEARANCE"
+
+
 def test_a_narrow_entry_is_named_as_such_and_nothing_moves(narrow_start):
     plan = narrow_start.plan(7.0, 9.0)
     assert plan.reason_code == "ENTRY_CLEARANCE"

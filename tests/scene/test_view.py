@@ -6,6 +6,7 @@ import base64
 import gzip
 import hashlib
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from hypothesis.extra.numpy import arrays
 from bozzini import Effector, anatomy, duct
 from bozzini.continuum import ContinuumRobot, sample_workspace
 from bozzini.errors import GeometryError, InputError
+from bozzini.motion.plan import FieldSummary
 from bozzini.scene import make_view as views
 from bozzini.scene.make_view import draw_wall, join_views, make_view, measure_angles, view_plan
 from bozzini.scene.page import MODULES, bundle_scripts, read_web, render_page
@@ -99,6 +101,16 @@ def test_a_plan_is_all_there():
     along = (np.array(tight["place"]) - START) @ (END - START) / np.linalg.norm(END - START)
     assert abs(along - 40.0) <= 8.0
     assert data["patient"] and [axis["letter"] for axis in data["axes"]] == list("RLAPSI")
+
+
+def test_a_plan_in_a_wall_that_is_drawn_is_that_in_the_wall():
+    plan, field = make_plan(), make_field().inflate(1.0)
+    plan = replace(plan, field=FieldSummary(kind="sampled", inflation=1.0))
+    whole, drawn = view_plan(plan, field), view_plan(plan, make_view(field))
+    assert encode_view(whole) == encode_view(drawn)
+    # Of another wall it is said that it is not the plan's; of the plan's own it is not.
+    assert any("outwards" in note for note in view_plan(plan, make_field()).notes)
+    assert not any("outwards" in note for note in drawn.notes)
 
 
 def test_a_refusal_is_marked_where_it_is():

@@ -39,6 +39,9 @@ __all__ = ["design_command", "rank_command"]
 
 _file = click.Path(path_type=Path)
 
+WALL_DOUBT = 1.0
+"""By which a wall may differ from that of a plan [mm], beside one and a half voxels."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Asked:
@@ -153,14 +156,45 @@ def read_plan(path: Path) -> Plan:
 
 def rebuild_lumen(plan: Plan, path: Path, answer: Answer) -> Duct:
     """Return the lumen that a plan was made in, read from its file again."""
-    from ..anatomy.read import hash_input
     from ..motion.verify import read_input, rebuild_field
 
-    found = hash_input(path)
-    if plan.input is not None and plan.input.sha256 not in (None, found):
+    known = is_made_from(plan, path)
+    if known is False:
         raise InputError(f"{path} is not the file that the plan was made from")
     with answer.show_progress() as progress:
-        return rebuild_field(plan, read_input(plan, path), progress=progress)
+        field = rebuild_field(plan, read_input(plan, path), progress=progress)
+    if known is None:
+        check_lumen(plan, path, field)
+    return field
+
+
+def is_made_from(plan: Plan, path: Path) -> bool | None:
+    """Return whether a plan was made from a file; None if it does not state the file's hash."""
+    from ..anatomy.read import hash_input
+
+    known = None if plan.input is None else plan.input.sha256
+    return None if known is None else known == hash_input(path)
+
+
+def check_lumen(plan: Plan, path: Path, lumen: Duct) -> None:
+    """Raise `InputError` if a plan's centreline is not as far from a wall as the plan states.
+
+    This is for a plan that does not state its file's hash, as that of the demo.
+    """
+    import numpy as np
+
+    from ..plot.plan_data import read_centreline
+
+    line = read_centreline(plan)
+    off = np.abs(-lumen.signed_distance(line.points) - line.radius)
+    place = int(np.nanargmax(off))
+    step = np.max(getattr(lumen, "spacing", 0.0))
+    if off[place] > 1.5 * step + WALL_DOUBT:
+        where = ", ".join(f"{value:.1f}" for value in line.points[place])
+        raise InputError(
+            f"{path} is not what the plan was made from: at {where} mm its wall is "
+            f"{off[place]:.1f} mm from where the plan has it"
+        )
 
 
 def read_points(path: Path) -> NDArray[np.float64]:
@@ -184,6 +218,8 @@ def read_points(path: Path) -> NDArray[np.float64]:
                 points: NDArray[np.float64] = table[list(names)].to_numpy(dtype=float)
             except ValueError:
                 raise FileFormatError(f"{path}: x, y and z must be numbers") from None
+            if len(points) == 0:
+                raise FileFormatError(f"{path} holds no points: it has the names of columns alone")
             return points
     columns = ", ".join(map(str, table.columns))
     raise FileFormatError(

@@ -14,8 +14,9 @@ from ._tract_options import list_given, report_findings
 from .common import Answer, answer_options, options_of
 
 if TYPE_CHECKING:
+    from ..anatomy.tract import LabelTract, SurfaceTract
     from ..motion.plan import Plan
-    from ..scene.make_view import Shown
+    from ..scene.make_view import Shown, Wall
     from ..scene.view import View
 
 __all__ = ["command"]
@@ -46,10 +47,12 @@ def command(sources: tuple[Path, ...], reading: ReadOptions, opened: bool, answe
     if list_given(reading) and not any(map(_is_tract, sources)):
         raise InputError("there is no tract among the files: leave out how one is read")
     with answer.show_progress() as progress:
-        things = []
+        plans = {path: _read_plan(path) for path in sources if path.suffix.lower() == ".npz"}
+        things: list[Shown] = []
         for k, path in enumerate(sources):
             progress("read", k / len(sources))
-            things.append(read_shown(path, reading))
+            known = plans.get(path)
+            things.append(known or read_shown(path, reading, tuple(plans.values())))
         progress("view", 0.0)
         view = _join(sources, things)
         from ..io.files import write_text
@@ -70,22 +73,28 @@ def command(sources: tuple[Path, ...], reading: ReadOptions, opened: bool, answe
         webbrowser.open(page.absolute().as_uri())
 
 
-def read_shown(path: Path, reading: ReadOptions) -> Shown:
-    """Return what a file holds that can be shown.
+def _read_plan(path: Path) -> Plan:
+    from ..anatomy.files import check_file
+    from .routing import read_plan
+
+    check_file(path)
+    return read_plan(path)
+
+
+def read_shown(path: Path, reading: ReadOptions, plans: tuple[Plan, ...]) -> Shown:
+    """Return what a file holds that can be shown; a tract as the plan that was made from it says.
 
     Raises
     ------
     FileFormatError
         If it cannot be read, or holds nothing of that kind.
+    InputError
+        If it is to be read otherwise than for the plan.
     """
     from ..anatomy.files import check_file
 
     check_file(path)
     suffix = path.suffix.lower()
-    if suffix == ".npz":
-        from .routing import read_plan
-
-        return read_plan(path)
     if suffix in _DATA:
         return _read_data(path)
     if suffix == ".csv":
@@ -93,9 +102,26 @@ def read_shown(path: Path, reading: ReadOptions) -> Shown:
         from .routing import read_points
 
         return Cloud(points=read_points(path), name=path.stem)
-    tract = reading.read(path)
+    from ..motion.verify import read_input
+    from .routing import is_made_from
+
+    plan = next((each for each in plans if is_made_from(each, path)), None)
+    tract = reading.read(path) if plan is None or list_given(reading) else read_input(plan, path)
+    if plan is not None and list_given(reading) and not _is_same(tract, read_input(plan, path)):
+        names = ", ".join(f"--{name}" for name in list_given(reading))
+        raise InputError(
+            f"{path} is not read with {names} as for the plan that was made from it: leave that out"
+        )
     report_findings(tract.findings)
     return tract
+
+
+def _is_same(one: LabelTract | SurfaceTract, other: LabelTract | SurfaceTract) -> bool:
+    """Whether two readings of a file have the same lumen."""
+    import numpy as np
+
+    names = ("mask", "affine") if hasattr(one, "mask") else ("vertices", "faces")
+    return all(np.array_equal(getattr(one, name), getattr(other, name)) for name in names)
 
 
 def _read_data(path: Path) -> Shown:
@@ -143,9 +169,8 @@ def _join(sources: tuple[Path, ...], things: list[Shown]) -> View:
         if isinstance(thing, (LabelTract, SurfaceTract, Duct))
     ]
     plans = [thing for thing in things if isinstance(thing, Plan)]
-    wall = walls[0][1] if plans and len(walls) == 1 else None
-    if wall is not None:
-        _check_origin(plans[0], walls[0][0])
+    own = [_find_own(plan, walls) for plan in plans] if walls else []
+    wall = own[0] if own else None
     views = [
         make_view(thing, wall if thing is plans[0] else None) if plans else make_view(thing)
         for thing in things
@@ -154,10 +179,31 @@ def _join(sources: tuple[Path, ...], things: list[Shown]) -> View:
     return join_views(views, title=", ".join(path.name for path in sources))
 
 
-def _check_origin(plan: Plan, path: Path) -> None:
-    """Raise `InputError` if a plan states that it was made from another file."""
-    from ..anatomy.read import hash_input
+def _find_own(plan: Plan, walls: list[tuple[Path, Wall]]) -> Wall:
+    """Return the wall that a plan was made in.
 
-    known = plan.input.sha256 if plan.input is not None else None
-    if known is not None and known != hash_input(path):
-        raise InputError(f"{path} is not the file that the plan was made from")
+    Raises
+    ------
+    InputError
+        If it is none of them.
+    """
+    from ..duct.base import Duct
+    from ..motion.verify import rebuild_field
+    from .routing import check_lumen, is_made_from
+
+    reasons = []
+    for path, wall in walls:
+        known = is_made_from(plan, path)
+        if known is None:
+            try:
+                check_lumen(
+                    plan, path, wall if isinstance(wall, Duct) else rebuild_field(plan, wall)
+                )
+            except InputError as error:
+                reasons.append(str(error))
+                continue
+        elif not known:
+            reasons.append(f"{path} is not the file that the plan was made from")
+            continue
+        return wall
+    raise InputError(reasons[0])

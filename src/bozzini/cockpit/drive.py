@@ -216,6 +216,9 @@ class RigDrive(Drive):
                 host.disarm()
         except BozziniError as error:
             self.state = replace(self.state, name="LOST", note=str(error))
+        except Exception as error:
+            self.state = replace(self.state, name="LOST", note=f"the drive has ended: {error!r}")
+            raise
         finally:
             link.close()
 

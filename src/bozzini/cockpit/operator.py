@@ -6,6 +6,7 @@ import asyncio
 import json
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
@@ -238,6 +239,7 @@ async def draw(figure: Figure, drive: Drive, access: Access) -> Drawing:
         By which the server is reached.
     """
     from websockets.asyncio.client import connect
+    from websockets.exceptions import ConnectionClosed
 
     host = f"127.0.0.1:{access.port}"
     query = f"?token={access.token}" if access.token else ""
@@ -251,12 +253,16 @@ async def draw(figure: Figure, drive: Drive, access: Access) -> Drawing:
                 reason = await _wait_for(drive, "ARMED")
             if not reason:
                 reason = await _move(figure, drive, window, states)
+        except ConnectionClosed:
+            reason = "the connection to the cockpit has ended"
         finally:
-            await window.send(json.dumps({"kind": "stick", "x": 0.0, "y": 0.0}))
-            if drive.has_rig:
-                await window.send(json.dumps({"kind": "rig", "what": "disarm"}))
-                await _wait_for(drive, "DISARMED")
+            with suppress(ConnectionClosed):
+                await window.send(json.dumps({"kind": "stick", "x": 0.0, "y": 0.0}))
+                if drive.has_rig:
+                    await window.send(json.dumps({"kind": "rig", "what": "disarm"}))
+                    await _wait_for(drive, "DISARMED")
             hears.cancel()
+            await asyncio.gather(hears, return_exceptions=True)
     return Drawing(figure=figure, rig=drive.has_rig, states=states, reason=reason)
 
 

@@ -12,6 +12,8 @@ import signal
 import threading
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass, fields, replace
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -20,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import BozziniError
+from ..errors import BozziniError, InputError
 from ..progress import Progress
 from ..results import Json
 from ..study.options import PathOptions, ReadOptions
@@ -33,7 +35,7 @@ if TYPE_CHECKING:
     from ..continuum import ContinuumRobot
     from ..duct import Centreline
     from ..duct.field import SampledField
-    from ..motion import FreeSpace, Plan, Scope
+    from ..motion import FreeSpace, Plan, PlannerOptions, Scope
     from ..scene.view import View
 
 Floats = NDArray[np.float64]
@@ -46,10 +48,14 @@ FRAME_RATE = 5.0
 """Of a tract that moves [Hz]."""
 MOST_INFLATION = 10.0
 """By which the wall may be moved outwards in the page [mm]."""
+MOST_WALLS = 4
+"""Drawings of the wall, differently inflated, that are kept."""
 PATIENCE = 1.0
-"""Time after which the windows are told that no motion was found yet [s]."""
+"""Time after which the windows are told that planning takes longer [s]."""
 PHANTOM_VOXEL = 1.5
 """Of the phantom that is shown where no file is given [mm]."""
+CLICK_REACH = 1.0
+"""A place this near to the wall, or a voxel farther, is a click on it [mm]."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -115,54 +121,133 @@ class Bench:
         )
         self._line_for: tuple[object, ...] = ()
         self._space_for: tuple[object, ...] = ()
+        self._whole: Centreline | None = None
         self._line: Centreline | None = None
+        self._moved: tuple[Floats, Floats] | None = None
         self._space: FreeSpace | None = None
+        self._last_space: FreeSpace | None = None
+        self._beside = ThreadPoolExecutor(1)
+        self._number = 0
+        self._robot: tuple[Future[Json], Callable[[], ShownPlan]] | None = None
         self._walls: dict[float, View] = {}
         self._sent: float | None = None
+        self.refused: tuple[str, ...] = ()
         self._last: Plan | None = None
 
-    def plan(self, change: Change, progress: Progress) -> Iterator[ShownPlan]:
-        """Plan for what is asked; give the plan, and again once more of it is known.
+    def _keep_legal(self, change: Change, progress: Progress) -> Change:
+        """Return what is legal of a change; `refused` says why the rest is not.
 
         Raises
         ------
         BozziniError
-            If something asked for is not legal; what was asked before stays.
+            If nothing of it is legal.
         """
-        from ..motion import PlannerOptions, Scope, plan_insertion
+        self.refused = ()
+        try:
+            self._prepare(merge(self.asked, change), progress)
+        except BozziniError as error:
+            rest, legal, before = _list_given(change), Change(), None
+            reasons: dict[str, str] = {"": str(error)}
+            while rest and legal != before:  # what is legal may make more of it so
+                before, reasons = legal, {}
+                for name, value in rest.items():
+                    tried = replace(legal, **{name: value})
+                    try:
+                        self._prepare(merge(self.asked, tried), progress)
+                    except BozziniError as reason:
+                        reasons[name] = str(reason)
+                    else:
+                        legal = tried
+                rest = {name: rest[name] for name in reasons}
+            if legal == Change():
+                raise InputError("; ".join(reasons.values())) from None
+            self.refused = tuple(reasons.values())
+            return legal
+        return change
 
-        asked = merge(self.asked, change)
-        begin = time.perf_counter()
+    def _prepare(
+        self, asked: Change, progress: Progress
+    ) -> tuple[FreeSpace, Scope, PlannerOptions]:
+        """Return what is planned with; raise `BozziniError` if something of it is not legal."""
+        from ..motion import PlannerOptions, Scope
+        from ..motion.planner import check_link
+
         scope = Scope(
             diameter=asked.diameter or 0.0,
             link_length=asked.link or 0.0,
             length=self.job.scope.length,
         )
         space = self._find_space(asked, progress)
+        check_link(scope, space.centreline)
         joints = scope.count_links(space.centreline.length) + 1
         step = max(HEAD_STEP, space.centreline.length * joints / MOST_JOINTS)
         options = PlannerOptions(head_step=min(step, scope.link_length), advise=False)
+        return space, scope, options
+
+    def plan(self, change: Change, progress: Progress) -> Iterator[ShownPlan]:
+        """Plan for what is asked; give the plan, and again once more of it is known.
+
+        What is not legal stays as it was asked before: `refused` then says why.
+
+        Raises
+        ------
+        BozziniError
+            If nothing of the change is legal.
+        """
+        from ..motion import plan_insertion
+
+        begin = time.perf_counter()
+        asked = merge(self.asked, self._keep_legal(self._settle(change, progress), progress))
+        space, scope, options = self._prepare(asked, progress)
+        self._number, self._robot = self._number + 1, None
         make = {"scope": scope, "method": "best", "progress": progress}
         plan = plan_insertion(space.duct, space.centreline, options=options, **make)  # type: ignore[arg-type]
-        self.asked, self._last = asked, plan
+        self.asked, self._last, self._last_space = asked, plan, space
         seconds = time.perf_counter() - begin
         yield self._show(plan, space, seconds, final=plan.status == "complete")
         if plan.status != "complete":
             advised = replace(options, advise=True)
             found = plan_insertion(space.duct, space.centreline, options=advised, **make)  # type: ignore[arg-type]
             yield self._show(found, space, seconds, final=True)
-        elif self.job.robot is not None:
+        elif self.job.robot is not None and self.job.moving is None:
             yield self._show(plan, space, seconds, robot=self._follow(plan, space, progress))
+        elif self.job.robot is not None:  # beside the motion of the tract: see `follow`
+            work = self._beside.submit(self._follow, plan, space, self._make_end())
+            self._robot = work, lambda: self._show(plan, space, seconds, robot=work.result())
+
+    def _make_end(self) -> Progress:
+        """Return a progress for work beside, which ends once another plan is asked for."""
+        number = self._number
+
+        def go_on(stage: str, fraction: float) -> None:
+            if number != self._number:
+                raise Superseded
+
+        return go_on
+
+    def take_robot(self) -> ShownPlan | None:
+        """Return the plan with the robot that follows it, once it is known; else None."""
+        if self._robot is None or not self._robot[0].done():
+            return None
+        (_, show), self._robot = self._robot, None
+        return show()
+
+    def explain_rest(self) -> str:
+        """Return why a tract that could move does not; empty if it does, or cannot."""
+        if self.job.moving is None or self._last is None or self._last.status == "complete":
+            return ""
+        return "the tract does not move: the scope does not reach its goal"
 
     def follow(self) -> Iterator[tuple[ShownPlan, Floats]]:
         """Keep the scope clear while the tissue moves; give the body and the wall's vertices.
 
-        Nothing is given if there is no motion, or no plan to the goal.
+        Nothing is given if there is no motion, or no plan to the goal. What a robot does is found
+        out meanwhile, see `take_robot`: that takes long.
         """
         from ..anatomy.tract import SurfaceTract
         from ..motion.live import LiveOptions, follow_tissue
 
-        plan, space = self._last, self._space
+        plan, space, self._moved = self._last, self._last_space, None
         if self.job.moving is None or plan is None or space is None or plan.status != "complete":
             return
         motion = make_motion(self.job.moving, space.centreline)
@@ -188,27 +273,67 @@ class Bench:
                 radius=plan.get_scope().radius,
                 info=info,
             )
-            yield body, rest + motion.at(frame.time)(rest)
+            shift = motion.at(frame.time)(rest)
+            self._moved = rest + shift, shift
+            yield body, self._moved[0]
             time.sleep(max(begin + frame.time - time.monotonic(), 0.0))
 
     def _find_space(self, asked: Change, progress: Progress) -> FreeSpace:
         """Return the lumen, with the line from the entry to the goal."""
         from ..motion import FreeSpace
+
+        inflate = asked.inflate or 0.0
+        wanted = (asked.start, asked.end, inflate)
+        known = self._line_for
+        if self._line is None or known[:2] != wanted[:2] or inflate < known[2]:  # type: ignore[operator]
+            self._line = self._find_line(asked, progress)
+            self._line_for, self._space_for = wanted, ()
+        if self._space is None or self._space_for != wanted:
+            self._space = FreeSpace(self._inflate(inflate), self._line)
+            self._space_for = wanted
+        return self._space
+
+    def _inflate(self, inflation: float | None) -> SampledField:
+        return self.rest.inflate(inflation) if inflation else self.rest
+
+    def _find_line(self, asked: Change, progress: Progress) -> Centreline:
+        """Return the line from the entry to the goal; an end that was not moved stays."""
         from ..study.ends import orient_centreline, resolve_places
 
-        options, inflate = self.job.options, asked.inflate or 0.0
-        field = self.rest.inflate(inflate) if inflate else self.rest
-        ends = asked.start or options.start, asked.end or options.end
-        wanted = (repr(ends), inflate)
-        if self._line is None or self._line_for[0] != wanted[0] or inflate < self._line_for[1]:  # type: ignore[operator]
-            places = resolve_places(self.tract, *ends, options.via)
-            found = orient_centreline(
-                self.tract, field, places, reverse=options.reverse, progress=progress
-            )
-            self._line, self._line_for, self._space_for = found.line, wanted, ()
-        if self._space is None or self._space_for != wanted:
-            self._space, self._space_for = FreeSpace(field, self._line), wanted
-        return self._space
+        options = self.job.options
+        start, end, via, reverse = options.start, options.end, options.via, options.reverse
+        if asked.start or asked.end:
+            whole = self._find_whole(progress).points
+            start, end = asked.start or whole[0], asked.end or whole[-1]
+            via, reverse = via[::-1] if reverse else via, False
+        places = resolve_places(self.tract, start, end, via)
+        field = self._inflate(asked.inflate)
+        found = orient_centreline(self.tract, field, places, reverse=reverse, progress=progress)
+        if not (asked.start or asked.end):
+            self._whole = found.line
+        return found.line
+
+    def _find_whole(self, progress: Progress) -> Centreline:
+        """Return the line of before an end was moved."""
+        return self._whole or self._find_line(Change(inflate=self.asked.inflate), progress)
+
+    def _settle(self, change: Change, progress: Progress) -> Change:
+        """Return a change whose ends are in the lumen, beside the wall that was clicked."""
+        inflation = self.asked.inflate if change.inflate is None else change.inflate
+        inflation = min(inflation or 0.0, self.most)  # more is refused later
+
+        def settle(place: tuple[float, ...] | None) -> tuple[float, ...] | None:
+            if place is None:
+                return None
+            field, click = self._inflate(inflation), np.array(place)
+            if self._moved is not None:  # the wall was seen where the tissue had moved it to
+                seen, shift = self._moved
+                click -= shift[int(np.argmin(np.linalg.norm(seen - click, axis=1)))]
+            if abs(float(field.signed_distance(click))) <= CLICK_REACH + field.spacing.max():
+                click = find_beside(field, self._find_whole(progress), click)
+            return tuple(click.tolist())
+
+        return replace(change, start=settle(change.start), end=settle(change.end))
 
     def _follow(self, plan: Plan, space: FreeSpace, progress: Progress) -> Json:
         """Return what a robot's tendons do along a plan."""
@@ -256,7 +381,7 @@ class Bench:
             "inflate_most_mm": self.most,
             "robot": robot or None,
         }
-        return ShownPlan(
+        shown = ShownPlan(
             view=self._encode(plan, space.duct),  # type: ignore[arg-type]
             joints=joints,
             clearance=np.where(known, plan.clearance, np.nan).astype(np.float32),
@@ -266,6 +391,8 @@ class Bench:
             tendons=moves,
             info=info,
         )
+        _ = shown.frames  # made here, not in the server's event loop
+        return shown
 
     def view_wall(self, field: SampledField | None = None) -> View:
         """Return the wall to look at, as it is inflated in a field."""
@@ -276,20 +403,48 @@ class Bench:
         inflation = field.inflation
         if inflation not in self._walls:
             is_surface = isinstance(self.tract, SurfaceTract) and inflation == 0.0
-            self._walls = {inflation: make_view(self.tract if is_surface else field)}
+            if len(self._walls) == MOST_WALLS:
+                del self._walls[next(iter(self._walls))]
+            self._walls[inflation] = make_view(self.tract if is_surface else field)
         return self._walls[inflation]
 
     def _encode(self, plan: Plan, field: SampledField) -> bytes:
         """Return what the page draws: the plan, in the wall."""
-        from ..scene.make_view import join_views, view_plan
+        from ..scene.make_view import view_plan
         from ..scene.view import encode_view
 
-        wall, view = self.view_wall(field), view_plan(plan)
-        own = tuple(item for item in view.surfaces if item.name != "inscribed tube")
-        notes = tuple(note for note in view.notes if "not known" not in note)
-        axes = getattr(self.tract, "frame", None)
-        view = replace(view, surfaces=own, notes=notes, axes=axes)
-        return encode_view(join_views([view, wall], title=f"Cockpit: {self.tract.source}"))
+        title = f"Cockpit: {self.tract.source}"
+        view = view_plan(plan, self.view_wall(field), title=title)
+        return encode_view(replace(view, axes=getattr(self.tract, "frame", None)))
+
+
+def find_beside(field: SampledField, line: Centreline, click: Floats) -> Floats:
+    """Return the place in the lumen beside a place of its wall.
+
+    It is the nearest of the line that is seen from the middle of the ball that touches the wall
+    there; that middle, away from the line.
+
+    Parameters
+    ----------
+    field : SampledField
+        The lumen.
+    line : Centreline
+    click : (3,) float
+        On the wall, or near it [mm].
+    """
+    step = float(field.spacing.min())
+    along = np.arange(0.0, 2.0 * float(line.radius.max()), 0.25 * step)[:, None]
+    ray = click - along * field.gradient(click)
+    depth = -field.signed_distance(ray)
+    falls = np.flatnonzero(depth < np.maximum.accumulate(depth) - 0.5 * step)
+    middle = ray[int(np.argmax(depth[: falls[0]] if len(falls) else depth))]
+    gaps = np.linalg.norm(line.points - click, axis=1)
+    near = line.points[gaps <= 2.0 * line.radius]
+    way = np.linspace(0.0, 1.0, 33)[:, None, None] * (near - middle)
+    seen = near[(field.signed_distance(middle + way) < 0.0).all(axis=0)]
+    if not len(seen):
+        return np.asarray(middle)
+    return np.asarray(seen[int(np.argmin(np.linalg.norm(seen - click, axis=1)))])
 
 
 def make_motion(name: str, line: Centreline) -> TissueMotion:
@@ -311,8 +466,13 @@ def make_motion(name: str, line: Centreline) -> TissueMotion:
 
 def merge(asked: Change, change: Change) -> Change:
     """Return what is asked for after a change."""
+    return replace(asked, **_list_given(change))
+
+
+def _list_given(change: Change) -> Json:
+    """Return what a change gives, by its name."""
     given = {f.name: getattr(change, f.name) for f in fields(change)}
-    return replace(asked, **{name: value for name, value in given.items() if value is not None})
+    return {name: value for name, value in given.items() if value is not None}
 
 
 def _describe(plan: Plan, asked: Change, seconds: float) -> Json:
@@ -342,7 +502,7 @@ def _describe(plan: Plan, asked: Change, seconds: float) -> Json:
     }
 
 
-def work(pipe: Connection, job: Job) -> None:
+def work(pipe: Connection, job: Job, first: Change) -> None:
     """Plan whatever comes through a pipe, until it is closed: the process's main function."""
     from ..scene.view import encode_view
 
@@ -356,19 +516,36 @@ def work(pipe: Connection, job: Job) -> None:
             last[0] = time.monotonic()
             pipe.send(("progress", stage))
 
+    def tell_robot(bench: Bench) -> None:
+        try:
+            if shown := bench.take_robot():
+                pipe.send(("plan", shown))
+        except BozziniError as error:
+            pipe.send(("refused", str(error)))
+
+    def take() -> Change:
+        change: Change = pipe.recv()
+        pipe.send(("taken", ""))
+        return change
+
     try:
-        pending = Change()
+        pending = first
         bench = None
         while True:
             try:
                 if bench is None:
                     bench = Bench(job, report)
                     pipe.send(("scene", encode_view(bench.view_wall())))
-                for shown in bench.plan(pending, report):
-                    pipe.send(("plan", shown))
-                pipe.send(("done", ""))
+                try:
+                    for shown in bench.plan(pending, report):
+                        pipe.send(("plan", shown))
+                    refused = "; ".join(bench.refused)
+                except BozziniError as error:
+                    refused = str(error)
+                pipe.send(("refused", refused) if refused else ("done", bench.explain_rest()))
                 pending = Change()
                 for moved in bench.follow():
+                    tell_robot(bench)
                     pipe.send(("moved", moved))
                     if pipe.poll():
                         break
@@ -377,9 +554,9 @@ def work(pipe: Connection, job: Job) -> None:
             except BozziniError as error:
                 pipe.send(("refused", str(error)))
                 pending = Change()
-            pending = merge(pending, pipe.recv())
+            pending = merge(pending, take())
             while pipe.poll():
-                pending = merge(pending, pipe.recv())
+                pending = merge(pending, take())
     except (EOFError, BrokenPipeError, ConnectionResetError):  # the server has gone
         return
 
@@ -387,17 +564,31 @@ def work(pipe: Connection, job: Job) -> None:
 class Planning:
     """The server's end: the process, and a thread that hears what it says.
 
+    A change is sent once the one before was taken, and until then added to what waits: so sending
+    never blocks, even if the process does not read.
+
     Parameters
     ----------
     job : Job
     hear : callable
-        Is given each message, in the thread: its kind and what belongs to it.
+        Is given each message, in the thread: its kind and what belongs to it. ``"lost"`` is the
+        last one of a process that has ended; the next change starts another.
     """
 
     def __init__(self, job: Job, hear: Callable[[str, Any], None]) -> None:
+        self._job, self._hear = job, hear
+        self._lock = threading.Lock()
+        self._waiting: Change | None = None
+        self._sent: Change | None = None
+        self._shown = Change()
+        self._closing = False
+        self._start(Change())
+
+    def _start(self, first: Change) -> None:
+        """Start a process, which plans for `first`, and a thread that hears it."""
         context = multiprocessing.get_context("spawn")
         self._pipe, other = context.Pipe()
-        self._process = context.Process(target=work, args=(other, job), daemon=True)
+        self._process = context.Process(target=work, args=(other, self._job, first), daemon=True)
         # An interrupt of the terminal reaches the process before it could ignore it.
         before = None
         if threading.current_thread() is threading.main_thread():
@@ -408,29 +599,80 @@ class Planning:
             if before is not None:
                 signal.signal(signal.SIGINT, before)
         other.close()
-        self._hear = hear
-        self._closing = False
+        self._is_lost = False
         self._thread = threading.Thread(target=self._listen, name="planning", daemon=True)
         self._thread.start()
 
-    def ask(self, change: Change) -> None:
-        """Let something else be planned."""
-        self._pipe.send(change)
+    def ask(self, change: Change) -> bool:
+        """Let something else be planned; return whether by another process, as one has ended."""
+        with self._lock:
+            self._waiting = merge(self._waiting or Change(), change)
+            if not self._is_lost:
+                self._send()
+                return False
+        return self.start_again()
+
+    def start_again(self) -> bool:
+        """Start another process if the last one has ended and a change waits."""
+        with self._lock:
+            if self._closing or not self._is_lost or self._waiting is None:
+                return False
+            first, self._waiting = merge(self._shown, self._waiting), None
+            self._pipe.close()
+            self._start(first)
+            return True
+
+    def _send(self) -> None:
+        """Send what waits, unless what was sent before is not taken yet."""
+        if self._sent is None and self._waiting is not None:
+            self._sent, self._waiting = self._waiting, None
+            with suppress(OSError):  # the thread hears that it has ended
+                self._pipe.send(self._sent)
 
     def close(self) -> None:
         """End the process."""
         self._closing = True
         self._process.terminate()
         self._process.join(1.0)
+        if self._process.is_alive():  # it is stopped
+            self._process.kill()
+            self._process.join(1.0)
         self._thread.join(1.0)
         self._pipe.close()
 
     def _listen(self) -> None:
+        pipe = self._pipe
         while True:
             try:
-                kind, what = self._pipe.recv()
+                kind, what = pipe.recv()
             except (EOFError, OSError):
-                if not self._closing:
-                    self._hear("lost", "the planning process has ended")
-                return
-            self._hear(kind, what)
+                break
+            if kind == "plan":
+                self._shown = _recall(what.info)
+            if kind == "taken":
+                with self._lock:
+                    self._sent = None
+                    self._send()
+            else:
+                self._hear(kind, what)
+        if self._closing:
+            return
+        self._process.join(1.0)
+        with self._lock:  # what it has not taken has not ended it
+            if self._sent is not None:
+                self._waiting = merge(self._sent, self._waiting or Change())
+            self._is_lost, self._sent = True, None
+        self._hear("lost", _explain_end(self._process.exitcode))
+
+
+def _recall(info: Json) -> Change:
+    """Return what a plan was asked for with."""
+    return Change(**{f.name: info[f"{f.name}_mm"] for f in fields(Change)})
+
+
+def _explain_end(code: int | None) -> str:
+    """Return that the planning process has ended, and how."""
+    how = "" if code is None else f" (exit code {code})"
+    if code is not None and code < 0:
+        how = f" (signal {-code}: {signal.strsignal(-code)})"
+    return f"the planning process has ended{how}"

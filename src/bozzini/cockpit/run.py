@@ -89,6 +89,8 @@ class Cockpit:
         self.session = Session(may_arm=needs_token)
         self.error: BozziniError | None = None
         self.drawing: Drawing | None = None
+        self._planning: Planning | None = None
+        self._late: asyncio.TimerHandle | None = None
 
     @property
     def address(self) -> str:
@@ -112,25 +114,24 @@ class Cockpit:
         BozziniError
             If the rig, or the tract, cannot be had.
         """
-        planning = None
         try:
-            planning = Planning(self.job, self._hear)
             with suppress(KeyboardInterrupt):
-                asyncio.run(self._serve(planning, announce))
+                asyncio.run(self._serve(announce))
         finally:
             self.listener.close()
-            if planning is not None:
-                planning.close()
+            if self._planning is not None:
+                self._planning.close()
             if self.session.drive is not None:
                 self.session.drive.close()
         if self.error is not None:
             raise self.error
 
-    async def _serve(self, planning: Planning, announce: Callable[[str], None]) -> None:
+    async def _serve(self, announce: Callable[[str], None]) -> None:
+        self._loop = asyncio.get_running_loop()
+        self._planning = Planning(self.job, self._hear)  # first: it takes longest
         from .page import WEB, render_cockpit
         from .server import make_server, run_server
 
-        self._loop, self._planning = asyncio.get_running_loop(), planning
         self._server = make_server(self.session, self.access, page=render_cockpit(), folders=WEB)
 
         def begin() -> None:
@@ -162,6 +163,9 @@ class Cockpit:
                 self._server.should_exit = True
         except BozziniError as error:
             self._end(error)
+        except Exception:  # raised once the server has ended
+            self._server.should_exit = True
+            raise
 
     def _open_drive(self) -> Drive:
         from .drive import open_drive
@@ -181,46 +185,50 @@ class Cockpit:
 
     def _hear(self, kind: str, what: Any) -> None:
         """Take what the planning process says, in the server's own thread."""
-        loop = getattr(self, "_loop", None)
-        while loop is None:  # the server begins at the same time
-            threading.Event().wait(0.01)
-            loop = getattr(self, "_loop", None)
         with suppress(RuntimeError):  # the loop has ended
-            loop.call_soon_threadsafe(self._take, kind, what)
+            self._loop.call_soon_threadsafe(self._take, kind, what)
 
     def _take(self, kind: str, what: Any) -> None:
         session = self.session
         if kind == "scene":
-            session.show_scene(what)
+            if session.plan is None:  # a process that was started anew shows what was shown
+                session.show_scene(what)
         elif kind == "plan":
             session.show(what)
             session.ask_plan = self._ask
-            session.planning = {
-                "busy": not what.info["final"],
-                "stage": "" if what.info["final"] else "looking for what would fit",
-                "message": "",
-            }
+            is_final = what.info["final"]
+            self._tell("" if is_final else "looking for what would fit", busy=not is_final)
         elif kind == "moved":
             session.show_moved(*what)
         elif kind == "progress":
             session.planning = {**session.planning, "busy": True, "stage": what}
         elif kind == "done":
-            session.planning = {"busy": False, "stage": "", "message": ""}
+            self._tell(message=what)
         elif session.plan is None:  # refused, or lost, before there was anything to show
             self._end(InputError(what))
+        elif kind == "lost":
+            session.rest()
+            self._tell(message=f"{what}: with the next change it is started anew")
+            if self._planning is not None and self._planning.start_again():
+                self._tell("starting anew", busy=True, message=f"{what}: it is started anew")
         else:
-            session.planning = {"busy": False, "stage": "", "message": what}
+            self._tell(message=what)
+
+    def _tell(self, stage: str = "", *, busy: bool = False, message: str = "") -> None:
+        """Let the windows show what planning does."""
+        if self._late is not None:
+            self._late.cancel()
+        self.session.planning = {"busy": busy, "stage": stage, "message": message}
 
     def _ask(self, change: Change) -> None:
         """Let something else be planned, and say so if it takes long."""
-        self.session.planning = {"busy": True, "stage": "plan", "message": ""}
-        self._planning.ask(change)
-        before = self.session.plan
+        if self._planning is None:
+            return
+        is_new = self._planning.ask(change)
+        self._tell("starting anew" if is_new else "plan", busy=True)
 
         def look() -> None:
-            planning = self.session.planning
-            if planning["busy"] and self.session.plan is before:
-                words = "no motion was found yet: looking for the place that stops it"
-                self.session.planning = {**planning, "message": words}
+            words = f"still at work: it takes longer than {PATIENCE:g} s"
+            self.session.planning = {**self.session.planning, "message": words}
 
-        self._loop.call_later(PATIENCE, look)
+        self._late = self._loop.call_later(PATIENCE, look)

@@ -96,7 +96,7 @@ def make_application(session: Session, *, page: str, folders: tuple[Path, ...]) 
         return Response(session.view, media_type="application/octet-stream")
 
     async def show_info(request: Request) -> Response:
-        return JSONResponse(describe_drive(session))
+        return JSONResponse(await asyncio.to_thread(describe_drive, session))
 
     async def show_state(request: Request) -> Response:
         return JSONResponse(session.describe_all())
@@ -171,7 +171,7 @@ async def _listen(session: Session, connection: WebSocket, window: Window) -> No
                 await connection.close(MALFORMED, str(error)[:120])
             return
         except InputError as error:
-            session.note = str(error)
+            session.refuse(str(error))
 
 
 async def _show(session: Session, connection: WebSocket, window: Window) -> None:
@@ -185,7 +185,7 @@ async def _show(session: Session, connection: WebSocket, window: Window) -> None
                 await connection.send_text(json.dumps(session.status))
             if window.shown != session.number:
                 await connection.send_bytes(session.frame_for(window))
-            if window.tissue_shown != session.tissue_number:
+            if session.moved is not None and window.tissue_shown != session.tissue_number:
                 window.tissue_shown = session.tissue_number
                 await connection.send_bytes(session.tissue)
     except (WebSocketDisconnect, RuntimeError):  # it has gone in the meantime
@@ -219,17 +219,29 @@ async def run_server(
     session: Session,
     when_ready: Callable[[], None],
 ) -> None:
-    """Serve until the server is told to stop, with the session's clock beside it."""
+    """Serve until the server is told to stop, with the session's clock beside it.
+
+    An error of the clock ends it, and is raised.
+    """
 
     async def announce() -> None:
         while not server.started:
             await asyncio.sleep(0.005)
         when_ready()
 
+    def stop(task: asyncio.Task[None]) -> None:
+        if not task.cancelled() and task.exception() is not None:
+            server.should_exit = True
+
     beside = [asyncio.create_task(session.run()), asyncio.create_task(announce())]
+    for task in beside:
+        task.add_done_callback(stop)
     try:
         await server.serve(sockets=[listener])
     finally:
         for task in beside:
             task.cancel()
-        await asyncio.gather(*beside, return_exceptions=True)
+        ends = await asyncio.gather(*beside, return_exceptions=True)
+    for end in ends:
+        if isinstance(end, Exception):
+            raise end

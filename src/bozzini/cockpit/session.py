@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import secrets
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -41,7 +42,7 @@ STATUS_TICKS = 6
 STRAIGHT = 0.01
 """A bend of less than this is none [mm]: a transducer at rest is never quite at 0."""
 LONGEST_SILENCE = 0.8
-"""Time after which a window that holds the stick and says nothing has let go of it [s]."""
+"""Time after which a window that holds the stick and says nothing of it has let go of it [s]."""
 
 
 class Distance(Protocol):
@@ -201,6 +202,8 @@ class Session:
         self.step, self.place, self.speed, self.is_playing = 0, 0.0, 20.0, False
         self.holder: Window | None = None
         self.planning: Json = {"busy": True, "stage": "starting", "message": ""}
+        self.changes = 0
+        self.name = secrets.token_hex(4)
         self.ask_plan: Callable[[Change], None] | None = None
         self.note = ""
         self.number, self.status_number, self.tissue_number = 0, 0, 0
@@ -226,8 +229,8 @@ class Session:
 
     def take(self, window: Window, message: Message) -> None:
         """Do what a window asks for."""
-        window.heard = time.monotonic()
         if isinstance(message, StickMove):
+            window.heard = time.monotonic()
             window.travel, window.echo = np.array([message.x, message.y]), message.time
             self._hold(window)
         elif isinstance(message, Seek):
@@ -240,9 +243,15 @@ class Session:
         elif isinstance(message, RigCommand):
             self.note = self._command(message.what)
         elif self.ask_plan is None:
-            self.note = "there is nothing to plan yet"
+            self.refuse("there is nothing to plan yet")
         else:
+            self.changes += 1
             self.ask_plan(message)
+
+    def refuse(self, words: str) -> None:
+        """Say why a change is not planned for; the next that is takes the words away."""
+        self.changes += 1
+        self.planning = {**self.planning, "message": words}
 
     def _hold(self, window: Window) -> None:
         """Let one window at a time hold the stick: the first, until it lets go."""
@@ -308,6 +317,12 @@ class Session:
         )
         self.tissue, self.tissue_number = pack_tissue(vertices), self.tissue_number + 1
         self._wake()
+
+    def rest(self) -> None:
+        """Show body and wall as they are planned: nothing moves the tissue any more."""
+        if self.moved is not None:
+            self.moved, self.moving = None, None
+            self.show_scene(self.view)
 
     # The clock.
 
@@ -418,7 +433,8 @@ class Session:
             "tendons_mm": None
             if plan is None or not plan.tendons.size
             else plan.tendons[self.step].round(2).tolist(),
-            "planning": dict(self.planning),
+            "planning": {**self.planning, "asked": self.changes},
+            "session": self.name,
             "moving": self.moving,
             "view": self.view_version,
             "plan": None if plan is None else plan.info,

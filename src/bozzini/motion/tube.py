@@ -24,7 +24,7 @@ from .measures import Crossing, find_crossing, measure_angles, measure_step_rati
 from .plan import CandidateMotion
 from .planner import Motion
 from .planners import PlannerOptions
-from .refusal import Refusal, floor_mm
+from .refusal import NEAR_MM, Refusal, floor_mm
 from .scope import Scope
 from .shape import Band, ShapedPath, cut_path, measure_folds
 from .space import FreeSpace
@@ -143,6 +143,7 @@ def plan_in_tube(job: Job, *, progress: Progress = no_progress) -> TubeMotion:
         motion = find_prefix(
             job, refusal, progress=lambda _, share: progress("plan", 0.5 + 0.4 * share)
         )
+        motion = _stop_before_goal(job, motion)
     elif job.style.compare:
         motion = job.improve(motion)
     progress("plan", 1.0)
@@ -564,6 +565,29 @@ def find_prefix(job: Job, refusal: Refusal, *, progress: Progress = no_progress)
     if job.style.compare:
         best = job.improve(best)
     return replace(best, refusal=refusal.stop_at(_locate(job, best.path[-1])))
+
+
+def _stop_before_goal(job: Job, motion: TubeMotion) -> TubeMotion:
+    """Return a motion that ends far from a goal that is too narrow, with what stops it there.
+
+    The way up to where the lumen is wide enough again is tried by itself: if it can be gone, that
+    is the motion.
+    """
+    refusal = motion.refusal
+    if refusal is None or refusal.code != "GOAL_CLEARANCE" or refusal.ends_at is None:
+        return motion
+    wide = np.flatnonzero(job.bound >= job.scope.radius + MARGINS[-1])
+    arc = float(job.line.arc_length[wide[-1]]) if len(wide) else 0.0
+    if arc - refusal.ends_at <= NEAR_MM:
+        return motion
+    space = FreeSpace(job.duct, job.line.cut(arc), job.space.introducer)
+    before = Job(space, job.scope, job.options, job.style, links=job.links)
+    farther = before.try_whole_way()
+    if farther is None:
+        return replace(motion, refusal=explain_stop(before).stop_at(refusal.ends_at))
+    if job.style.compare:
+        farther = before.improve(farther)
+    return replace(farther, refusal=refusal.stop_at(_locate(job, farther.path[-1])))
 
 
 def _find_guide(job: Job, clearance: float) -> NDArray[np.float64] | None:

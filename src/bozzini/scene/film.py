@@ -228,7 +228,10 @@ def _encode_mp4(path: Path, pictures: Iterator[Picture], rate: float) -> None:
 def _encode_gif(path: Path, pictures: Iterator[Picture], rate: float) -> None:
     from PIL import Image
 
-    images = (Image.fromarray(picture).resize((960, 540)) for picture in pictures)
+    # By default colours of few pixels are lost: those of the clearance, on a scope that is small.
+    method = Image.Quantize.FASTOCTREE
+    sized = (Image.fromarray(picture).resize((960, 540)) for picture in pictures)
+    images = (picture.quantize(method=method, dither=Image.Dither.NONE) for picture in sized)
     first = next(images)
     first.save(
         path, format="GIF", save_all=True, append_images=images, duration=1000.0 / rate, loop=0

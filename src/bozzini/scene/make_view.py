@@ -19,7 +19,13 @@ from ..effector.workspace import Workspace
 from ..errors import GeometryError, InputError
 from ..motion.plan import Plan
 from ..motion.scope import Introducer
-from ..plot.plan_data import find_link_length, find_radius, find_refusal, read_centreline
+from ..plot.plan_data import (
+    PlanCentreline,
+    find_link_length,
+    find_radius,
+    find_refusal,
+    read_centreline,
+)
 from ..plot.scope import REST
 from ..plot.style import choose_clearance_scale
 from .scene import TractMesh, prepare_tract
@@ -116,14 +122,15 @@ def _view_thing(thing: Shown) -> View:
     raise InputError(f"there is no view of a {type(thing).__name__}")
 
 
-def view_plan(plan: Plan, wall: Wall | None = None, *, title: str = "") -> View:
+def view_plan(plan: Plan, wall: Wall | View | None = None, *, title: str = "") -> View:
     """Return the view of a plan: the scope at every step, the way, marks and charts.
 
     Parameters
     ----------
     plan : Plan
-    wall : tract or duct, optional
-        The wall. Without it the widest tube round the centreline that stays inside is shown.
+    wall : tract, duct or View, optional
+        The wall, or how it is drawn as the plan is for it. Without it the widest tube round the
+        centreline that stays inside is shown.
     title : str
 
     Raises
@@ -183,8 +190,9 @@ def view_plan(plan: Plan, wall: Wall | None = None, *, title: str = "") -> View:
             kind="angle",
         ),
     )
-    around = [] if wall is None else [_view_wall(wall)]
-    if plan.inflation > 0.0 and getattr(wall, "inflation", 0.0) != plan.inflation:
+    around = [] if wall is None else [wall if isinstance(wall, View) else _view_wall(wall)]
+    inflation = plan.inflation if isinstance(wall, View) else getattr(wall, "inflation", 0.0)
+    if plan.inflation > 0.0 and inflation != plan.inflation:
         notes.append(
             f"The plan is for a wall moved outwards by {plan.inflation:g} mm; it is shown as given."
         )
@@ -193,9 +201,9 @@ def view_plan(plan: Plan, wall: Wall | None = None, *, title: str = "") -> View:
         title=title or f"Insertion plan{f': {source}' if source else ''}",
         surfaces=tuple(surfaces),
         bodies=tuple(bodies),
-        marks=_list_marks(plan, clearance, steps),
+        marks=_list_marks(plan, line, clearance, steps),
         charts=charts,
-        axes=getattr(wall, "frame", None) or "RAS",
+        axes=getattr(wall, "axes" if isinstance(wall, View) else "frame", None) or "RAS",
         scale=choose_clearance_scale(clearance),
         notes=tuple(notes),
     )
@@ -211,9 +219,10 @@ def measure_angles(joints: Floats) -> Floats:
     return np.asarray(np.arctan2(sine, cosine))
 
 
-def _list_marks(plan: Plan, clearance: Floats, steps: NDArray[np.int64]) -> tuple[Mark, ...]:
+def _list_marks(
+    plan: Plan, line: PlanCentreline, clearance: Floats, steps: NDArray[np.int64]
+) -> tuple[Mark, ...]:
     """Return the ends of the way, the tightest places at these steps, and the refusal."""
-    line = read_centreline(plan)
     marks = [
         Mark(place=line.points[0], text="entry", kind="start"),
         Mark(place=line.points[-1], text="goal", kind="goal"),

@@ -5,13 +5,13 @@ import { createDrive } from "./drive.js";
 import { createPlanning } from "./planning.js";
 
 const MAGIC = 0x315a4342, TISSUE = 0x545a4342, HEAD = 56;
-const FLAGS = ["playing", "reached", "rig", "armed", "fault", "inside", "planning", "pressed"];
+const FLAGS = { playing: 1, reached: 2, armed: 8, pressed: 128 };
 
 /** Take a frame of the server apart; `bozzini.cockpit.wire` says what is in it. */
 function readFrame(buffer) {
 	const [, , step, links, points, muscles, flags] = new Uint32Array(buffer, 0, 8);
 	const frame = { step, links, echo: new Float64Array(buffer, 32, 3)[1] };
-	FLAGS.forEach((name, bit) => (frame[name] = Boolean(flags & (1 << bit))));
+	for (const name in FLAGS) frame[name] = Boolean(flags & FLAGS[name]);
 	let at = HEAD;
 	const take = (count) => new Float32Array(buffer, (at += 4 * count) - 4 * count, count);
 	frame.joints = links ? take(3 * links + 3) : null;
@@ -27,14 +27,14 @@ function readFrame(buffer) {
 const root = document.getElementById("viewer"), waiting = document.querySelector(".waiting"), banner = document.querySelector(".banner");
 /** What tests read; delays are from input to frame [ms]. */
 const cockpit = (window.cockpit = { viewer: null, frame: null, status: null, delays: [], connections: 0 });
-let socket = null, data = null, shown = 0, fetching = false, drive = null, planning = null, echo = 0, isReady = false, pose = "", busy = false;
+let socket = null, data = null, shown = 0, fetching = false, drive = null, planning = null, echo = 0, pose = "", busy = false;
 
 function send(message) {
 	if (socket?.readyState === WebSocket.OPEN) socket.send(JSON.stringify(message));
 }
 
 const source = {
-	seek: (step) => isReady && send({ kind: "seek", step, time: performance.now() }),
+	seek: (step) => planning && send({ kind: "seek", step, time: performance.now() }),
 	/** At speed 1 the whole way takes 12 s. */
 	play: (on, factor = 1) => send({ kind: "play", on, speed: Math.min(1000, (factor * Math.max(...(data.scope?.insertion || [240]))) / 12) }),
 };
@@ -52,7 +52,7 @@ async function refresh() {
 			else {
 				cockpit.viewer = createViewer(root, data, source);
 				planning = createPlanning(root.querySelector(".planning"), send, cockpit.viewer);
-				waiting.hidden = isReady = true;
+				waiting.hidden = true;
 			}
 			[shown, pose] = [version, ""];
 			planning.tell(cockpit.status);
@@ -92,10 +92,11 @@ function update() {
 
 function hear(message) {
 	if (typeof message === "string") {
-		cockpit.status = JSON.parse(message);
-		waiting.textContent = `Reading the tract: ${cockpit.status.planning.stage}\u2026`;
-		drive?.tell(cockpit.status);
-		planning?.tell(cockpit.status);
+		const status = JSON.parse(message), { session = status.session } = cockpit.status || {};
+		if (status.session !== session) return location.reload(); // another server, begun at the same address
+		cockpit.status = status;
+		waiting.textContent = `Reading the tract: ${status.planning.stage}\u2026`;
+		for (const part of [drive, planning]) part?.tell(status);
 		return refresh();
 	}
 	const [kind, count] = new Uint32Array(message, 0, 2), wall = data?.surfaces.findIndex((item) => item.vertices.length === 3 * count);
@@ -111,7 +112,7 @@ function connect() {
 	socket.binaryType = "arraybuffer";
 	socket.onopen = () => {
 		banner.hidden = true;
-		if (cockpit.connections++) shown = 0; // another server may count anew
+		cockpit.connections++;
 	};
 	socket.onmessage = (event) => hear(event.data);
 	socket.onclose = () => {

@@ -3,14 +3,13 @@
 const REST = 0.12; // of a gamepad's travel, in which it is at rest
 const KEEP_ALIVE = 120; // ms
 const RATE = 1.6; // full travels a second, by a held key
-const KEYS = { d: "ArrowRight", a: "ArrowLeft", w: "ArrowUp", s: "ArrowDown" };
-const WAYS = { ArrowRight: [1, 0], ArrowLeft: [-1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
+const WAYS = { arrowright: [1, 0], arrowleft: [-1, 0], arrowup: [0, 1], arrowdown: [0, -1], d: [1, 0], a: [-1, 0], w: [0, 1], s: [0, -1] };
 const STATES = { MODEL: "No rig: the model alone", BOOT: "Starting", DISARMED: "Disarmed, vented", ARMED: "Armed", FAULT: "Fault, vented", LOST: "No board" };
 const LEGAL = { arm: "DISARMED", disarm: "ARMED", clear: "FAULT" };
 
 const rests = ([x, y]) => !x && !y;
 const kPa = (pressure) => Math.round(1000 * pressure);
-const name = ({ key }) => KEYS[key.toLowerCase()] || key;
+const name = ({ key }) => key.toLowerCase();
 
 /** Keep a stick within its circle. */
 const within = (stick) => stick.map((v) => v / Math.max(1, Math.hypot(...stick)));
@@ -84,7 +83,7 @@ export function createDrive(section, info, { send, say }) {
 	});
 	on(pad, "keyup", (event) => keys.delete(name(event)));
 	on(document, "keydown", ({ key }) => key === "Escape" && frame?.armed && send({ kind: "rig", what: "disarm" }));
-	buttons.forEach((each) => on(each, "click", () => send({ kind: "rig", what: each.value })));
+	for (const each of buttons) each.onclick = () => send({ kind: "rig", what: each.value });
 	setInterval(tick, 16);
 
 	const share = (pressure) => `${Math.min(100, Math.max(0, (100 * pressure) / info.pressure_limit_MPa))}%`;

@@ -10,17 +10,30 @@ export function createPlanning(section, send, viewer) {
 	const find = (selector) => section.querySelector(selector), change = (values) => send({ kind: "change", ...values });
 	const inputs = [...section.querySelectorAll("input")], ends = [...section.querySelectorAll(".ends button")];
 	const robot = find(".robot"), busy = find(".busy"), verdict = find(".verdict");
-	let told = "", named = "";
+	let told = "", named = "", now = null, asked = 0, edited = null, waits = false;
 
-	for (const input of inputs) input.onchange = () => input.value && input.reportValidity() && change({ [input.name]: Number(input.value) });
+	/** Show the sizes in force, but not where one is typed, nor while another is asked for. */
+	function showSizes() {
+		if (!waits && section.ariaBusy === "false") for (const input of inputs) if (input !== edited) input.value = Number(now[`${input.name}_mm`].toFixed(3));
+	}
+
+	for (const input of inputs) {
+		input.oninput = () => (edited = input);
+		input.onblur = () => showSizes((edited = null));
+		input.onchange = () => {
+			if (!input.value || !input.reportValidity()) return;
+			[edited, waits] = [null, true];
+			change({ [input.name]: Number(input.value) });
+		};
+	}
 
 	function choose(end) {
 		ends.forEach((each) => (each.ariaPressed = each.value === end));
-		viewer.onpick = end && (({ place }) => {
-			change({ [end]: [...place] });
+		viewer.pick(end && ((wall) => {
+			if (wall) change({ [end]: wall.place });
 			choose(null);
-		});
-		if (end) viewer.say(`Click the wall where the ${end} shall be.`);
+		}));
+		if (end) viewer.say(`Click the wall where the ${end} shall be, or press Enter with the cross there.`);
 	}
 	for (const each of ends) each.onclick = () => choose(each.ariaPressed === "true" ? null : each.value);
 
@@ -41,16 +54,18 @@ export function createPlanning(section, send, viewer) {
 
 	return {
 		/** Show the status. */
-		tell({ plan, moving, planning: { busy: isBusy, message, stage }, tendons_mm: moves, note, rig }) {
+		tell({ plan, moving, planning: { asked: count, busy: isBusy, message, stage }, tendons_mm: moves }) {
 			section.hidden = false;
-			busy.textContent = message || (isBusy ? `At work: ${STAGES[stage] || stage}\u2026` : rig ? "" : note);
+			busy.textContent = message || (isBusy ? `At work: ${STAGES[stage] || stage}\u2026` : "");
 			busy.classList.toggle("refused", !isBusy);
 			section.ariaBusy = isBusy;
 			if (!plan) return;
+			waits &&= count === asked;
+			[now, asked] = [plan, count];
+			showSizes();
 			const words = judge(plan);
 			if (words !== told) {
 				viewer.say((told = verdict.textContent = words));
-				for (const input of inputs) if (input !== document.activeElement || !isBusy) input.value = Number(plan[`${input.name}_mm`].toFixed(3));
 				find("[name=inflate]").max = plan.inflate_most_mm;
 				find(".fits").replaceChildren(...Object.entries(plan.would_fit_mm).map(([key, value]) => {
 					const [label, round] = FITS[key], size = round(100 * value) / 100;

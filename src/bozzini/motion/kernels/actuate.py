@@ -392,7 +392,7 @@ def _add_limits(lengths, limits, coupling, travel, bends, advance, first, hessia
             add_row(row, count, over, LIMIT_WEIGHT, hessian, gradient)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def fit_motion(
     duct,
     placing,

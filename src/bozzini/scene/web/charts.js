@@ -19,7 +19,7 @@ function placeOf(canvas, { over, bars }, i) {
  * @returns where the i-th value stands, in pixels from the left
  */
 export function drawChart(canvas, chart, marked = -1) {
-	const { values, over, bars, color } = chart, ratio = devicePixelRatio;
+	const { values, over, bars, color = () => "#5b9bd5" } = chart, ratio = devicePixelRatio;
 	const width = canvas.clientWidth, height = canvas.clientHeight, n = values.length, x = (i) => placeOf(canvas, chart, i);
 	[canvas.width, canvas.height] = [width * ratio, height * ratio];
 	const ink = canvas.getContext("2d"), style = getComputedStyle(canvas), [line, soft] = ["--line", "--soft"].map((name) => style.getPropertyValue(name));

@@ -89,8 +89,8 @@ export function createRenderer(canvas) {
 		}
 		gl.linkProgram(program);
 		if (!gl.getProgramParameter(program, gl.LINK_STATUS) && !gl.isContextLost()) throw new Error(gl.getProgramInfoLog(program));
-		const names = ["matrix", "eye", "tint", "clip", "radius", "opacity", "mode", "lit"];
-		return Object.assign({ program }, ...names.map((name) => ({ [name]: gl.getUniformLocation(program, name) })));
+		for (const name of ["matrix", "eye", "tint", "clip", "radius", "opacity", "mode", "lit"]) program[name] = gl.getUniformLocation(program, name);
+		return program;
 	}
 
 	function fill(target, values, kind = gl.ARRAY_BUFFER) {
@@ -142,7 +142,7 @@ export function createRenderer(canvas) {
 	}
 
 	function use(program, view, radius, mode) {
-		gl.useProgram(program.program);
+		gl.useProgram(program);
 		gl.uniformMatrix4fv(program.matrix, false, view.matrix);
 		gl.uniform3fv(program.eye, view.eye);
 		gl.uniform4fv(program.clip, view.clip || [0, 0, 0, 1]);
@@ -164,9 +164,6 @@ export function createRenderer(canvas) {
 	}
 
 	const renderer = {
-		gl,
-		/** The link of the first body that is shown brighter; -1 none. */
-		lit: -1,
 		/** Take a view; bodies get their poses by `setPose`. */
 		setData(data) {
 			programs = { surface: build(SURFACE_VERTEX, SURFACE_FRAGMENT), body: build(BODY_VERTEX, BODY_FRAGMENT) };
@@ -185,7 +182,7 @@ export function createRenderer(canvas) {
 		},
 		/** Take the vertices of a surface again. */
 		setVertices: (index) => fillSurface(surfaces[index]),
-		/** Draw into `box`, [x, y, width, height] in pixels from below; the lamp carries `reach` mm. */
+		/** Draw into `box`, [x, y, width, height] in pixels from below; the lamp carries `reach` mm; link `lit` of the first body is brighter. */
 		draw(view) {
 			view.matrix = multiply(view.projection, view.camera);
 			gl.viewport(...view.box);
@@ -204,7 +201,7 @@ export function createRenderer(canvas) {
 			for (const { item, array, count, links } of bodies) {
 				if (!links || item.hidden) continue;
 				const program = use(programs.body, view, item.points ? 0.003 * view.size : item.radius, 0);
-				gl.uniform1i(program.lit, item === bodies[0].item ? renderer.lit : -1);
+				gl.uniform1i(program.lit, item === bodies[0].item ? view.lit : -1);
 				gl.bindVertexArray(array);
 				gl.drawElementsInstanced(gl.TRIANGLES, count, gl.UNSIGNED_INT, 0, links);
 			}

@@ -1,5 +1,5 @@
 /** Reads the container that `bozzini.scene.view` writes, and plays a recorded motion. */
-import { add, dot, pointAt, unit } from "./math.js";
+import { add, clamp, dot, pointAt, unit } from "./math.js";
 
 const MAGIC = 0x31565a42;
 
@@ -37,6 +37,7 @@ export function decodeView(buffer) {
 	}
 	for (const item of data.clouds) item.points = unpack(bytes, item.points, Float32Array);
 	for (const item of data.charts) item.values = item.values.map((value) => value ?? NaN);
+	data.walls = data.surfaces.filter((item) => item.name !== "introducer");
 	data.scope = data.bodies.find((item) => item.role === "scope");
 	data.way = data.bodies.find((item) => item.role === "line");
 	data.steps = data.scope?.insertion?.length || data.scope?.steps || 1;
@@ -72,7 +73,7 @@ export const smallest = (values) =>
 
 /** Colour of a clearance [mm]; grey where there is none. */
 export const clearanceColor = ({ low, high, colors }, value) => Number.isFinite(value)
-	? colors[Math.min(Math.max(Math.floor(((value - low) / (high - low)) * colors.length), 0), colors.length - 1)]
+	? colors[clamp(Math.floor(((value - low) / (high - low)) * colors.length), 0, colors.length - 1)]
 	: "#8a96a3";
 
 /** "#rrggbb" as three numbers up to 255. */
@@ -82,10 +83,9 @@ export const parseColor = (text) => [1, 3, 5].map((i) => parseInt(text.slice(i, 
 export function recordedSource({ scope, steps }) {
 	let at = 0, playing = false, speed = 1, then = 0;
 	const source = {
-		kind: "recorded",
 		onframe() {},
 		seek(step) {
-			at = Math.min(Math.max(step, 0), steps - 1);
+			at = clamp(step, 0, steps - 1);
 			const now = Math.round(at);
 			source.onframe({ step: now, playing, joints: scope && jointsAt(scope, now), clearance: scope && clearanceAt(scope, now) });
 		},

@@ -1,5 +1,5 @@
 /** The page round the pictures: controls, charts, measuring, keyboard and words for screen readers. */
-import { assign, clamp, dot, gap, lookAlong, multiply, perspective, place, scaled } from "./math.js";
+import { assign, dot, gap, lookAlong, multiply, perspective, place, scaled } from "./math.js";
 import { clearanceAt, clearanceColor, decodeView, jointsAt, recordedSource, smallest, tipCamera } from "./scene_data.js";
 import { createRenderer } from "./renderer.js";
 import { createCamera, steerCamera } from "./camera.js";
@@ -15,37 +15,25 @@ export function make(tag, props = {}, ...children) {
 	return made;
 }
 
-// The name space comes from a parser, so that no address stands in a page that loads nothing.
-const SVG = new DOMParser().parseFromString("<svg>", "text/html").querySelector("svg").namespaceURI;
-
-/** Make an element of a drawing: attributes only, as its properties cannot be written. */
-function draft(tag, attributes, words = "") {
-	const made = document.createElementNS(SVG, tag);
-	for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
-	made.textContent = words;
-	return made;
-}
-
 const button = (text, title, onclick, kind = "") => make(`button.${kind}`, { type: "button", title, onclick }, text);
 
 /**
  * Make a viewer of `data` (see `decodeView`) in `root`, which holds the parts of view.html, played by
- * `source` ({kind, seek(step), play(on, speed)}, and `onframe` if it is recorded).
+ * `source` ({seek(step), play(on, speed)}, and `onframe` if it is recorded).
  */
 export function createViewer(root, data, source) {
-	let frame = { step: 0, joints: null, clearance: null }, inside = false, measuring = false, playing = false, planned = false;
-	let section = null, clip = null, picks = [], lit = -1, series = [], along = null;
+	let frame = { step: 0, joints: null, clearance: null }, inside = false, measuring = false, playing = false, planned = false, taker = null;
+	let clip = null, picks = [], lit = -1, series = [], along = null;
 
 	const parts = {};
 	for (const item of root.querySelectorAll("[class]")) parts[item.classList[0]] = item;
-	const { picture: canvas, overlay, said, trouble, title, readout, legend, tools, inset, slider, play: playButton, pace, tightest, timeline } = parts;
+	const { picture: canvas, overlay, said, trouble, title, readout, legend, low, high, sides, fit, theme, inset, slider, play: playButton, pace, tightest, timeline } = parts;
 	const { panel, charts, places, measure, hint, measured, planes, depth, shown, opacity, notes } = parts;
 	root.classList.add("bozzini");
 
 	const renderer = createRenderer(canvas), camera = createCamera(data, () => paint());
 	const night = matchMedia("(prefers-color-scheme: dark)"), isDark = () => (root.dataset.theme || (night.matches && "dark")) === "dark";
 	const say = (text) => (said.textContent = text);
-	const fail = (text) => assign(trouble, { textContent: text, hidden: !text });
 
 	function paint() {
 		if (!planned) requestAnimationFrame(draw);
@@ -63,24 +51,32 @@ export function createViewer(root, data, source) {
 	}
 
 	function outsideView(box, ground) {
-		return { ...camera.look(box[2] / box[3]), box, clip, ground, dark: ground || isDark() };
+		return { ...camera.look(box[2] / box[3]), box, clip, lit, ground, dark: ground || isDark() };
 	}
 
 	function draw() {
 		planned = false;
 		viewer.paints++;
+		canvas.classList.toggle("picking", Boolean(measuring || taker));
 		const ratio = Math.min(devicePixelRatio, 2), pixels = (...all) => all.map((v) => Math.round(v * ratio));
 		const all = canvas.getBoundingClientRect(), box = inset.getBoundingClientRect(), [w, h] = pixels(all.width, all.height);
 		if (!w || !h) return;
 		if (canvas.width !== w || canvas.height !== h) [canvas.width, canvas.height] = [w, h];
 		const full = [0, 0, w, h], small = pixels(box.left - all.left, all.bottom - box.bottom, box.width, box.height);
-		if (renderer && !renderer.gl.isContextLost()) {
+		if (renderer) {
 			renderer.draw((inside && tipView(full)) || outsideView(full));
 			const view = !inset.hidden && (inside ? outsideView(small, [0.04, 0.07, 0.1, 1]) : tipView(small));
 			if (view) renderer.draw(view);
 		}
-		overlay.setAttribute("viewBox", `0 0 ${all.width} ${all.height}`);
 		overlay.replaceChildren(...(inside ? [] : drawOverlay(outsideView(full), all.width, all.height)));
+	}
+
+	/** Make an element of the overlay: attributes only, as its properties cannot be written. */
+	function draft(tag, attributes, words = "") {
+		const made = document.createElementNS(overlay.namespaceURI, tag);
+		for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
+		made.textContent = words;
+		return made;
 	}
 
 	/** Labels, measured places and the patient's axes, over the picture. */
@@ -144,7 +140,7 @@ export function createViewer(root, data, source) {
 
 	function seek(step) {
 		if (playing) play(false);
-		source.seek(clamp(step, 0, data.steps - 1));
+		source.seek(step);
 	}
 
 	function goTightest() {
@@ -161,12 +157,13 @@ export function createViewer(root, data, source) {
 		paint();
 	}
 
-	function setSection(index) {
-		section = index;
-		planes.value = index ?? "";
-		depth.disabled = index === null;
-		const { way } = data.axes[index ?? 0], [from, to] = [camera.box.low, camera.box.high].map((p) => dot(p, way)).sort((a, b) => a - b);
-		clip = index === null ? null : [...way, from + Number(depth.value) * (to - from)];
+	/** Cut what is beyond the chosen plane, if one is. */
+	function cut(index = planes.value) {
+		planes.value = index;
+		const way = data.axes[index]?.way, share = Number(depth.value);
+		depth.disabled = !way;
+		const [from, to] = [camera.box.low, camera.box.high].map((p) => way && dot(p, way)).sort((a, b) => a - b);
+		clip = way && [...way, from + share * (to - from)];
 		paint();
 	}
 
@@ -175,21 +172,21 @@ export function createViewer(root, data, source) {
 		measuring = on;
 		picks = [];
 		measure.ariaPressed = on;
-		canvas.classList.toggle("measuring", on);
 		showMeasured();
 		paint();
 	}
 
 	function click(x, y) {
 		if (inside) return;
-		const ray = camera.ray(x, y), hits = data.surfaces.map((item, surface) => ({ ...(!item.hidden && pickSurface(item, ray, clip)), surface }));
-		const wall = hits.filter((hit) => hit.place).sort((a, b) => a.far - b.far)[0];
-		if (!measuring) {
+		const ray = camera.ray(x, y), walls = data.walls.filter((item) => !item.hidden);
+		const [wall] = walls.map((item) => ({ item, ...pickSurface(item, ray, clip) })).filter((hit) => hit.place).sort((a, b) => a.far - b.far);
+		if (!wall && (taker || measuring)) say("There is no wall.");
+		else if (taker) taker(wall);
+		else if (!measuring) {
 			const hit = frame.joints && pickLink(frame.joints, data.scope.radius, ray);
-			if (!hit && wall && viewer.onpick) viewer.onpick(wall);
-			else lightLink(hit ? hit.link : -1);
-		} else if (wall) {
-			wall.radius = largestBall(data.surfaces[wall.surface], wall.place, scaled(wall.normal, -1));
+			lightLink(hit ? hit.link : -1);
+		} else {
+			wall.radius = largestBall(wall.item, wall.place, scaled(wall.normal, -1));
 			wall.arc = data.way ? arcLengthAt(data.way.joints, wall.place) : NaN;
 			picks = [...picks, wall].slice(picks.length === 2 ? 2 : 0);
 			showMeasured();
@@ -208,7 +205,6 @@ export function createViewer(root, data, source) {
 
 	function lightLink(link) {
 		lit = link;
-		if (renderer) renderer.lit = link;
 		const value = frame.clearance?.[link], known = Number.isFinite(value);
 		if (along) along.value.textContent = known ? `link ${link + 1}: ${show(value, 2)}` : "";
 		if (link >= 0) say(`Link ${link + 1} from the head${known ? `: clearance ${show(value, 2)} mm` : ", in the introducer"}.`);
@@ -229,7 +225,7 @@ export function createViewer(root, data, source) {
 		const { scope, scale, axes } = data, over = scope?.insertion || [...Array(data.steps).keys()];
 		const side = (i) => NAMES[axes[i].letter] || axes[i].letter;
 		series = (data.steps > 1 ? data.charts : []).map((chart) => figure(chart.name, chart.unit, seek, {
-			...chart, over, overUnit: scope?.insertion ? "mm in" : "steps", ...(chart.kind === "clearance" ? clearanceChart() : { color: () => "#5b9bd5" }),
+			...chart, over, overUnit: scope?.insertion ? "mm in" : "steps", ...(chart.kind === "clearance" && clearanceChart()),
 		}));
 		along = scope?.clearance ? figure("clearance along the body", "mm", lightLink) : null;
 		charts.replaceChildren(...[...series, along].filter(Boolean).map((item) => item.box));
@@ -240,17 +236,15 @@ export function createViewer(root, data, source) {
 		}, mark.kind)));
 		places.parentElement.hidden = !data.marks.length;
 		planes.replaceChildren(make("option", { value: "" }, "none"), ...axes.map((_, i) => make("option", { value: i }, `without ${side(i)}`)));
-		tools.replaceChildren(
-			...axes.map(({ letter }, i) => button(letter, `From ${side(i)} (${i + 1})`, () => (setInside(false), camera.standard(i)))),
-			button("Fit", "See everything (F)", () => camera.fit()), assign(button("\u25d0", "Light or dark (B)", turnTheme), { ariaLabel: "Light or dark" }),
-		);
+		sides.replaceChildren(...axes.map(({ letter }, i) => button(letter, `From ${side(i)} (${i + 1})`, () => (setInside(false), camera.standard(i)))));
 		shown.replaceChildren(...[...data.surfaces, ...data.bodies, ...data.clouds].map((item) => make("label", {}, make("input", { type: "checkbox", checked: !item.hidden, onchange: (event) => ((item.hidden = !event.target.checked), paint()) }), item.name)));
-		const wall = data.surfaces.findLast((item) => item.opacity < 1);
+		const wall = data.walls.findLast((item) => item.opacity < 1);
 		opacity.parentElement.hidden = !wall;
 		if (wall) assign(opacity, { value: wall.opacity, oninput: () => ((wall.opacity = Number(opacity.value)), paint()) });
 		notes.replaceChildren(...data.notes.map((text) => make("p", {}, text)));
 		legend.children[1].style.background = `linear-gradient(to right, ${scale.colors})`;
-		[legend.children[0].textContent, legend.children[2].textContent] = [show(scale.low, 0), `${show(scale.high, 0)} mm clearance`];
+		low.textContent = show(scale.low, 0);
+		high.textContent = `${show(scale.high, 0)} mm clearance`;
 		legend.hidden = !along;
 		timeline.hidden = data.steps < 2;
 		tightest.hidden = data.tightest === null;
@@ -270,12 +264,8 @@ export function createViewer(root, data, source) {
 	}
 
 	function resize() {
-		for (const item of series) {
-			item.x = drawChart(item.area, item.chart);
-			item.cursor.style.left = `${item.x(frame.step)}px`;
-		}
-		drawAlong();
-		paint();
+		for (const item of series) item.x = drawChart(item.area, item.chart);
+		setFrame({});
 	}
 
 	function turnTheme() {
@@ -289,14 +279,14 @@ export function createViewer(root, data, source) {
 		const { key } = event, [x, y] = arrows[key] || [];
 		if (arrows[key]) camera[event.shiftKey ? "pan" : "turn"](0.1 * x, 0.1 * y);
 		else if ("+=-".includes(key)) camera.zoom(key === "-" ? 1.18 : 0.85);
-		else if (key === "Enter" && measuring) click(0.5, 0.5);
+		else if (key === "Enter") click(0.5, 0.5);
 		else return;
 		event.preventDefault();
 	});
 	const moving = { " ": () => play(!playing), ",": () => seek(frame.step - 1), ".": () => seek(frame.step + 1), Home: () => seek(0), End: () => seek(data.steps - 1), n: goTightest };
 	const keys = {
 		f: () => camera.fit(), t: () => setInside(!inside), m: () => setMeasuring(!measuring), b: turnTheme,
-		x: () => setSection(section === null ? 2 : null), Escape: () => (setMeasuring(false), setSection(null)),
+		x: () => cut(clip ? "" : 2), Escape: () => (setMeasuring(false), cut(""), taker?.(null)),
 	};
 	// Where the viewer is the page, keys work wherever the focus is.
 	(root.matches("main") ? document : root).addEventListener("keydown", (event) => {
@@ -310,27 +300,38 @@ export function createViewer(root, data, source) {
 	});
 	playButton.onclick = () => play(!playing);
 	tightest.onclick = goTightest;
+	fit.onclick = () => camera.fit();
+	theme.onclick = turnTheme;
 	inset.onclick = () => setInside(!inside);
 	measure.onclick = () => setMeasuring(!measuring);
 	slider.oninput = () => seek(Number(slider.value));
 	pace.onchange = () => playing && play(true);
-	planes.onchange = () => setSection(planes.value === "" ? null : Number(planes.value));
-	depth.oninput = () => setSection(section);
+	planes.onchange = depth.oninput = () => cut();
 	night.addEventListener("change", resize);
 	new ResizeObserver(resize).observe(root);
 	canvas.addEventListener("webglcontextlost", (event) => {
 		event.preventDefault();
-		fail("The browser took the graphics away; the picture comes back with them.");
+		assign(trouble, { textContent: "The browser took the graphics away; the picture comes back with them.", hidden: false });
 	});
-	canvas.addEventListener("webglcontextrestored", () => (fail(""), viewer.setData(data)));
+	canvas.addEventListener("webglcontextrestored", () => {
+		trouble.hidden = true;
+		viewer.setData(data);
+	});
 
 	const viewer = {
-		/** `frames` came and `paints` were drawn; a click on the wall calls `onpick({place, normal, surface})`. */
-		frames: 0, paints: 0, panel, onpick: null, setFrame, seek, say,
+		/** `frames` came and `paints` were drawn. */
+		frames: 0, paints: 0, panel, setFrame, seek, say,
 		get data() { return data; },
 		get frame() { return frame; },
+		/** Let `take` have the place {place, normal} of the wall that is clicked, null on Escape; or nobody. */
+		pick(take) {
+			taker = take;
+			if (take) setInside(false), canvas.focus();
+			paint();
+		},
 		/** Show other data, a new plan for example; the camera stays. */
 		setData(next) {
+			const plane = planes.value;
 			data = next;
 			picks = [];
 			camera.setData(data);
@@ -341,7 +342,7 @@ export function createViewer(root, data, source) {
 			const step = Math.min(frame.step, data.steps - 1), { scope } = data;
 			data.bodies.forEach((body, i) => renderer?.setPose(i, jointsAt(body, step), clearanceAt(body, step), data.scale));
 			setFrame({ step, joints: scope && jointsAt(scope, step), clearance: scope && clearanceAt(scope, step) });
-			setSection(section);
+			cut(plane);
 		},
 		/** Move the vertices of a surface: tissue that moves. */
 		setSurfaceVertices(index, vertices) {
