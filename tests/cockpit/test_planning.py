@@ -16,6 +16,7 @@ from bozzini.motion import Scope
 from bozzini.progress import no_progress
 from bozzini.study.options import PathOptions, ReadOptions
 from tests.cli.plan_cases import Tracts, write_tracts
+from tests.scene.decode_view import decode_view
 
 
 @pytest.fixture(scope="module")
@@ -165,7 +166,12 @@ def test_process_plans_what_was_asked_last(tracts) -> None:
                 if kind == wanted:
                     return what
 
-        assert wait_for("plan").info["diameter_mm"] == 5.0
+        # The title over the picture is the same before there is a plan.
+        titles = [decode_view(wait_for("scene"))["title"]]
+        shown = wait_for("plan")
+        assert shown.info["diameter_mm"] == 5.0
+        titles.append(decode_view(shown.view)["title"])
+        assert titles == ["Cockpit: tube.nii.gz"] * 2
         wait_for("done")
         for diameter in (4.0, 17.0, 6.0):
             planning.ask(Change(diameter=diameter))

@@ -125,6 +125,11 @@ class Bench:
         self._sent: float | None = None
         self._last: Plan | None = None
 
+    @property
+    def title(self) -> str:
+        """What stands over the picture."""
+        return f"Cockpit: {self.tract.source}"
+
     def plan(self, change: Change, progress: Progress) -> Iterator[ShownPlan]:
         """Plan for what is asked; give the plan, and again once more of it is known.
 
@@ -332,7 +337,7 @@ class Bench:
         notes = tuple(note for note in view.notes if "not known" not in note)
         axes = getattr(self.tract, "frame", None)
         view = replace(view, surfaces=own, notes=notes, axes=axes)
-        return encode_view(join_views([view, wall], title=f"Cockpit: {self.tract.source}"))
+        return encode_view(join_views([view, wall], title=self.title))
 
 
 def find_beside(field: SampledField, line: Centreline, click: Floats) -> Floats:
@@ -435,7 +440,8 @@ def work(pipe: Connection, job: Job) -> None:
             try:
                 if bench is None:
                     bench = Bench(job, report)
-                    pipe.send(("scene", encode_view(bench.view_wall())))
+                    wall = replace(bench.view_wall(), title=bench.title)
+                    pipe.send(("scene", encode_view(wall)))
                 for shown in bench.plan(pending, report):
                     pipe.send(("plan", shown))
                 pipe.send(("done", ""))
