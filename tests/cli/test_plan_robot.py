@@ -6,10 +6,13 @@ import csv
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from bozzini.cli.main import main
+from bozzini.motion.actuate import Actuation
 from tests.cli.plan_cases import Run, Tracts, list_all
+from tests.cli.test_show import read_view
 from tests.motion.actuate.motions import make_robot
 
 FAST = ["--head-step", "1mm", "--quiet"]
@@ -38,6 +41,15 @@ def test_a_robot_goes_the_way(run: Run, tracts: Tracts, tmp_path: Path) -> None:
     largest = max(abs(float(row["s6c_mm"])) for row in rows)
     told = summary["robot"]["tendons"]["s6c"]
     assert largest == max(-told["min_mm"], told["max_mm"])
+    # 'bozzini show' shows that motion beside the scope's, in the tract.
+    made, page = tmp_path / "out", tmp_path / "page.html"
+    files = [made / "robot.npz", made / "plan.npz", tracts.volume]
+    assert main(["show", *map(str, files), "--out", str(page), "--quiet"]) == 0
+    bodies = {item["name"]: item for item in read_view(page)["bodies"]}
+    moved = Actuation.load(made / "robot.npz")
+    tips = moved.place_body(range(moved.steps))[:, 0]
+    np.testing.assert_allclose(bodies["arm"]["joints"][:, 0], tips, atol=0.02)
+    assert bodies["scope"]["joints"].shape[0] == summary["steps"]
 
 
 def test_a_robot_that_does_not_get_there_exits_with_1(

@@ -124,6 +124,7 @@ def test_operator_draws_through_the_socket_with_the_rig(tmp_path) -> None:
         out, _ = process.communicate(timeout=90)
     assert process.returncode == 0
     text = page.read_text()
+    assert "by the emulated rig: " in text
     assert (
         "data:image/png" in text
         and "off path rms mm" in text

@@ -25,6 +25,7 @@ from bozzini.progress import no_progress
 from bozzini.study.options import PathOptions, ReadOptions
 from tests.cli.plan_cases import Tracts, write_tracts
 from tests.cockpit.conftest import make_plan
+from tests.scene.decode_view import decode_view
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
@@ -188,7 +189,12 @@ def heard(tracts) -> Iterator[Heard]:
 
 
 def test_process_plans_what_was_asked_last(heard) -> None:
-    assert heard.wait_for("plan").info["diameter_mm"] == 5.0
+    # The title over the picture is the same before there is a plan.
+    titles = [decode_view(heard.wait_for("scene"))["title"]]
+    shown = heard.wait_for("plan")
+    assert shown.info["diameter_mm"] == 5.0
+    titles.append(decode_view(shown.view)["title"])
+    assert titles == ["Cockpit: tube.nii.gz"] * 2
     heard.wait_for("done")
     for diameter in (4.0, 17.0, 6.0):
         heard.planning.ask(Change(diameter=diameter))

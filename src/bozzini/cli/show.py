@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
+from zipfile import ZipFile, is_zipfile
 
 import click
 
@@ -39,15 +40,16 @@ _DATA = (".json", ".yaml", ".yml")
 def command(sources: tuple[Path, ...], reading: ReadOptions, opened: bool, answer: Answer) -> None:
     """Show plans, tracts, shapes, robots, muscles and points in 3-D, on one page.
 
-    A FILE is a plan (.npz), a label volume or a surface as for 'bozzini plan', shapes, a robot or a
-    muscle (.yaml, .json; a muscle is shown as the three of an end-effector), or points (.csv with
-    x_mm, y_mm and z_mm, as the tips of a workspace). A plan and the file that it was made from are
-    shown together. The page turns, plays, measures, and shows what a camera at the tip sees.
+    A FILE is a plan or a robot's motion along one (.npz), a label volume or a surface as for
+    'bozzini plan', shapes, a robot or a muscle (.yaml, .json; a muscle is shown as the three of an
+    end-effector), or points (.csv with x_mm, y_mm and z_mm, as the tips of a workspace). A plan and
+    the file that it was made from are shown together. The page turns, plays, measures, and shows
+    what a camera at the tip sees.
     """
     if list_given(reading) and not any(map(_is_tract, sources)):
         raise InputError("there is no tract among the files: leave out how one is read")
     with answer.show_progress() as progress:
-        plans = {path: _read_plan(path) for path in sources if path.suffix.lower() == ".npz"}
+        plans = {path: _read_plan(path) for path in sources if _is_plan(path)}
         things: list[Shown] = []
         for k, path in enumerate(sources):
             progress("read", k / len(sources))
@@ -95,6 +97,10 @@ def read_shown(path: Path, reading: ReadOptions, plans: tuple[Plan, ...]) -> Sho
 
     check_file(path)
     suffix = path.suffix.lower()
+    if suffix == ".npz":
+        from ..motion.actuate.actuation import Actuation
+
+        return Actuation.load(path)
     if suffix in _DATA:
         return _read_data(path)
     if suffix == ".csv":
@@ -150,6 +156,14 @@ def _read_data(path: Path) -> Shown:
     raise FileFormatError(
         f"{path} has no 'shapes', 'sections' or 'muscle': it must hold shapes, a robot or a muscle"
     )
+
+
+def _is_plan(path: Path) -> bool:
+    """Whether a file is a plan's, and not the motion of a robot that follows one."""
+    if path.suffix.lower() != ".npz" or not is_zipfile(path):
+        return path.suffix.lower() == ".npz"
+    with ZipFile(path) as parts:
+        return "bends.npy" not in parts.namelist()
 
 
 def _is_tract(path: Path) -> bool:

@@ -94,6 +94,8 @@ class Drive:
     """
 
     has_rig = False
+    name = "model without a rig"
+    """What is driven, for people."""
 
     def __init__(self, effector: Effector) -> None:
         if len(effector.design.muscles) != 3:
@@ -173,6 +175,7 @@ class RigDrive(Drive):
 
     def __init__(self, effector: Effector, link: Link) -> None:
         super().__init__(effector)
+        self.name = "emulated rig" if isinstance(link, LockstepLink) else "rig on the bench"
         self.host = Host(link, period=PERIOD)
         self.host.connect()
         self.note = ""

@@ -87,6 +87,8 @@ class Drawing(Result):
     figure : Figure
     rig : bool
         Whether there was a rig, or the model alone.
+    by : str
+        What was driven, for people.
     states : sequence of DriveState
         Of the drive, one after the other, from the beginning of the figure on.
     reason : str
@@ -95,6 +97,7 @@ class Drawing(Result):
 
     figure: Figure
     rig: bool
+    by: str
     states: Sequence[DriveState]
     reason: str = ""
 
@@ -195,9 +198,8 @@ class Drawing(Result):
         if not len(self.states):
             return f"Nothing was drawn: {self.reason}."
         found = self.to_dict()
-        by = "emulated or real rig" if self.rig else "model without a rig"
         words = (
-            f"A {self.figure.kind} of {self.figure.size:.3g} mm, by the {by}: the tip is "
+            f"A {self.figure.kind} of {self.figure.size:.3g} mm, by the {self.by}: the tip is "
             f"{found['error_rms_mm']:.2f} mm rms from where the stick wants it, "
             f"{found['error_max_mm']:.2f} mm at most; {found['off_path_rms_mm']:.2f} mm rms off "
             f"the {self.figure.kind}, {found['off_path_max_mm']:.2f} mm at most."
@@ -263,7 +265,7 @@ async def draw(figure: Figure, drive: Drive, access: Access) -> Drawing:
                     await _wait_for(drive, "DISARMED")
             hears.cancel()
             await asyncio.gather(hears, return_exceptions=True)
-    return Drawing(figure=figure, rig=drive.has_rig, states=states, reason=reason)
+    return Drawing(figure=figure, rig=drive.has_rig, by=drive.name, states=states, reason=reason)
 
 
 async def _move(

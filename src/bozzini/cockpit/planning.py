@@ -134,6 +134,11 @@ class Bench:
         self.refused: tuple[str, ...] = ()
         self._last: Plan | None = None
 
+    @property
+    def title(self) -> str:
+        """What stands over the picture."""
+        return f"Cockpit: {self.tract.source}"
+
     def _keep_legal(self, change: Change, progress: Progress) -> Change:
         """Return what is legal of a change; `refused` says why the rest is not.
 
@@ -413,8 +418,7 @@ class Bench:
         from ..scene.make_view import view_plan
         from ..scene.view import encode_view
 
-        title = f"Cockpit: {self.tract.source}"
-        view = view_plan(plan, self.view_wall(field), title=title)
+        view = view_plan(plan, self.view_wall(field), title=self.title)
         return encode_view(replace(view, axes=getattr(self.tract, "frame", None)))
 
 
@@ -535,7 +539,8 @@ def work(pipe: Connection, job: Job, first: Change) -> None:
             try:
                 if bench is None:
                     bench = Bench(job, report)
-                    pipe.send(("scene", encode_view(bench.view_wall())))
+                    wall = replace(bench.view_wall(), title=bench.title)
+                    pipe.send(("scene", encode_view(wall)))
                 try:
                     for shown in bench.plan(pending, report):
                         pipe.send(("plan", shown))

@@ -17,6 +17,7 @@ from ..effector.effector import Effector
 from ..effector.pose import EffectorPose
 from ..effector.workspace import Workspace
 from ..errors import GeometryError, InputError
+from ..motion.actuate.actuation import Actuation
 from ..motion.plan import Plan
 from ..motion.scope import Introducer
 from ..plot.plan_data import (
@@ -42,7 +43,7 @@ from .view import (
 Wall = LabelTract | SurfaceTract | Duct
 Shown = (
     Plan | Wall | ContinuumRobot | Shape | WorkspaceSample | ContinuumWorkspace | Effector
-    | EffectorPose | Workspace | Cloud
+    | EffectorPose | Workspace | Cloud | Actuation
 )  # fmt: skip
 
 MOST_FACES = 120_000
@@ -107,6 +108,8 @@ def _view_thing(thing: Shown) -> View:
             return straight
         tips = sample_workspace(thing, _TIPS).tips
         return join_views([straight, _view_tips(tips, f"{_TIPS} places of the tip")])
+    if isinstance(thing, Actuation):
+        return _view_actuation(thing)
     if isinstance(thing, (ContinuumWorkspace, WorkspaceSample)):
         sample = thing.sample if isinstance(thing, ContinuumWorkspace) else thing
         return _view_tips(sample.tips, "places of the tip")
@@ -357,6 +360,18 @@ def _view_shape(shape: Shape) -> View:
         for name, chain in zip(robot.tendon_names, chains[1:], strict=True)
     ]
     return View(title=f"Robot: {robot.name}", bodies=(body, *tendons))
+
+
+def _view_actuation(moved: Actuation) -> View:
+    """Return the backbone of a robot that follows a plan, a step for each of its steps."""
+    robot = moved.robot
+    body = Body(
+        joints=moved.place_body(np.arange(moved.steps)),
+        radius=robot.radius,
+        insertion=moved.head_arc_length,
+        name=robot.name,
+    )
+    return View(title=f"Robot: {robot.name}", bodies=(body,))
 
 
 def _place_tendons(shape: Shape) -> list[Floats]:
