@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from ..errors import BozziniError, InputError
 from .guard import LOOPBACK, Access
 from .planning import PATIENCE, Job, Planning
-from .session import Session
+from .session import Session, run_beside
 from .wire import Change
 
 if TYPE_CHECKING:
@@ -91,6 +91,7 @@ class Cockpit:
         self.drawing: Drawing | None = None
         self._planning: Planning | None = None
         self._late: asyncio.TimerHandle | None = None
+        self._has_ended = False
 
     @property
     def address(self) -> str:
@@ -118,6 +119,7 @@ class Cockpit:
             with suppress(KeyboardInterrupt):
                 asyncio.run(self._serve(announce))
         finally:
+            self._has_ended = True
             self.listener.close()
             if self._planning is not None:
                 self._planning.close()
@@ -151,7 +153,7 @@ class Cockpit:
         """Open the drive beside the server, and let the operator draw."""
         options = self.options
         try:
-            drive = await asyncio.to_thread(self._open_drive)
+            drive = await run_beside(self._open_drive)
             self.session.drive = drive
             if options.operator is not None:
                 if options.is_shown:
@@ -170,7 +172,10 @@ class Cockpit:
     def _open_drive(self) -> Drive:
         from .drive import open_drive
 
-        return open_drive(self.options.effector, rig=self.options.rig, board=self.options.board)
+        drive = open_drive(self.options.effector, rig=self.options.rig, board=self.options.board)
+        if self._has_ended:
+            drive.close()
+        return drive
 
     async def _wait_for_window(self) -> None:
         for _ in range(int(20.0 * WAIT_FOR_WINDOW)):

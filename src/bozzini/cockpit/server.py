@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from ..errors import InputError, MissingExtraError
 from .guard import Access, Guard
-from .session import Session, Window
+from .session import Session, Window, run_beside
 from .wire import MessageError, read_message
 
 try:
@@ -96,7 +96,7 @@ def make_application(session: Session, *, page: str, folders: tuple[Path, ...]) 
         return Response(session.view, media_type="application/octet-stream")
 
     async def show_info(request: Request) -> Response:
-        return JSONResponse(await asyncio.to_thread(describe_drive, session))
+        return JSONResponse(await run_beside(lambda: describe_drive(session)))
 
     async def show_state(request: Request) -> Response:
         return JSONResponse(session.describe_all())

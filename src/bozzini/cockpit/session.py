@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import asyncio
 import secrets
+import threading
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,6 +45,38 @@ STRAIGHT = 0.01
 """A bend of less than this is none [mm]: a transducer at rest is never quite at 0."""
 LONGEST_SILENCE = 0.8
 """Time after which a window that holds the stick and says nothing of it has let go of it [s]."""
+
+
+Made = TypeVar("Made")
+
+
+async def run_beside(make: Callable[[], Made]) -> Made:
+    """Return what a function makes in a thread that nobody waits for at the end.
+
+    `asyncio.to_thread` would: an interrupt would wait until all is compiled.
+    """
+    loop = asyncio.get_running_loop()
+    done: asyncio.Future[Made] = loop.create_future()
+
+    def give(made: Made | None, error: Exception | None) -> None:
+        if done.cancelled():
+            return
+        if error is not None:
+            done.set_exception(error)
+        else:
+            done.set_result(made)  # type: ignore[arg-type]
+
+    def work() -> None:
+        made, error = None, None
+        try:
+            made = make()
+        except Exception as caught:
+            error = caught
+        with suppress(RuntimeError):  # the loop has ended
+            loop.call_soon_threadsafe(give, made, error)
+
+    threading.Thread(target=work, daemon=True).start()
+    return await done
 
 
 class Distance(Protocol):
