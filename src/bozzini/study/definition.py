@@ -57,6 +57,9 @@ class Study:
         for name in self.spec.outputs:
             if name not in self.job.outputs:
                 raise InputError(f"outputs has '{name}': the job has {', '.join(self.job.outputs)}")
+        for name in self.job.outputs:
+            if name in self.spec.factors:
+                raise InputError(f"'{name}' is a factor and an output: names must differ")
         if not self.job.outputs:
             raise InputError("outputs is empty: name those that the function gives")
         for known in (self.axes, self.limits, self.rows):
@@ -139,7 +142,8 @@ class Study:
     @cached_property
     def job(self) -> Job:
         """The job with its fixed inputs."""
-        return make_job(self.spec.job, self.fixed, self.spec.outputs)
+        named = (*self.spec.outputs, *self.spec.constraints, *self._list_aims())
+        return make_job(self.spec.job, self.fixed, tuple(dict.fromkeys(named)))
 
     @cached_property
     def outputs(self) -> dict[str, str]:

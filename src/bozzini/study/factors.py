@@ -8,7 +8,7 @@ import types
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
+from typing import Literal, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -234,8 +234,9 @@ class Axis:
                     "be above 0"
                 )
             ends = factor.clip or (-math.inf, math.inf)
-            self.clip = tuple(self._take(end) if factor.clip else float(end) for end in ends)
-            if not self.clip[0] < self.clip[1]:
+            low, high = (self._take(end) if factor.clip else float(end) for end in ends)
+            self.clip = (low, high)
+            if not low < high:
                 raise InputError(f"factors.{name}.clip is {self.clip}: give low, then high")
 
     def _take(self, value: Value) -> float:
@@ -276,7 +277,7 @@ class Axis:
 
         low, high = (float(ndtr((end - first) / second)) for end in self.clip)
         values = first + second * ndtri(np.maximum(low + shares * (high - low), 1e-300))
-        return np.clip(values, *self.clip)
+        return np.asarray(np.clip(values, self.clip[0], self.clip[1]))
 
     def pick(self, indices: NDArray[np.int64]) -> NDArray[np.generic]:
         """Return the values of a grid at indices."""
@@ -368,9 +369,9 @@ def make_schema(kind: type = StudySpec) -> Json:
     }
 
 
-def _describe(kind: Any) -> Json:
+def _describe(kind: object) -> Json:
     """Return the schema of a type."""
-    if dataclasses.is_dataclass(kind):
+    if dataclasses.is_dataclass(kind) and isinstance(kind, type):
         hints = get_type_hints(kind)
         fields = dataclasses.fields(kind)
         required = [
@@ -405,5 +406,10 @@ def _describe(kind: Any) -> Json:
         }
     if origin in (dict, Mapping):
         return {"type": "object", "additionalProperties": _describe(members[1])}
-    names = {float: "number", int: "integer", str: "string", type(None): "null"}
+    names: dict[object, str] = {
+        float: "number",
+        int: "integer",
+        str: "string",
+        type(None): "null",
+    }
     return {"type": names[kind]}

@@ -8,7 +8,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, ClassVar, SupportsFloat, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +21,7 @@ from ..effector.study import try_design
 from ..errors import BozziniError, InputError
 from ..motion.planners import PlannerOptions
 from ..motion.scope import Scope
-from ..muscle import MODELS, Muscle
+from ..muscle import MODELS, Muscle, MuscleModel
 from ..muscle import preset as muscle_preset
 from ..muscle.design import PRESETS, PRESSURE_LIMIT
 from ..registry import Registry
@@ -186,7 +186,7 @@ class EffectorJob(Job):
         code, text = np.zeros(count, dtype=np.int8), {}
         whole = {name for name, known in self.list_inputs(()).items() if known.whole}
         for i in range(count):
-            changes = {
+            changes: dict[str, object] = {
                 name: int(float(values[i])) if name in whole else float(values[i])
                 for name, values in varied.items()
             }
@@ -221,8 +221,8 @@ class MuscleJob(RowJob):
         """What `MuscleModel.solve` gives."""
         return {
             "contraction": "mm",
-            "length": "mm",
-            "braid_angle": "rad",
+            "loaded_length": "mm",
+            "loaded_angle": "rad",
             "contact_pressure": "MPa",
         }
 
@@ -235,10 +235,16 @@ class MuscleJob(RowJob):
         changed = {name: float(value) for name, value in given.items()}
         if "strands" in changed:
             changed["strands"] = int(changed["strands"])
-        state = kind(muscle.replace(**changed)).solve(pressure, load)
+        make: Callable[[Muscle], MuscleModel] = kind  # every model is made of its muscle
+        state = make(muscle.replace(**changed)).solve(pressure, load)
         if not state.converged:
             raise InputError(str(state.reason))
-        return {name: float(getattr(state, name)) for name in self.outputs}
+        return {
+            "contraction": float(state.contraction),
+            "loaded_length": float(state.length),
+            "loaded_angle": float(state.braid_angle),
+            "contact_pressure": float(state.contact_pressure),
+        }
 
 
 class InsertionJob(RowJob):
@@ -463,9 +469,9 @@ class FunctionJob(RowJob):
 
     def measure(self, row: Mapping[str, Value]) -> Mapping[str, float]:
         """Return what the function gives of a row."""
-        found = self.function(**row)
-        if not isinstance(found, Mapping):
-            found = dict.fromkeys(self.names[:1], found)
+        given = self.function(**row)
+        found: Mapping[str, SupportsFloat]
+        found = given if isinstance(given, Mapping) else {self.names[0]: cast(float, given)}
         missing = next((name for name in self.names if name not in found), None)
         if missing is not None:
             raise TypeError(f"the function gave no '{missing}'")

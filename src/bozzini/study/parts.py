@@ -35,6 +35,7 @@ def write_part(study: Study, table: pyarrow.Table, path: Path) -> Json:
     reasons = table.filter(pc.invert(table["feasible"]))["reason"].value_counts().to_pylist()
     known: Json = {
         "key": study.key,
+        "first": table["row"][0].as_py(),
         "rows": table.num_rows,
         "feasible": int(pc.sum(table["feasible"]).as_py() or 0),
         "reasons": {entry["values"] or BEYOND: entry["counts"] for entry in reasons},
@@ -52,10 +53,10 @@ def write_part(study: Study, table: pyarrow.Table, path: Path) -> Json:
     return known
 
 
-def read_part(path: Path, key: str, rows: int) -> Json | None:
-    """Return what a part states of itself; None unless it is whole, of this study, and of so many.
+def read_part(path: Path, key: str, *, rows: int, first: int) -> Json | None:
+    """Return what a part states of itself; None unless it is whole, and has these rows of a study.
 
-    Of `rows` -1 any number is right.
+    With -1 for `rows` any are right.
     """
     import pyarrow as pa
     import pyarrow.parquet as pq
@@ -63,7 +64,12 @@ def read_part(path: Path, key: str, rows: int) -> Json | None:
     try:
         found = pq.read_metadata(path)
         known: Json = json.loads(found.metadata[KEY])
+        stated = (known["key"], known["rows"], known["first"])
     except (OSError, pa.ArrowException, KeyError, TypeError, ValueError):
         return None
-    right = rows in (-1, found.num_rows) and known["rows"] == found.num_rows
-    return known if right and known["key"] == key else None
+    wanted = (key, found.num_rows, first)
+    if rows == -1:
+        wanted = (key, found.num_rows, known["first"])
+    elif rows != found.num_rows:
+        return None
+    return known if stated == wanted else None

@@ -15,8 +15,9 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
+from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ..checks import check_integer, check_path
 from ..errors import FileFormatError, InputError, MissingExtraError, OutputError
@@ -28,6 +29,7 @@ from .parts import part_name, read_part, write_part
 
 if TYPE_CHECKING:
     import pandas
+    import pyarrow
     from matplotlib.axes import Axes
 
 WINDOW = 4
@@ -275,32 +277,39 @@ def run_study(
     with reserve_directory(target / "running"):
         for left in (target / "rows").glob(".part-*"):
             left.unlink(missing_ok=True)
+        missing = [
+            index
+            for index in range(-(-study.rows // chunk))
+            if _read_index(study, target, index, chunk) is None
+        ]
+        if not missing and (target / "study.json").exists():
+            found = read_status(target)
+            if found.converged:
+                return found
         begun = time.time()
         manifest = _describe(study, chunk)
-        write_text(target / "study.json", json.dumps(manifest, indent=2) + "\n")
+        _write_manifest(target, manifest)
         if study.spec.search is not None:
             from .search import run_search
 
             run_search(study, study.spec.search, folder=target / "rows", progress=progress)
         else:
-            missing = [
-                index
-                for index in range(-(-study.rows // chunk))
-                if _read_index(study, target, index, chunk) is None
-            ]
             _compute(study, target, (missing, chunk), engine or Engine(), progress)
-        manifest["ended"] = _tell_time()
-        manifest["seconds"] = time.time() - begun
-        write_text(target / "study.json", json.dumps(manifest, indent=2) + "\n")
+        manifest |= {"ended": _tell_time(), "seconds": time.time() - begun}
+        _write_manifest(target, manifest)
         found = read_status(target)
-        manifest |= {"rows": found.rows, "failures": found.reasons}
-        write_text(target / "study.json", json.dumps(manifest, indent=2) + "\n")
+        _write_manifest(target, manifest | {"failures": found.reasons})
     return found
+
+
+def _write_manifest(folder: Path, manifest: Json) -> None:
+    write_text(folder / "study.json", json.dumps(manifest, indent=2) + "\n")
 
 
 def _read_index(study: Study, folder: Path, index: int, chunk: int) -> Json | None:
     rows = min(chunk, study.rows - index * chunk)
-    return read_part(folder / "rows" / part_name(index), study.key, rows)
+    path = folder / "rows" / part_name(index)
+    return read_part(path, study.key, rows=rows, first=index * chunk)
 
 
 def _compute(
@@ -328,10 +337,7 @@ def _compute(
         silent = 0.0
         try:
             while True:
-                while len(waiting) < WINDOW * workers:
-                    index = next(todo, None)
-                    if index is None:
-                        break
+                for index in islice(todo, WINDOW * workers - len(waiting)):
                     waiting.add(executor.submit(run_chunk, text, place, index, chunk))
                 if not waiting:
                     return
@@ -482,10 +488,10 @@ def _list_parts(folder: Path, manifest: Json) -> dict[Path, Json]:
         index = path.stem.removeprefix("part-")
         if not index.isdigit():
             continue
-        rows = -1
+        rows, first = -1, int(index) * manifest["chunk"]
         if manifest["study"].get("search") is None:
-            rows = min(manifest["chunk"], manifest["rows"] - int(index) * manifest["chunk"])
-        known = read_part(path, manifest["key"], rows)
+            rows = min(manifest["chunk"], manifest["rows"] - first)
+        known = read_part(path, manifest["key"], rows=rows, first=first)
         if known is not None and rows != 0:
             found[path] = known
     return found
@@ -536,7 +542,7 @@ def read_rows(folder: str | os.PathLike[str], columns: list[str] | None = None) 
     return _open_table(folder, columns).to_pandas()
 
 
-def _open_table(folder: str | os.PathLike[str], columns: list[str] | None = None) -> Any:
+def _open_table(folder: str | os.PathLike[str], columns: list[str] | None = None) -> pyarrow.Table:
     check_parquet()
     import pyarrow as pa
     import pyarrow.parquet as pq
