@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import platform
+import shutil
 import sys
 import threading
 import time
@@ -20,7 +21,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..checks import check_integer, check_path
-from ..errors import FileFormatError, InputError, MissingExtraError, OutputError
+from ..errors import (
+    BozziniError,
+    FileFormatError,
+    InputError,
+    MissingExtraError,
+    OutputError,
+)
 from ..io.files import check_parquet, reserve_directory, write_atomically, write_text
 from ..progress import Progress, no_progress
 from ..results import Json, Result, measured, take_axes
@@ -270,10 +277,23 @@ def run_study(
     check_parquet()
     target = check_path("folder", folder)
     chunk = _check_folder(study, target) or study.chunk
+    there = target.exists()
     try:
         (target / "rows").mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise OutputError(f"cannot write {target}: {error.strerror}") from None
+    try:
+        return _fill(study, target, chunk, engine or Engine(), progress)
+    except BozziniError:
+        if not there and not any((target / "rows").iterdir()):
+            shutil.rmtree(target, ignore_errors=True)
+        raise
+
+
+def _fill(
+    study: Study, target: Path, chunk: int, engine: Engine, progress: Progress
+) -> StudyResult:
+    """Compute what a directory lacks, if no other run does."""
     with reserve_directory(target / "running"):
         for left in (target / "rows").glob(".part-*"):
             left.unlink(missing_ok=True)
@@ -294,7 +314,7 @@ def run_study(
 
             run_search(study, study.spec.search, folder=target / "rows", progress=progress)
         else:
-            _compute(study, target, (missing, chunk), engine or Engine(), progress)
+            _compute(study, target, (missing, chunk), engine, progress)
         manifest |= {"ended": _tell_time(), "seconds": time.time() - begun}
         _write_manifest(target, manifest)
         found = read_status(target)
