@@ -152,6 +152,9 @@ def test_damaged_and_missing_parts_are_computed_again(tmp_path: Path) -> None:
     run_study(make_study(chunk=50, sampling={"method": "sobol", "count": 50, "seed": 8}),
               tmp_path / "other", engine=SERIAL)  # fmt: skip
     parts[4].write_bytes((tmp_path / "other" / "rows" / parts[0].name).read_bytes())
+    data = bytearray(parts[5].read_bytes())
+    data[200] ^= 255  # inside its pages, before the footer
+    parts[5].write_bytes(data)
     (folder / "rows" / ".part-000001.xyz.parquet").write_bytes(b"left over")
     run_study(study, folder, engine=SERIAL)
     assert read_rows(folder).equals(read_rows(tmp_path / "whole"))

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from .style import AMBER, BLUE, GRID, INK
+from .style import AMBER, BLUE, GRID
 
 if TYPE_CHECKING:
     import pandas
@@ -22,7 +22,7 @@ MOST_CELLS = 60
 
 
 def draw_map(rows: pandas.DataFrame, columns: Sequence[str]) -> Figure:
-    """Draw a third column over two others; cells without a feasible row are hatched.
+    """Draw a third column over two others; cells without a feasible row are grey.
 
     Parameters
     ----------
@@ -48,14 +48,11 @@ def draw_map(rows: pandas.DataFrame, columns: Sequence[str]) -> Figure:
     with np.errstate(invalid="ignore"):
         mean = np.where(count > 0, summed / count, np.nan)
     figure, axes = _start(columns[0], columns[1])
-    axes.pcolor(
-        x_edges, y_edges, np.ma.masked_where((count > 0) | (total == 0), np.ones(shape)),
-        hatch="///", alpha=0.0, edgecolor=INK, linewidth=0.0,
-    )  # fmt: skip
+    axes.set_facecolor(GRID)
     drawn = axes.pcolormesh(x_edges, y_edges, np.ma.masked_invalid(mean), cmap="viridis")
     figure.colorbar(drawn, ax=axes, label=label)
     if np.any((count == 0) & (total > 0)):
-        axes.set_title("hatched: no feasible row", fontsize=9, loc="left")
+        axes.set_title("grey: no feasible row", fontsize=9, loc="left")
     return figure
 
 

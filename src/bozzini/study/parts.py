@@ -45,7 +45,9 @@ def write_part(study: Study, table: pyarrow.Table, path: Path) -> Json:
 
     def write(place: Path) -> None:
         with place.open("wb") as stream:
-            pq.write_table(table, pa.PythonFile(stream), compression="zstd")
+            pq.write_table(
+                table, pa.PythonFile(stream), compression="zstd", write_page_checksum=True
+            )
             stream.flush()
             os.fsync(stream.fileno())
 
@@ -53,16 +55,18 @@ def write_part(study: Study, table: pyarrow.Table, path: Path) -> Json:
     return known
 
 
-def read_part(path: Path, key: str, *, rows: int, first: int) -> Json | None:
+def read_part(path: Path, key: str, *, rows: int, first: int, deep: bool = False) -> Json | None:
     """Return what a part states of itself; None unless it is whole, and has these rows of a study.
 
-    With -1 for `rows` any are right.
+    With -1 for `rows` any are right. What it holds is read, and its check sums compared, if `deep`.
     """
     import pyarrow as pa
     import pyarrow.parquet as pq
 
     try:
         found = pq.read_metadata(path)
+        if deep:
+            load_part(path)
         known: Json = json.loads(found.metadata[KEY])
         stated = (known["key"], known["rows"], known["first"])
     except (OSError, pa.ArrowException, KeyError, TypeError, ValueError):
@@ -73,3 +77,12 @@ def read_part(path: Path, key: str, *, rows: int, first: int) -> Json | None:
     elif rows != found.num_rows:
         return None
     return known if stated == wanted else None
+
+
+def load_part(path: Path, columns: list[str] | None = None) -> pyarrow.Table:
+    """Return the rows of a part; an error of pyarrow or of reading if it is damaged."""
+    import pyarrow.parquet as pq
+
+    table = pq.read_table(path, columns=columns, page_checksum_verification=True)
+    table.validate(full=True)
+    return table

@@ -32,7 +32,7 @@ from ..io.files import check_parquet, reserve_directory, write_atomically, write
 from ..progress import Progress, no_progress
 from ..results import Json, Result, measured, take_axes
 from .definition import Study, take_study
-from .parts import part_name, read_part, write_part
+from .parts import load_part, part_name, read_part, write_part
 
 if TYPE_CHECKING:
     import pandas
@@ -329,7 +329,7 @@ def _write_manifest(folder: Path, manifest: Json) -> None:
 def _read_index(study: Study, folder: Path, index: int, chunk: int) -> Json | None:
     rows = min(chunk, study.rows - index * chunk)
     path = folder / "rows" / part_name(index)
-    return read_part(path, study.key, rows=rows, first=index * chunk)
+    return read_part(path, study.key, rows=rows, first=index * chunk, deep=True)
 
 
 def _compute(
@@ -565,13 +565,22 @@ def read_rows(folder: str | os.PathLike[str], columns: list[str] | None = None) 
 def _open_table(folder: str | os.PathLike[str], columns: list[str] | None = None) -> pyarrow.Table:
     check_parquet()
     import pyarrow as pa
-    import pyarrow.parquet as pq
 
     parts = _list_parts(Path(folder), read_manifest(folder))
     if not parts:
         raise FileFormatError(f"{folder} has no finished part yet")
-    tables = [pq.read_table(path, columns=columns).unify_dictionaries() for path in parts]
-    return pa.concat_tables(tables).replace_schema_metadata(None)
+    tables = []
+    for path in parts:
+        try:
+            tables.append(load_part(path, columns).replace_schema_metadata(None))
+        except (OSError, pa.ArrowException):
+            raise FileFormatError(
+                f"{path} is damaged: 'bozzini study resume {folder}' computes it again"
+            ) from None
+    try:
+        return pa.concat_tables(tables).unify_dictionaries()
+    except pa.ArrowException:
+        raise FileFormatError(f"{folder}: the parts have different columns") from None
 
 
 def export_rows(folder: str | os.PathLike[str], path: str | os.PathLike[str]) -> int:
