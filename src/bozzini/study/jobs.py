@@ -286,7 +286,7 @@ class InsertionJob(RowJob):
         for name in ("diameter", "link_length"):
             if name not in row:
                 raise InputError(f"a scope needs {name}: fix it or vary it")
-        space = _open_tract(
+        space = open_tract(
             str(row.get("tract", "")),
             float(row.get("phantom", -1.0)),
             str(row.get("labels", "")),
@@ -315,7 +315,7 @@ class InsertionJob(RowJob):
 
 
 @lru_cache(maxsize=4)
-def _open_tract(
+def open_tract(
     source: str, phantom: float, labels: str, organ: str, voxel: float, inflate: float
 ) -> FreeSpace:
     """Return the free space of a tract, with its centreline; the last few are kept."""
