@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import os
 import platform
 import shutil
@@ -45,6 +46,11 @@ WINDOW = 4
 FORMAT = "bozzini-study-result-1"
 PATIENCE_S = 10.0
 """How long a cluster may be silent."""
+_QUIET_DASK = {
+    "distributed.worker.profile.enabled": False,
+    "distributed.admin.system-monitor.interval": "5s",
+}
+"""Settings of a cluster of our own: nobody looks at its profiles, which cost processor time."""
 _THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 
 
@@ -193,15 +199,20 @@ class Engine:
 
     def _open_cluster(self, cluster: str) -> Iterator[tuple[Executor, int, Callable[[], bool]]]:
         try:
+            import dask
             from distributed import Client, LocalCluster
         except ImportError:
             raise MissingExtraError("distributed", "sweeps") from None
         local = None
         try:
             if cluster == "local":
-                local = LocalCluster(
-                    n_workers=self.count, threads_per_worker=1, dashboard_address=None
-                )
+                with dask.config.set(_QUIET_DASK):
+                    local = LocalCluster(
+                        n_workers=self.count,
+                        threads_per_worker=1,
+                        dashboard_address=None,
+                        silence_logs=logging.CRITICAL,
+                    )
                 client = Client(local)
             elif cluster.endswith(".json"):
                 if not Path(cluster).is_file():
