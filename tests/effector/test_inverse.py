@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from functools import partial
 from typing import Any
@@ -17,6 +18,7 @@ from bozzini.effector.equilibrium import balance
 from bozzini.effector.inverse import find_reach, solve_inverse
 from bozzini.effector.linkage import find_peak, lateral_deflection
 from bozzini.effector.pose import pose
+from bozzini.effector.workspace import workspace
 from bozzini.muscle import EnergyMuscle, ThesisMuscle
 from tests.effector.models import SpringMuscle
 from tests.effector.strategies import designs
@@ -204,3 +206,23 @@ def test_reach_is_the_balance_at_the_limit() -> None:
     assert find_reach(effector) is known
     with pytest.raises(ValueError, match="read-only"):
         known.amplitudes[0] = 1.0
+
+
+def test_muscles_that_differ_reach_each_its_own_amplitude() -> None:
+    # R, G and B are not in the order of their angles.
+    design = effector_preset("prototype")
+    placed = tuple(
+        dataclasses.replace(one, muscle=one.muscle.replace(modulus=modulus))
+        for one, modulus in zip(design.muscles, (0.45, 0.55, 0.7), strict=True)
+    )
+    effector = Effector(design.replace(muscles=placed))
+    amplitudes = find_reach(effector).amplitudes
+    units = np.stack([np.cos(design.angles), np.sin(design.angles)], axis=1)
+    ends = amplitudes[:, np.newaxis] * units
+    assert solve_inverse(effector, 0.999 * ends).converged.all()
+    cut = solve_inverse(effector, 1.2 * ends)
+    assert not cut.reachable.any()
+    assert cut.share == pytest.approx(1.0 / 1.2)
+    boundary = workspace(effector).boundary
+    for end in ends:
+        assert np.hypot(*(boundary - end).T).min() == pytest.approx(0.0, abs=1e-9)

@@ -44,6 +44,7 @@ COMMANDS = {
     "continuum": "Bend a tendon robot: pose, reach, compare models, workspace.",
     "rig": "Drive the pneumatic rig, emulated or on the bench.",
     "effector": "Bend a catheter tip by pneumatic muscles: pose, reach, trace.",
+    "study": "Compute many rows from one file: sweeps, tolerances, maps.",
     "vision": "Measure lengths, shapes and points in pictures: boards, cameras.",
 }
 """Each command and its line in the help; its code is ``bozzini.cli.<name>.command``."""

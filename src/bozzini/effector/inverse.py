@@ -162,7 +162,7 @@ def project_inverse(
     targets = take_targets(target)
     sectors = find_sectors(design)
     limit = check_number("peak", 1e12 if peak == math.inf else peak, low=0.0, high=1e12, unit="mm")
-    return split(sectors, targets, take_amplitudes(design, amplitudes)[sectors.order], limit)
+    return split(sectors, targets, take_amplitudes(design, amplitudes), limit)
 
 
 def take_targets(target: ArrayLike) -> Floats:
@@ -200,7 +200,7 @@ def split(
     amplitudes: Floats,
     peak: float,
 ) -> ProjectedInverse:
-    """Return the inverse of checked targets; `amplitudes` in the order of the sectors."""
+    """Return the inverse of checked targets; `amplitudes` in the order of the design."""
     shape, count = targets.shape[:-1], sectors.order.size
     flat = np.ascontiguousarray(targets).reshape(-1, 2)
     rows = len(flat)
@@ -213,7 +213,7 @@ def split(
         sectors.cosines,
         sectors.sines,
         sectors.covered,
-        amplitudes,
+        amplitudes[sectors.order],
         peak,
         flat,
         displacements,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +18,7 @@ from ..muscle import Muscle
 from ..progress import Progress, no_progress
 from ..results import Json, Result, measured, take_axes, to_plain
 from ..units import add_unit
+from .batch import HIGHEST_PRESSURE_MPA, can_batch, measure_designs
 from .design import EffectorDesign, PlacedMuscle
 from .effector import Effector
 from .inverse import MISS_TOLERANCE_MM, find_reach, solve_displacements
@@ -301,7 +302,7 @@ def find_needed_pressure(effector: Effector, deflection: float) -> float:
     names = effector.design.names
     moves = wanted * np.eye(len(names))
     # The thesis's muscle contracts less again at several MPa: below the limit first.
-    for limit in (effector.design.pressure_limit, _HIGHEST_PRESSURE_MPA):
+    for limit in (effector.design.pressure_limit, HIGHEST_PRESSURE_MPA):
         _, pressures, residual, _ = solve_displacements(effector, moves, limit=limit)
         needed = pressures.diagonal()
         failed = np.flatnonzero(~(residual <= MISS_TOLERANCE_MM) | ~(needed > 0.0))
@@ -310,13 +311,9 @@ def find_needed_pressure(effector: Effector, deflection: float) -> float:
     if failed.size:
         raise InputError(
             f"deflection is {wanted:g} mm: muscle {names[failed[0]]} does not reach it at any "
-            f"pressure up to {_HIGHEST_PRESSURE_MPA:g} MPa"
+            f"pressure up to {HIGHEST_PRESSURE_MPA:g} MPa"
         )
     return float(needed.max())
-
-
-_HIGHEST_PRESSURE_MPA = 10.0
-"""Pressure up to which one is looked for [MPa]: the largest that a design may have as limit."""
 
 
 def sweep(
@@ -353,30 +350,86 @@ def sweep(
     total = math.prod(len(values) for values in choices)
     if total > MOST_DESIGNS:
         raise InputError(f"there are {total} designs to try: at most {MOST_DESIGNS} at once")
+    cases = [dict(zip(names, values, strict=True)) for values in itertools.product(*choices)]
+    if can_batch(effector, names):
+        made = _try_batch(effector, cases, wanted)
+    else:
+        made = (try_design(effector, changes, wanted) for changes in cases)
     rows = []
-    for index, values in enumerate(itertools.product(*choices)):
-        changes = dict(zip(names, values, strict=True))
-        rows.append(_try_design(effector, changes, wanted))
+    for index, row in enumerate(made):
+        rows.append(row)
         progress("designs", (index + 1) / total)
     return Sweep(parameters=names, deflection=wanted, rows=tuple(rows))
 
 
-def _try_design(effector: Effector, changes: Changes, deflection: float) -> SweepRow:
+def _try_batch(effector: Effector, cases: list[Changes], deflection: float) -> Iterator[SweepRow]:
+    """Yield what `try_design` gives of each case, by the compiled batch."""
+    columns = {name: np.array([changes[name] for changes in cases]) for name in cases[0]}
+    found = measure_designs(effector, columns, deflection=deflection)
+    for i, changes in enumerate(cases):
+        if not found.code[i]:
+            reason = ""
+        else:
+            reason = explain_design(effector, changes, deflection=deflection)
+        built = math.isfinite(found.area[i])
+        needed = float(found.needed_pressure[i])
+        yield SweepRow(
+            changes=changes,
+            feasible=not reason,
+            reason=reason,
+            least_amplitude=float(found.least_amplitude[i]) if built else 0.0,
+            largest_amplitude=float(found.largest_amplitude[i]) if built else 0.0,
+            inner_radius=float(found.inner_radius[i]) if built else 0.0,
+            area=float(found.area[i]) if built else 0.0,
+            needed_pressure=needed if math.isfinite(needed) else 0.0,
+            built=built,
+        )
+
+
+def explain_design(
+    effector: Effector, changes: Mapping[str, object], *, deflection: float = 0.0
+) -> str:
+    """Return why a design does not do, as `sweep` states it; empty if it does.
+
+    Parameters
+    ----------
+    effector : Effector
+        Its design is what is changed.
+    changes : mapping
+        As in `change_design`.
+    deflection : float
+        Deflection that every muscle alone must reach [mm]; 0 for none.
+    """
+    try:
+        tried = Effector(change_design(effector.design, changes), effector.model)
+        find_reach(tried)
+    except BozziniError as error:
+        return str(error)
+    return _judge_pressure(tried, deflection)[1]
+
+
+def _judge_pressure(tried: Effector, deflection: float) -> tuple[float, str]:
+    """Return the pressure that a deflection needs [MPa], and why the design does not do."""
+    if deflection <= 0.0:
+        return 0.0, ""
+    limit = tried.design.pressure_limit
+    try:
+        needed = find_needed_pressure(tried, deflection)
+    except InputError as error:
+        return 0.0, str(error)
+    over = needed > limit
+    return needed, f"it needs {needed:.4g} MPa of at most {limit:g} MPa" if over else ""
+
+
+def try_design(effector: Effector, changes: Changes, deflection: float) -> SweepRow:
+    """Return a row of a sweep by the public functions, one design at a time, for any model."""
     try:
         tried = Effector(change_design(effector.design, changes), effector.model)
         known = find_reach(tried)
         found = workspace(tried, directions=12, samples=1)
     except BozziniError as error:
         return SweepRow(changes=changes, feasible=False, built=False, reason=str(error))
-    needed, reason = 0.0, ""
-    if deflection > 0.0:
-        limit = tried.design.pressure_limit
-        try:
-            needed = find_needed_pressure(tried, deflection)
-        except InputError as error:
-            reason = str(error)
-        if needed > limit:
-            reason = f"it needs {needed:.4g} MPa of at most {limit:g} MPa"
+    needed, reason = _judge_pressure(tried, deflection)
     return SweepRow(
         changes=changes,
         feasible=not reason,

@@ -21,7 +21,7 @@ from .refusal import Refusal
 from .scope import SIZE_MIN_MM, Scope
 from .shape import SHORTEST_MM
 from .space import FreeSpace
-from .tube import MARGINS, Job, Style
+from .tube import MARGINS, Job, Style, TubeMotion
 
 DIAMETER_STEP_MM, LINK_STEP_MM, INFLATION_STEP_MM = 0.05, 0.25, 0.1
 """Values that are tried are multiples of these, so that they are printed as they are."""
@@ -119,6 +119,28 @@ def find_largest(
     )
 
 
+def certify_scope(
+    space: FreeSpace, scope: Scope, *, options: PlannerOptions | None = None
+) -> float | None:
+    """Return the certified clearance of a motion along the whole way [mm]; None if none is found.
+
+    That is the answer of ``plan_insertion(method="tube")`` alone: why there is none is not sought,
+    nor how far the scope gets, nor what would fit, which takes far longer.
+
+    Parameters
+    ----------
+    space : FreeSpace
+        With its line.
+    scope : Scope
+    options : PlannerOptions, optional
+        As for `plan_insertion`.
+    """
+    motion = _Trials(
+        space, options or PlannerOptions(), Style(freedom=1.0), thorough=True
+    ).find_motion(scope)
+    return None if motion is None else float(motion.certificate.clearance)
+
+
 def find_advice(job: Job, refusal: Refusal, *, progress: Progress = no_progress) -> Refusal:
     """Add to a refusal what a certified plan of the whole way is found for.
 
@@ -193,18 +215,22 @@ class _Trials:
 
     def pass_with(self, scope: Scope) -> bool:
         """Whether a certified plan of the whole way is found for a scope."""
+        return self.find_motion(scope) is not None
+
+    def find_motion(self, scope: Scope) -> TubeMotion | None:
+        """Return a certified motion of a scope along the whole way; None if none is found."""
         self.count += 1
         self.progress(self.count)
         line = self.space.centreline
         if self.space.passages.bound[0] < scope.radius or scope.link_length > line.length:
-            return False
+            return None
         try:
             check_size(scope, line, self.options)
         except BozziniError:
-            return False
+            return None
         space = self.space.for_link(scope.link_length)
         motion = Job(space, scope, self.options, self.style).try_whole_way(thorough=self.thorough)
-        return motion is not None and motion.refusal is None
+        return motion if motion is not None and motion.refusal is None else None
 
 
 def _find_near(

@@ -330,7 +330,7 @@ class _Given:
 
 def _limit_by_bore(muscle: Muscle) -> float:
     """Return half the inner radius, or of the outer one while that is unset [mm]."""
-    return 0.5 * float(vars(muscle).get("inner_radius", muscle.outer_radius))
+    return 0.5 * vars(muscle).get("inner_radius", muscle.outer_radius)  # type: ignore[no-any-return]
 
 
 def _limit_strand(muscle: Muscle) -> float:
@@ -339,8 +339,8 @@ def _limit_strand(muscle: Muscle) -> float:
     Those of one family are ``4 pi r cos(angle) / strands`` apart.
     """
     known = vars(muscle)
-    cosine = math.cos(known.get("braid_angle", 0.0))
-    return 2.0 * math.pi * muscle.braid_radius * cosine / float(known.get("strands", 2))
+    cosine = np.cos(known.get("braid_angle", 0.0))
+    return 2.0 * math.pi * muscle.braid_radius * cosine / known.get("strands", 2)  # type: ignore[no-any-return]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -464,7 +464,7 @@ class Muscle:
         default=0.0,
         scale=0.02,
         low=0.0,
-        high=lambda muscle: min(0.25 * muscle.braid_radius, _limit_by_bore(muscle)),
+        high=lambda muscle: np.minimum(0.25 * muscle.braid_radius, _limit_by_bore(muscle)),
     )
 
     def __post_init__(self) -> None:

@@ -6,12 +6,28 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from .definition import Study
+    from .factors import Factor, Limit, Sampling, Search, StudySpec
     from .insertion import InsertionStudy, run_insertion
+    from .jobs import JOBS, Job, RowJob, Rows
     from .options import InsertionOptions, PathOptions, ReadOptions, TractFitOptions
+    from .run import Engine, StudyResult, read_rows, run_study
     from .shapes import FitStudy, SectionStudy, run_fit, run_sections
     from .traverse import LimitsStudy, run_limits
 
 __all__ = [
+    "JOBS",
+    "Engine",
+    "Factor",
+    "Job",
+    "Limit",
+    "RowJob",
+    "Rows",
+    "Sampling",
+    "Search",
+    "Study",
+    "StudyResult",
+    "StudySpec",
     "TractFitOptions",
     "FitStudy",
     "InsertionOptions",
@@ -24,11 +40,17 @@ __all__ = [
     "run_insertion",
     "run_limits",
     "run_sections",
+    "run_study",
+    "read_rows",
 ]
 
 _MODULES = {
+    "definition": ("Study",),
+    "factors": ("Factor", "Limit", "Sampling", "Search", "StudySpec"),
     "insertion": ("InsertionStudy", "run_insertion"),
+    "jobs": ("JOBS", "Job", "RowJob", "Rows"),
     "options": ("TractFitOptions", "InsertionOptions", "PathOptions", "ReadOptions"),
+    "run": ("Engine", "StudyResult", "read_rows", "run_study"),
     "shapes": ("FitStudy", "SectionStudy", "run_fit", "run_sections"),
     "traverse": ("LimitsStudy", "run_limits"),
 }

@@ -110,6 +110,21 @@ def split_targets(
 
 
 @njit(cache=True)
+def place_displacement(linkage, top, highest, wanted):
+    """Contraction of a displacement, what is left over [mm] and iterations."""
+    if wanted >= highest:
+        # Where the linkage ends its slope is endless: no step comes as near as this.
+        return top, wanted - highest, 0
+    if not wanted > 0.0:
+        return 0.0, 0.0, 0
+    # The deflection grows about with the square of the contraction.
+    start = 0.8 * top * math.sqrt(wanted / highest)
+    contraction, steps = find_contraction(linkage, wanted, top, start)
+    reached, _, failed = measure_lateral(linkage, contraction)
+    return contraction, abs(reached - wanted) if failed == 0 else wanted, steps
+
+
+@njit(cache=True)
 def place_displacements(linkage, top, displacements, contractions, residuals, iterations):
     """Fill the contractions (n, m) of displacements, what is left over [mm] and iterations (n,)."""
     highest, _, _ = measure_lateral(linkage, top)
@@ -117,20 +132,11 @@ def place_displacements(linkage, top, displacements, contractions, residuals, it
         residuals[n] = 0.0
         iterations[n] = 0
         for k in range(displacements.shape[1]):
-            wanted = displacements[n, k]
-            contractions[n, k] = 0.0
-            if wanted >= highest:
-                # Where the linkage ends its slope is endless: no step comes as near as this.
-                contractions[n, k] = top
-                residuals[n] = max(residuals[n], wanted - highest)
-            elif wanted > 0.0:
-                # The deflection grows about with the square of the contraction.
-                start = 0.8 * top * math.sqrt(wanted / highest)
-                contractions[n, k], steps = find_contraction(linkage, wanted, top, start)
-                iterations[n] += steps
-                reached, _, failed = measure_lateral(linkage, contractions[n, k])
-                miss = abs(reached - wanted) if failed == 0 else wanted
-                residuals[n] = max(residuals[n], miss)
+            contractions[n, k], miss, steps = place_displacement(
+                linkage, top, highest, displacements[n, k]
+            )
+            iterations[n] += steps
+            residuals[n] = max(residuals[n], miss)
 
 
 @njit(cache=True)
@@ -159,6 +165,36 @@ def measure_left_over(
 
 
 @njit(cache=True)
+def solve_pressure(addresses, numbers, linkage, compliance, limit, displacement, contraction, out):
+    """The pressure of a muscle with a kernel, by how much it then misses [mm], and iterations.
+
+    ``addresses`` (3,) are those of its functions, ``out`` (3,) is overwritten.
+    """
+    steps = call_pressure(
+        addresses[2],
+        numbers.ctypes.data,
+        contraction,
+        displacement / compliance,
+        limit,
+        out.ctypes.data,
+    )
+    pressure = out[0]
+    left = measure_left_over(
+        addresses[0],
+        addresses[1],
+        numbers,
+        linkage,
+        compliance,
+        displacement,
+        contraction,
+        pressure,
+        out,
+    )
+    left = abs(left)
+    return pressure, left if left < math.inf else math.inf, steps
+
+
+@njit(cache=True)
 def solve_pressures(
     functions,
     rows,
@@ -177,27 +213,21 @@ def solve_pressures(
     """
     work = np.empty(3)
     for k in range(functions.shape[0]):
-        start, pull, find_pressure = functions[k, 0], functions[k, 1], functions[k, 2]
-        if start == 0:
+        if functions[k, 0] == 0:
             continue
-        numbers = rows[k]
         for n in range(displacements.shape[0]):
             pressures[n, k] = 0.0
             wanted = displacements[n, k]
             if wanted > 0.0:
-                x = contractions[n, k]
-                steps = call_pressure(
-                    find_pressure,
-                    numbers.ctypes.data,
-                    x,
-                    wanted / compliance,
+                pressures[n, k], left, steps = solve_pressure(
+                    functions[k],
+                    rows[k],
+                    linkage,
+                    compliance,
                     limit,
-                    work.ctypes.data,
+                    wanted,
+                    contractions[n, k],
+                    work,
                 )
-                pressure = work[0]
-                left = measure_left_over(
-                    start, pull, numbers, linkage, compliance, wanted, x, pressure, work
-                )
-                pressures[n, k] = pressure
-                residuals[n] = max(residuals[n], abs(left))
+                residuals[n] = max(residuals[n], left)
                 iterations[n] += steps

@@ -24,7 +24,7 @@ MAX_ITERATIONS = 200
 CONVERGED, TOO_HEAVY, TOO_LIGHT, STOPPED = 0, 1, 2, 3
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def swell_terms(design, swell):
     """``f``, ``f'`` and ``f''`` of the wall's hoop and radial energy in the swell.
 
@@ -67,20 +67,23 @@ def braid_swell(design, stretch):
     )
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def free_swell(design, target):
-    """The swell of a free tube, where ``f' = target >= 0``; Newton from the left, f' is concave."""
+    """The swell of a free tube, where ``f' = target >= 0``; Newton from the left, f' is concave.
+
+    Not finite where no wall of rubber holds that pressure.
+    """
     swell = 0.0
     for _ in range(MAX_ITERATIONS):
         _, slope, curve = swell_terms(design, swell)
         step = (target - slope) / curve
         swell += step
-        if step <= 1e-15 * (design[3] + swell):
+        if not step > 1e-15 * (design[3] + swell):
             break
     return swell
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def find_force(design, pressure, stretch, sign):
     """Pull [N], its slope in the stretch, contact pressure [MPa] and swell, at a stretch.
 
@@ -256,6 +259,41 @@ def find_closed_bore(design, inside, outside):
         else:
             outside = stretch
     return inside
+
+
+@njit(cache=True)
+def pack_design(inner, outer, angle, gap, modulus, mooney_ratio, friction_length, past_locking):
+    """A muscle's radii [mm], angle [rad], modulus [MPa] and so on as the tuple ``design``.
+
+    The last two numbers, the legal stretches, end where the bore is squeezed shut or the braid
+    locks; with friction at ``past_locking``, a cosine.
+    """
+    cosine, sine = math.cos(angle), math.sin(angle)
+    shear = modulus / 6.0
+    radius = outer + gap
+    crossing = 8.0 * math.pi / 3.0 * radius * cosine / sine
+    locked = 1.0 / (math.sqrt(3.0) * cosine)
+    design = (
+        cosine,
+        sine,
+        radius,
+        inner * inner,
+        outer * outer,
+        math.log(outer / inner),
+        shear * (1.0 - mooney_ratio),
+        shear * mooney_ratio,
+        crossing * friction_length,
+        locked,
+        1.0 / cosine,
+    )
+    low = locked
+    if friction_length > 0.0:
+        low = find_closed_bore(design, locked, past_locking / cosine)
+    high = find_closed_bore(design, 1.0, 1.0 / cosine)
+    return (
+        design[0], design[1], design[2], design[3], design[4], design[5], design[6], design[7],
+        design[8], low, high,
+    )  # fmt: skip
 
 
 @njit(cache=True)

@@ -42,25 +42,17 @@ ENDS: tuple[Ends, ...] = get_args(Ends)
 
 def pack_design(muscle: Muscle) -> tuple[float, ...]:
     """Return a muscle as the kernels take it; the last two are the legal stretches."""
-    cosine, sine = math.cos(muscle.braid_angle), math.sin(muscle.braid_angle)
-    shear = float(muscle.modulus) / 6.0
-    crossing = 8.0 * math.pi / 3.0 * muscle.braid_radius * cosine / sine
-    design = (
-        cosine,
-        sine,
-        float(muscle.braid_radius),
-        float(muscle.inner_radius) ** 2,
-        float(muscle.outer_radius) ** 2,
-        math.log(muscle.outer_radius / muscle.inner_radius),
-        shear * (1.0 - float(muscle.mooney_ratio)),
-        shear * float(muscle.mooney_ratio),
-        crossing * float(muscle.friction_length),
+    packed: tuple[float, ...] = kernels.pack_design(
+        float(muscle.inner_radius),
+        float(muscle.outer_radius),
+        float(muscle.braid_angle),
+        float(muscle.gap),
+        float(muscle.modulus),
+        float(muscle.mooney_ratio),
+        float(muscle.friction_length),
+        PAST_LOCKING,
     )
-    low = locked = 1.0 / (math.sqrt(3.0) * cosine)
-    if muscle.friction_length > 0.0:
-        low = kernels.find_closed_bore(design, locked, PAST_LOCKING / cosine)
-    high = kernels.find_closed_bore(design, 1.0, 1.0 / cosine)
-    return (*design, float(low), float(high))
+    return packed
 
 
 @dataclass(frozen=True)
