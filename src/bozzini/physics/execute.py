@@ -34,6 +34,9 @@ STALLED = 0.05
 STALLED_DIAMETERS = 3.0
 """Length over which that must be so, in diameters of the body."""
 
+ON_MM = 40.0
+"""How far a scope is pushed on after a loop [mm]."""
+
 _NEAR_MM = 40.0  # along the way, between places of the tip in neighbouring rows
 
 
@@ -126,7 +129,7 @@ class Execution(Result):
         }
 
     def list_contacts(self) -> Mapping[str, Floats]:
-        """Return a table of contacts: a row for each in each row of the record."""
+        """Return a table of contacts: in each row of the record, when the largest force acted."""
         rows = self.touched[:, 0].astype(np.int64)
         names = ["link", "x_mm", "y_mm", "z_mm", "force_x_N", "force_y_N", "force_z_N"]
         table = dict(zip([*names, "normal_force_N"], self.touched[:, 1:].T, strict=True))
@@ -265,6 +268,8 @@ class _Run:
             if k % every == 0 or k == steps or outside:
                 self._record(k * step)
                 progress("execute", k / steps)
+                if self._is_over():
+                    break
             if outside:
                 self.why = (
                     f"a link is outside the lumen after {k * step:.2f} s, near "
@@ -273,6 +278,14 @@ class _Run:
                 break
         spent = clock.process_time() - begin
         return self._finish(outside, simulation.data.time / max(spent, 1e-9))
+
+    def _is_over(self) -> bool:
+        """Whether a motion without a time table has come to its end, or goes on after a loop."""
+        if self.drive.find_goal(self.rows[-1][0]) is not None:
+            return False
+        diameter = 2.0 * self.drive.chain.radius
+        there = float(np.linalg.norm(self.joints[-1][0] - self.line[-1])) <= diameter
+        return there or self.rows[-1][1] > self.looped[0] + ON_MM
 
     def _note(self) -> None:
         """Keep the largest forces since the last row."""
@@ -291,7 +304,7 @@ class _Run:
                 float(len(touch.links)),
             ]
         )
-        if self.touch is None or found[1] > self.largest[1]:
+        if self.touch is None or found[2] > self.largest[2]:
             self.touch = touch
         self.largest = np.maximum(self.largest, found)
 

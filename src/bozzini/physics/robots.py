@@ -8,13 +8,13 @@ from typing import Protocol
 
 import numpy as np
 
-from ..checks import check_fields, quantity
 from ..continuum.robot import RobotDesign
 from ..errors import InputError
 from ..motion.actuate.actuation import Actuation
 from ..motion.plan import Plan
 from ..motion.scope import Introducer
 from ..numeric.polylines import carry_frames, interpolate_polyline
+from .options import ScopeOptions
 from .simulate import Chain, Route, Simulation
 from .walls import Floats
 
@@ -56,49 +56,6 @@ def clock_motion(way: Floats, speed: float) -> Floats:
         np.sqrt(2.0 * way * RAMP_S / speed),
         0.5 * RAMP_S + way / speed,
     )
-
-
-@dataclass(frozen=True, kw_only=True)
-class ScopeOptions:
-    """Gains of the planned chain, and what a pushed scope is; all assumed unless cited.
-
-    Parameters
-    ----------
-    servo : float
-        Gain of each joint of the planned chain [N mm/rad].
-    rigidity : float
-        Flexural rigidity of the pushed scope's shaft [N mm^2]; see `COLONOSCOPE_RIGIDITY`.
-    tip_length : float
-        Length at the tip that is bent by the operator [mm].
-    tip_bend : float
-        How far the tip bends at most [rad].
-    tip_rate : float
-        How fast it bends at most [rad/s].
-
-    Raises
-    ------
-    InputError
-        If a value is outside its legal range.
-    """
-
-    servo: float = quantity("moment", "Gain of each joint of the planned chain, per rad.",
-                            default=200.0, low=1e-3, high=1e6)  # fmt: skip
-    rigidity: float = quantity(
-        "rigidity", "Bending stiffness of the pushed scope's shaft.", default=26_000.0, low=1.0,
-        high=1e9,
-    )  # fmt: skip
-    tip_length: float = quantity(
-        "length", "Length at the tip of the pushed scope that is steered.", default=60.0, low=1.0
-    )
-    tip_bend: float = quantity(
-        "angle", "How far it bends at most.", default=math.radians(180.0), low=0.0, high=6.0
-    )
-    tip_rate: float = quantity(
-        "dimensionless", "How fast it bends at most, in rad/s.", default=1.0, low=0.0, high=100.0
-    )
-
-    def __post_init__(self) -> None:
-        check_fields(self)
 
 
 def find_bends(joints: Floats, base: Floats) -> Floats:

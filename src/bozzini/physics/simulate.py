@@ -330,13 +330,14 @@ class Simulation:
         # MuJoCo finds contacts with bodies; the forces are ours, as its stiffness is one per mass.
         bodies = self.model.geom_contype == _WALL
         self.model.geom_margin[bodies] = -_UNUSED_MM
-        self.model.geom_gap[bodies] = _UNUSED_MM + MARGIN_MM
+        self.model.geom_gap[bodies] = _UNUSED_MM + 4.0 * MARGIN_MM
         mujoco.mj_forward(self.model, self.data)
         self.tendon_lengths: Floats = self.data.ten_length.copy()
         self._index = np.zeros(MOST_CONTACTS, dtype=np.int64)
         self._depth = np.zeros(MOST_CONTACTS)
         self._normal = np.zeros((MOST_CONTACTS, 3))
         self._bodies = self._samples[0] + 2
+        self._before = np.zeros((len(self._bodies), 3))
         self._points = np.empty((len(self._bodies), 3))
         self._mass = np.zeros((self.model.nv, self.model.nv))
 
@@ -412,9 +413,10 @@ class Simulation:
         from .kernels.contact import find_contacts
 
         data, links = self.data, self._bodies
+        margin = MARGIN_MM + 2.0 * self.dynamics.step * abs(float(data.qvel[0]))
         count, least, where = find_contacts(
             self._packed, wall.tube, self._frame, data.xpos[links], data.xmat[links, 2::3],
-            self._samples[1], self._points, self.chain.radius + MARGIN_MM, self._index,
+            self._samples[1], self._points, (self.chain.radius, margin), self._index,
             self._depth, self._normal,
         )  # fmt: skip
         self.least, self.tightest = least - self.chain.radius, self._points[where].copy()
@@ -427,8 +429,9 @@ class Simulation:
             self._balance(
                 self._points[index] - self.chain.radius * normals,
                 normals,
-                self._depth[:count] + self.chain.radius,
+                self._depth[:count].copy(),
                 self._samples[0][index],
+                index.copy(),
             )
 
     def _list_contacts(self) -> tuple[Floats, Floats, Floats, NDArray[np.int64]]:
@@ -460,9 +463,17 @@ class Simulation:
         return np.vstack([self.wall.duct.to_grid(np.eye(3)) - origin, origin])
 
     def _balance(
-        self, places: Floats, normals: Floats, depth: Floats, links: NDArray[np.int64]
+        self,
+        places: Floats,
+        normals: Floats,
+        depth: Floats,
+        links: NDArray[np.int64],
+        samples: NDArray[np.int64] | None = None,
     ) -> None:
-        """Find the forces of the wall at the end of the step, and apply them."""
+        """Find the forces of the wall at the end of the step, and apply them.
+
+        Those of `samples` begin as they were in the step before.
+        """
         from .kernels.contact import balance_contacts, fill_jacobian
 
         model, data, wall = self.model, self.data, self.wall
@@ -483,8 +494,14 @@ class Simulation:
         stiffness = NEWTON * options.stiffness
         law = (stiffness, stiffness * options.damping, options.friction, step)
         force = np.zeros(3 * count)
-        balance_contacts(rows @ solved[:, 1:], velocity, depth, law, force)
+        if samples is not None:
+            force[:] = self._before[samples].ravel()
+        effect = np.ascontiguousarray(solved[:, 1:].T)
+        balance_contacts(rows, effect, velocity, depth, law, force)
         data.qfrc_applied[:] = rows.T @ force
+        if samples is not None:
+            self._before[:] = 0.0
+            self._before[samples] = force.reshape(-1, 3)
         force = force.reshape(-1, 3) / NEWTON
         touch = Touch(
             places=places,

@@ -15,26 +15,24 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..anatomy.tract import LabelTract, SurfaceTract, name_place
-from ..checks import check_fields, quantity
 from ..duct.base import Duct
 from ..errors import GeometryError, InputError
 from ..motion.scope import Introducer
 from ..scene.make_view import draw_wall
+from .options import WallOptions
 
 Floats = NDArray[np.float64]
-WallKind = Literal["prism", "penalty"]
 
 NEWTON = 1e3
 """Of the unit of force of a scene in mm, kg and s: mN."""
 
-MARGIN_MM = 0.2
-"""Samples that come this near are looked at before they touch."""
+MARGIN_MM = 0.05
+"""What comes this near is looked at before it touches, besides what it moves in two steps [mm]."""
 
 THIN_MM = 0.4
 """A wall between two lumens thinner than this is reported."""
@@ -42,69 +40,12 @@ THIN_MM = 0.4
 THINNEST_MM = 0.02
 """Prisms are this thick at least: thinner bodies have no volume for MuJoCo."""
 
+FLAT_SHARE = 1e-4
+"""Area of a hole over the squares of its edges, up to which it is none."""
+
 _RISE = 0.5  # of the distance by the depth, below which another lumen is near
 _SHARE = 0.75  # of the depth where that is so: then half the gap is left
 _DEPTHS = 24
-
-
-@dataclass(frozen=True, kw_only=True)
-class WallOptions:
-    """What the wall of a lumen is in a simulation.
-
-    Parameters
-    ----------
-    kind : {"penalty", "prism"}
-        The lumen's own signed distance, or a convex body behind each triangle.
-    stiffness : float
-        Force of the wall by depth, at each place of contact [N/mm].
-    damping : float
-        Force of the wall by the velocity of its place, over its stiffness [s].
-    friction : float
-        Coefficient of Coulomb friction.
-    faces : int
-        Triangles of a wall of prisms, about.
-    thickness : float
-        Largest thickness of a prism [mm].
-    mouth : float
-        Faces this near to the introducer's axis are cut [mm].
-
-    Raises
-    ------
-    InputError
-        If a value is outside its legal range.
-    """
-
-    kind: WallKind = quantity(
-        "text", "What the wall is made of.", default="penalty", words=("penalty", "prism"),
-        option="wall",
-    )  # fmt: skip
-    stiffness: float = quantity(
-        "stiffness", "Of the wall, at each place of contact.", default=0.3, low=1e-4, high=1e4
-    )
-    damping: float = quantity(
-        "time", "Of the wall, over its stiffness.", default=0.005, low=0.0, high=10.0,
-        option="wall-damping",
-    )  # fmt: skip
-    friction: float = quantity(
-        "dimensionless", "Coefficient of friction on the wall.", default=0.1, low=0.0, high=2.0
-    )
-    faces: int = quantity(
-        help="Triangles of a wall of prisms.", whole=True, default=4000, low=100, high=100_000
-    )
-    thickness: float = quantity(
-        "length", "Largest thickness of a prism.", default=3.0, low=0.1, high=50.0
-    )
-    mouth: float = quantity(
-        "length", "Faces this near to the introducer's axis are cut.", default=9.0, low=0.0
-    )
-
-    def __post_init__(self) -> None:
-        check_fields(self)
-
-    @property
-    def compliance(self) -> float:
-        """Depth by force at each place of contact [mm/N]."""
-        return 1.0 / self.stiffness
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -195,15 +136,30 @@ def build_prisms(
 
 
 def _check_closed(vertices: Floats, faces: NDArray[np.int64]) -> None:
-    sides = np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
-    edges, counts = np.unique(sides, axis=0, return_counts=True)
-    open_ = edges[counts % 2 == 1]
-    if len(open_):
-        place = name_place(vertices[open_[0]].mean(axis=0))
-        raise GeometryError(
-            f"the wall is open: {len(open_)} edges have one triangle, the first near {place} mm; "
-            "a wall of prisms must be closed"
-        )
+    """Raise `GeometryError` if there is a hole that has an area.
+
+    A hole without one is what a flat triangle leaves that was taken away.
+    """
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    sides = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+    _, first, counts = np.unique(np.sort(sides, axis=1), axis=0, return_index=True,
+                                 return_counts=True)  # fmt: skip
+    open_ = sides[first[counts % 2 == 1]]
+    if not len(open_):
+        return
+    graph = coo_matrix((np.ones(len(open_)), open_.T), shape=(len(vertices),) * 2)
+    hole = connected_components(graph, directed=False)[1][open_[:, 0]]
+    for number in np.unique(hole):
+        ends = vertices[open_[hole == number]]
+        middle = ends.mean(axis=(0, 1))
+        area = 0.5 * np.linalg.norm(np.cross(*np.moveaxis(ends - middle, 1, 0)).sum(axis=0))
+        if area > FLAT_SHARE * np.sum((ends[:, 1] - ends[:, 0]) ** 2):
+            raise GeometryError(
+                f"the wall is open: a hole of {len(ends)} edges near {name_place(middle)} mm; a "
+                "wall of prisms must be closed"
+            )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

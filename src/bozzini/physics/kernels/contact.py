@@ -14,6 +14,9 @@ from numba import njit
 
 from ...duct.kernels.clearance import clearance_slope
 
+SWEEPS = 200
+TOLERANCE = 1e-6
+
 
 @njit(cache=True)
 def measure_gap(duct, tube, x, y, z):
@@ -34,16 +37,21 @@ def measure_gap(duct, tube, x, y, z):
 
 
 @njit(cache=True)
-def find_contacts(duct, tube, frame, bodies, turns, along, points, margin, index, depth, normal):
-    """List the samples on the body's axis that touch or come within `margin` of touching.
+def find_contacts(duct, tube, frame, bodies, turns, along, points, size, index, depth, normal):
+    """List the samples of the body that touch or come near to touching.
 
     `frame` (4, 3) takes the world to the duct's own frame: three rows and the place of the origin.
     `bodies` (m, 3) and `turns` (m, 3) are the place and the axis of each sample's link, `along` how
-    far it is along that; `margin` is what is added to the depth of the axis.
+    far it is along that; `size` has the body's radius and how near is near.
+
+    A sample is a ball. Its direction to the wall is that of its centre's gradient first, then twice
+    that of the place on its skin which that gives: near the middle of a narrow lumen the gradient
+    at the centre says little.
 
     Fills where samples are, and for each contact which sample it is, its depth and the unit normal
-    into the lumen; returns how many there are, the least clearance of the axis, and its sample.
+    into the lumen; returns how many there are, the least clearance of the centres, and its sample.
     """
+    radius, near = size
     count, least, where = 0, math.inf, 0
     local = np.empty(3)
     for i in range(points.shape[0]):
@@ -56,13 +64,20 @@ def find_contacts(duct, tube, frame, bodies, turns, along, points, margin, index
         clear, gx, gy, gz = measure_gap(duct, tube, local[0], local[1], local[2])
         if clear < least:
             least, where = clear, i
-        size = math.sqrt(gx * gx + gy * gy + gz * gz)
-        if clear < margin and size > 1e-6 and count < index.shape[0]:
+        if clear > radius + near or count == index.shape[0]:
+            continue
+        for _ in range(2):
+            scale = radius / max(math.sqrt(gx * gx + gy * gy + gz * gz), 1e-9)
+            clear, gx, gy, gz = measure_gap(
+                duct, tube, local[0] - scale * gx, local[1] - scale * gy, local[2] - scale * gz
+            )
+        length = math.sqrt(gx * gx + gy * gy + gz * gz)
+        if clear < near and length > 1e-6:
             index[count] = i
             depth[count] = -clear
-            normal[count, 0] = gx / size
-            normal[count, 1] = gy / size
-            normal[count, 2] = gz / size
+            normal[count, 0] = gx / length
+            normal[count, 1] = gy / length
+            normal[count, 2] = gz / length
             count += 1
     return count, least, where
 
@@ -123,47 +138,75 @@ def fill_jacobian(axes, anchors, places, owners, frames, jacobian):
 
 
 @njit(cache=True)
-def balance_contacts(coupling, velocity, depth, law, force):
+def balance_contacts(rows, effect, velocity, depth, law, force):
     """Find the contact forces (3 n,) at the end of a step, and return the last change [mN].
 
     The wall's force is its stiffness times the depth at the end of the step, and its damping times
-    the velocity then, both unknown: `coupling` (3 n, 3 n) says how forces change velocities. It is
-    never negative; friction stops what slides, up to Coulomb's limit. Gauss and Seidel, from the
-    forces given. `law` holds stiffness, damping, friction and the length of the step.
+    the velocity then, both unknown. It is never negative; friction stops what slides, up to
+    Coulomb's limit. Gauss and Seidel, from the forces given.
+
+    Parameters
+    ----------
+    rows, effect : (3 n, v) float
+        Velocity of each contact, normal and two tangents, by those of the joints; and what a force
+        there does to these in a second.
+    velocity : (3 n,) float
+        At the end of the step without forces.
+    depth : (n,) float
+        At its beginning.
+    law : tuple
+        Stiffness, damping, friction and the length of the step.
+    force : (3 n,) float
+        Is changed.
     """
     stiffness, damping, friction, step = law
-    n = depth.shape[0]
+    n, count = depth.shape[0], rows.shape[1]
+    gain = stiffness * step + damping
+    own = np.empty(3 * n)
+    joint = np.zeros(count)  # what all forces do to the joints' velocities
+    for i in range(3 * n):
+        own[i] = 0.0
+        for v in range(count):
+            own[i] += step * rows[i, v] * effect[i, v]
+            joint[v] += step * effect[i, v] * force[i]
     change = 0.0
-    for _ in range(500):
+    for _ in range(SWEEPS):
         change, largest = 0.0, 1e-9
         for c in range(n):
             i = 3 * c
-            gain = stiffness * step + damping
             moved = velocity[i]
-            for j in range(3 * n):
-                if j != i:
-                    moved += step * coupling[i, j] * force[j]
-            new = (stiffness * depth[c] - gain * moved) / (1.0 + gain * step * coupling[i, i])
-            new = max(new, 0.0)
-            change = max(change, abs(new - force[i]))
-            force[i] = new
+            for v in range(count):
+                moved += rows[i, v] * joint[v]
+            moved -= own[i] * force[i]
+            new = max((stiffness * depth[c] - gain * moved) / (1.0 + gain * own[i]), 0.0)
+            added = new - force[i]
+            if added != 0.0:
+                for v in range(count):
+                    joint[v] += step * effect[i, v] * added
+                force[i] = new
+            change = max(change, abs(added))
             largest = max(largest, new)
-            if friction <= 0.0:
-                force[i + 1] = 0.0
-                force[i + 2] = 0.0
-                continue
             was_t, was_s = force[i + 1], force[i + 2]
-            for k in (i + 1, i + 2):
-                moved = velocity[k]
-                for j in range(3 * n):
-                    moved += step * coupling[k, j] * force[j]
-                force[k] -= moved / (step * max(coupling[k, k], 1e-12))
+            if (new == 0.0 or friction <= 0.0) and was_t == 0.0 and was_s == 0.0:
+                continue
+            along, across = velocity[i + 1], velocity[i + 2]
+            for v in range(count):
+                along += rows[i + 1, v] * joint[v]
+                across += rows[i + 2, v] * joint[v]
+            stop = 1.0 / max(own[i + 1] + own[i + 2], 1e-12)
+            force[i + 1] -= stop * along
+            force[i + 2] -= stop * across
             size = math.sqrt(force[i + 1] ** 2 + force[i + 2] ** 2)
             most = friction * new
             if size > most:
                 force[i + 1] *= most / size
                 force[i + 2] *= most / size
+            for v in range(count):
+                joint[v] += step * (
+                    effect[i + 1, v] * (force[i + 1] - was_t)
+                    + effect[i + 2, v] * (force[i + 2] - was_s)
+                )
             change = max(change, abs(force[i + 1] - was_t), abs(force[i + 2] - was_s))
-        if change < 1e-7 * largest:
+        if change < TOLERANCE * largest:
             break
     return change
