@@ -155,9 +155,20 @@ def test_a_link_outside_the_lumen_is_an_error_and_no_picture(clear: Scenery) -> 
     assert found.reason.startswith("a link is outside the lumen after")
 
 
-def test_a_base_off_the_introducers_axis_is_refused(clear: Scenery) -> None:
+def test_a_last_joint_off_the_introducers_axis_is_held_by_a_link_more(clear: Scenery) -> None:
+    tube = clear.plan.get_introducer()
     joints = clear.plan.joints.copy()
-    joints[-1, -1, 0] += 3.0
+    aside = carry_frames(tube.outward[None])[0, :, 0]
+    # The last link is turned about its front joint.
+    lean = np.array([0.9, 0.1]) @ np.stack([tube.outward, aside])
+    joints[-1, -1] = joints[-1, -2] + 8.0 * lean / np.linalg.norm(lean)
+    plan = dataclasses.replace(clear.plan, joints=joints)
+    drive = PlanDrive(plan)
+    assert len(drive.chain.lengths) == plan.links + 1
+    simulation = Simulation(drive.chain)
+    simulation.place(drive.table[-1])
+    assert simulation.joints[:-1] == pytest.approx(joints[-1], abs=1e-6)
+    joints[-1, -1] += 20.0 * aside
     with pytest.raises(InputError, match="off the introducer's axis"):
         PlanDrive(dataclasses.replace(clear.plan, joints=joints))
 

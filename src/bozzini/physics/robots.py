@@ -30,7 +30,7 @@ RAMP_S = 0.5
 TENDON_STIFFNESS_N = 5000.0
 """EA of a tendon that the robot's file says does not stretch."""
 
-_FARTHEST_OFF_MM = 0.5
+_OFF_AXIS_MM = 0.02  # of the last joint, which is left as it is
 
 
 class Drive(Protocol):
@@ -111,7 +111,7 @@ class PlanDrive:
     Raises
     ------
     InputError
-        If the plan has no introducer, or its last joint is not in it.
+        If the plan has no introducer, or its last joint is off its axis by more than a link.
     """
 
     plan: Plan
@@ -121,17 +121,10 @@ class PlanDrive:
     def __post_init__(self) -> None:
         plan, scope = self.plan, self.plan.get_scope()
         tube = plan.get_introducer()
-        joints = plan.joints[:, ::-1]
+        joints = _hold_tail(plan.joints[:, ::-1], tube, scope.link_length)
         lengths = np.linalg.norm(np.diff(joints[0], axis=0), axis=1)
         frame = stand_outside(tube, float(lengths.sum()))
-        last = joints[:, 0] - frame[:3, 3]
-        slide = last @ frame[:3, 2]
-        off = np.linalg.norm(last - slide[:, None] * frame[:3, 2], axis=1).max()
-        if off > _FARTHEST_OFF_MM:
-            raise InputError(
-                f"the plan's last joint is up to {off:.3g} mm off the introducer's axis: at most "
-                f"{_FARTHEST_OFF_MM:g} mm can be driven by a slide"
-            )
+        slide = (joints[:, 0] - frame[:3, 3]) @ frame[:3, 2]
         count = len(lengths)
         self.chain = Chain(
             lengths=lengths,
@@ -163,6 +156,26 @@ class PlanDrive:
         """Return the head of the plan at a time."""
         heads = self.plan.joints[:, 0]
         return np.array([np.interp(time, self.times, heads[:, k]) for k in range(3)])
+
+
+def _hold_tail(joints: Floats, tube: Introducer, link: float) -> Floats:
+    """Return chains (steps, n, 3), base first, whose base stays on the introducer's axis.
+
+    Where the last joint leaves the axis a link more holds it, from a place on the axis.
+    """
+    way = joints[:, 0] - tube.entry
+    along = way @ tube.outward
+    off = np.linalg.norm(way - along[:, None] * tube.outward, axis=1)
+    if off.max() <= _OFF_AXIS_MM:
+        return joints
+    if off.max() >= link:
+        raise InputError(
+            f"the plan's last joint is up to {off.max():.3g} mm off the introducer's axis: it must "
+            f"be less than the length of a link, {link:g} mm"
+        )
+    back = along + np.sqrt(link**2 - off**2)
+    base = tube.entry + back[:, None] * tube.outward
+    return np.concatenate([base[:, None], joints], axis=1)
 
 
 def spread_rigidity(rigidity: Floats, lengths: Floats) -> Floats:
