@@ -13,6 +13,8 @@ __all__ = [
     "ExecuteOptions",
     "Execution",
     "ExecutionStudy",
+    "Insertion",
+    "Lumen",
     "LumenWall",
     "PlanDrive",
     "PushDrive",
@@ -28,6 +30,7 @@ __all__ = [
     "format_mjcf",
     "format_trajectory",
     "format_urdf",
+    "rate_policy",
     "run_trials",
     "study_execution",
 ]
@@ -35,6 +38,7 @@ __all__ = [
 _MODULES = {
     name: module
     for module, names in {
+        "environment": ("Insertion", "Lumen", "rate_policy"),
         "execute": ("Execution", "execute"),
         "export": ("format_mjcf", "format_trajectory", "format_urdf"),
         "options": ("ExecuteOptions", "ScopeOptions", "WallOptions"),

@@ -68,24 +68,10 @@ def find_bends(joints: Floats, base: Floats) -> Floats:
     base : (3, 3) float
         Axes of the base as columns; z is the way in.
     """
-    steps, count = joints.shape[0], joints.shape[1] - 1
-    ways = np.diff(joints, axis=1)
-    ways /= np.linalg.norm(ways, axis=2, keepdims=True)
-    turns = np.broadcast_to(base, (steps, 3, 3)).copy()
-    bends = np.empty((steps, 2 * count))
-    for k in range(count):
-        local = np.einsum("sij,si->sj", turns, ways[:, k])
-        a = np.arctan2(-local[:, 1], local[:, 2])
-        b = np.arcsin(np.clip(local[:, 0], -1.0, 1.0))
-        bends[:, 2 * k], bends[:, 2 * k + 1] = a, b
-        zero, one = np.zeros(steps), np.ones(steps)
-        about_x = np.stack(
-            [one, zero, zero, zero, np.cos(a), -np.sin(a), zero, np.sin(a), np.cos(a)], axis=1
-        ).reshape(-1, 3, 3)
-        about_y = np.stack(
-            [np.cos(b), zero, np.sin(b), zero, one, zero, -np.sin(b), zero, np.cos(b)], axis=1
-        ).reshape(-1, 3, 3)
-        turns = turns @ about_x @ about_y
+    from .kernels.chain import fill_bends
+
+    bends = np.empty((joints.shape[0], 2 * (joints.shape[1] - 1)))
+    fill_bends(np.ascontiguousarray(joints, dtype=np.float64), np.ascontiguousarray(base), bends)
     return bends
 
 

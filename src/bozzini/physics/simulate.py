@@ -374,9 +374,11 @@ class Simulation:
         return float(self.data.actuator_force[0]) / NEWTON
 
     def place(self, positions: Floats) -> None:
-        """Put the slide and the hinges (v,) somewhere, at rest."""
+        """Put the slide and the hinges (v,) somewhere, at rest, and begin anew."""
+        mujoco.mj_resetData(self.model, self.data)
+        self.touch, self.least, self.work = _NONE, math.inf, 0.0
+        self._before[:] = 0.0
         self.data.qpos[:] = positions
-        self.data.qvel[:] = 0.0
         mujoco.mj_forward(self.model, self.data)
 
     def step(self, control: Floats, rates: Floats | None = None) -> None:

@@ -131,10 +131,15 @@ def fill_jacobian(axes, anchors, places, owners, frames, jacobian):
             if v >= owners[c]:
                 jacobian[3 * c : 3 * c + 3, v] = 0.0
                 continue
-            w = axes[v] if v == 0 else np.cross(axes[v], places[c] - anchors[v])
-            jacobian[3 * c, v] = n[0] * w[0] + n[1] * w[1] + n[2] * w[2]
-            jacobian[3 * c + 1, v] = t[0] * w[0] + t[1] * w[1] + t[2] * w[2]
-            jacobian[3 * c + 2, v] = s[0] * w[0] + s[1] * w[1] + s[2] * w[2]
+            ax, ay, az = axes[v, 0], axes[v, 1], axes[v, 2]
+            if v > 0:
+                dx = places[c, 0] - anchors[v, 0]
+                dy = places[c, 1] - anchors[v, 1]
+                dz = places[c, 2] - anchors[v, 2]
+                ax, ay, az = ay * dz - az * dy, az * dx - ax * dz, ax * dy - ay * dx
+            for r in range(3):
+                f = frames[c, r]
+                jacobian[3 * c + r, v] = f[0] * ax + f[1] * ay + f[2] * az
 
 
 @njit(cache=True)
