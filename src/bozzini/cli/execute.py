@@ -38,7 +38,7 @@ _path = click.Path(path_type=Path)
 )
 @click.option(
     "--repeats", type=click.IntRange(1, 1000), default=1, show_default=True,
-    help="Starts in each phantom; those after the first have joints a little off.",
+    help="Starts in each phantom; after the first, pose, speed, friction and gains are drawn.",
 )  # fmt: skip
 @answer_options(
     default="bozzini-execution",

@@ -96,7 +96,7 @@ class ScopeOptions:
     """
 
     servo: float = quantity("moment", "Gain of each joint of the planned chain, per rad.",
-                            default=200.0, low=1e-3, high=1e6)  # fmt: skip
+                            default=2000.0, low=1e-3, high=1e6)  # fmt: skip
     rigidity: float = quantity(
         "rigidity", "Bending stiffness of the pushed scope's shaft.", default=26_000.0, low=1.0,
         high=1e9,

@@ -24,6 +24,9 @@ COLONOSCOPE_RIGIDITY = (26_000.0, 40_000.0)
 Flexural and torsional rigidity of colonoscopes at room and body temperatures, Proc. Inst. Mech.
 Eng. H 225 (2011), 389-399."""
 
+SERVO_DAMPING_S = 0.0045
+"""Damping of a joint's servo over its gain [s]; assumed."""
+
 RAMP_S = 0.5
 """Time in which a drive comes up to speed."""
 
@@ -118,6 +121,7 @@ class PlanDrive:
             frame=frame,
             springs=np.zeros(count),
             servos=np.full(count, self.options.servo),
+            servo_damping=SERVO_DAMPING_S * self.options.servo,
         )
         self.table = np.column_stack([slide, find_bends(joints, frame[:3, :3])])
         self.table[:, 1:] = np.unwrap(self.table[:, 1:], axis=0)

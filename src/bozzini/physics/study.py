@@ -43,8 +43,9 @@ PUSHED_LENGTH = 1.5
 SLACK_MM = 0.5
 """Between a pushed scope and its introducer."""
 
-START_ANGLE_RAD = 0.02
-"""Standard deviation of the joints of a repeat before it begins."""
+STARTS = {"angle": (0.05,), "speed": (0.7, 1.3), "friction": (0.0, 0.3), "servo": (0.5, 2.0)}
+"""What is drawn for a start after the first: the head's three joints off by a standard deviation
+[rad]; a factor of the speed, the coefficient of friction and a factor of the gain of the servos."""
 
 _COLOURS = ("#f3c66b", "#e8862d", "#c0392b")  # of the force map: a third of the largest force each
 
@@ -64,6 +65,10 @@ class Scenery:
         The motion of a tendon robot along it.
     scope : ScopeOptions
     wall : WallOptions
+    haste : float
+        Factor of the speed.
+    aside : (6,) float
+        By how much the head's joints are off at the start [rad].
     """
 
     plan: Plan
@@ -72,6 +77,8 @@ class Scenery:
     actuation: Actuation | None = None
     scope: ScopeOptions = field(default_factory=ScopeOptions)
     wall: WallOptions = field(default_factory=WallOptions)
+    haste: float = 1.0
+    aside: Floats = field(default_factory=lambda: np.zeros(6))
 
     @classmethod
     def from_plan(
@@ -136,6 +143,19 @@ class Scenery:
             options=self.wall,
         )
 
+    def _draw_start(self, options: ExecuteOptions, repeat: int) -> Scenery:
+        """Return the same with another start, speed, friction and gain."""
+        random = np.random.default_rng((options.seed, repeat))
+        servo = self.scope.servo * float(random.uniform(*STARTS["servo"]))
+        friction = float(random.uniform(*STARTS["friction"]))
+        return dataclasses.replace(
+            self,
+            aside=STARTS["angle"][0] * random.standard_normal(6),
+            haste=float(random.uniform(*STARTS["speed"])),
+            scope=dataclasses.replace(self.scope, servo=servo),
+            wall=dataclasses.replace(self.wall, friction=friction),
+        )
+
     def run(
         self,
         options: ExecuteOptions,
@@ -143,12 +163,13 @@ class Scenery:
         repeat: int = 0,
         progress: Progress = no_progress,
     ) -> Execution:
-        """Drive once; repeats after the first begin with joints a little off, drawn by the seed."""
-        drive = self.make_drive(options.drive, options.speed)
+        """Drive once; starts after the first are drawn by the seed, as `STARTS` says."""
         if repeat:
-            random = np.random.default_rng((options.seed, repeat))
-            drive.start = drive.start.copy()
-            drive.start[1:] += START_ANGLE_RAD * random.standard_normal(len(drive.start) - 1)
+            return self._draw_start(options, repeat).run(options, progress=progress)
+        drive = self.make_drive(options.drive, self.haste * options.speed)
+        drive.start = drive.start.copy()
+        head = drive.start[1:][-len(self.aside) :]
+        head += self.aside[: len(head)]
         way = drive.line if isinstance(drive, PushDrive) else self.line
         return execute(
             drive,
@@ -508,7 +529,8 @@ def run_trials(
             refused[seed] = plan.reason or "its clearance is not proved"
             continue
         scenery = Scenery(plan=plan, duct=duct, scope=gains, wall=wall)
-        for repeat, found in _repeat(scenery, options, repeats):
+        drawn = dataclasses.replace(options, seed=seed)
+        for repeat, found in _repeat(scenery, drawn, repeats):
             errors = found.tip_error[np.isfinite(found.tip_error)]
             rows.append(
                 (
