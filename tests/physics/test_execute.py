@@ -192,3 +192,44 @@ def test_an_introducer_that_stands_outside_ends_at_the_entry(clear: Scenery) -> 
     frame = stand_outside(tube, 50.0)
     assert frame[:3, 3] + 50.0 * frame[:3, 2] == pytest.approx(tube.entry)
     assert isinstance(clear.plan, Plan)
+
+
+def test_a_wall_gives_way_by_force_over_stiffness_and_is_smooth(touching: Scenery) -> None:
+    import trimesh
+
+    found = touching.run(FAST)
+    place = found.touched[np.argmax(found.touched[:, 8]), 2:5]
+    # A plane through the place that is pressed most, seen from below.
+    mesh = trimesh.creation.box([60.0, 60.0, 1.0]).subdivide_to_size(1.5)
+    mesh.apply_translation(place - [0.0, 0.0, 0.5])
+    surface = np.asarray(mesh.vertices), np.asarray(mesh.faces)
+    sharp, moved = found.displace_wall(surface, spread=0.0)
+    assert moved.max() == pytest.approx(found.normal_peak.max() * found.compliance)
+    assert np.linalg.norm(sharp - surface[0], axis=1) == pytest.approx(moved)
+    smooth = found.displace_wall(surface, spread=6.0)[1]
+    assert 0.0 < smooth.max() < moved.max()
+    assert np.count_nonzero(smooth > 1e-6) > np.count_nonzero(moved > 1e-6)
+
+
+def test_tendons_of_stated_length_bend_a_free_robot_as_arcs_do() -> None:
+    from bozzini.continuum import ContinuumRobot, Section, Tendon
+    from bozzini.physics.robots import build_tendon_chain
+
+    tendons = tuple(
+        Tendon(name=f"t{k}", offset=3.0, angle=k * 2.0 * math.pi / 3.0, stiffness=1e5)
+        for k in range(3)
+    )
+    robot = ContinuumRobot(
+        (Section(length=60.0, tendons=tendons, radius=4.0, bending_stiffness=200.0),)
+    )
+    simulation = Simulation(build_tendon_chain(robot, np.eye(4)))
+    bend = 0.6
+    pulls = np.array([3.0 * bend * math.cos(k * 2.0 * math.pi / 3.0) for k in range(3)])
+    for k in range(2000):
+        lengths = simulation.tendon_lengths - min(1.0, k / 1000.0) * pulls
+        simulation.step(np.append(0.0, lengths))
+    angle = math.acos(float(simulation.tip_frame[2, 2]))
+    assert angle == pytest.approx(bend, rel=0.05)
+    arc = 60.0 / bend
+    assert simulation.joints[0, 0] == pytest.approx(arc * (1.0 - math.cos(bend)), rel=0.05)
+    assert simulation.joints[0, 2] == pytest.approx(arc * math.sin(bend), rel=0.02)

@@ -181,6 +181,44 @@ class Execution(Result):
             forces[near] = np.maximum(forces[near], force)
         return forces
 
+    def displace_wall(
+        self, surface: tuple[Floats, NDArray[np.int64]], *, spread: float = 5.0
+    ) -> tuple[Floats, Floats]:
+        """Return a wall (n, 3) pressed outwards by the motion, and by how much (n,) [mm].
+
+        A first step, no model of tissue: each vertex moves along its normal by the largest force
+        near it over the wall's stiffness, smoothed along the surface over `spread` [mm]. Places do
+        not hold each other, volume and thickness are not kept, and the motion was not changed.
+
+        Parameters
+        ----------
+        surface : (n, 3) float, (m, 3) int
+            The wall [mm], turned outwards.
+        spread : float
+            Standard deviation of the smoothing [mm].
+        """
+        from scipy.sparse import coo_matrix, diags
+
+        vertices, faces = surface
+        forces = self.map_forces(vertices)
+        crosses = np.cross(
+            vertices[faces[:, 1]] - vertices[faces[:, 0]],
+            vertices[faces[:, 2]] - vertices[faces[:, 0]],
+        )
+        normals = np.zeros_like(vertices)
+        np.add.at(normals, faces.ravel(), np.repeat(crosses, 3, axis=0))
+        normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+        sides = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+        ones = np.ones(len(sides))
+        graph = coo_matrix((ones, sides.T), shape=(len(vertices),) * 2).tocsr()
+        graph = ((graph + graph.T) > 0).astype(np.float64)
+        average = diags(1.0 / np.maximum(graph.sum(axis=1).A1, 1.0)) @ graph
+        edge = float(np.linalg.norm(np.diff(vertices[sides], axis=1), axis=2).mean())
+        moved = self.compliance * forces
+        for _ in range(round((spread / edge) ** 2)):  # steps of diffusion, of one edge each
+            moved = 0.5 * (moved + average @ moved)
+        return vertices + moved[:, None] * normals, moved
+
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the forces over the insertion, and return the axes."""
         axes = take_axes(ax, x="base moved in [mm]", y="force [N]")
@@ -395,7 +433,7 @@ class _Run:
         names = ("time", "inserted", "push_force", "resultant", "normal_sum", "normal_peak")
         columns = dict(zip(names, table.T[:6], strict=True))
         return Execution(
-            drive=type(self.drive).__name__.removesuffix("Drive").lower(),
+            drive=self.drive.name,
             **columns,
             contacts=table[:, 6].astype(np.int64),
             clearance=table[:, 7],

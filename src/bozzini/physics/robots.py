@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 import numpy as np
 
@@ -27,6 +27,9 @@ Eng. H 225 (2011), 389-399."""
 SERVO_DAMPING_S = 0.0045
 """Damping of a joint's servo over its gain [s]; assumed."""
 
+HOLES = np.array([0.2, 0.8])
+"""Where a tendon passes a link, over its length: near its ends, or a bend would make it slack."""
+
 RAMP_S = 0.5
 """Time in which a drive comes up to speed."""
 
@@ -38,6 +41,10 @@ _OFF_AXIS_MM = 0.02  # of the last joint, which is left as it is
 
 class Drive(Protocol):
     """What commands a chain: its start, and where its drives are to be at a time."""
+
+    @property
+    def name(self) -> str:
+        """How it is called."""
 
     chain: Chain
     start: Floats
@@ -106,6 +113,8 @@ class PlanDrive:
     plan: Plan
     speed: float = 20.0
     options: ScopeOptions = field(default_factory=ScopeOptions)
+
+    name: ClassVar[str] = "plan"
 
     def __post_init__(self) -> None:
         plan, scope = self.plan, self.plan.get_scope()
@@ -220,6 +229,8 @@ class PushDrive:
     options: ScopeOptions = field(default_factory=ScopeOptions)
     steered: bool = True
 
+    name: ClassVar[str] = "push"
+
     def __post_init__(self) -> None:
         options = self.options
         count = max(2, math.ceil(self.length / self.link))
@@ -286,8 +297,10 @@ class PushDrive:
         return
 
 
-def build_tendon_chain(robot: RobotDesign, frame: Floats, *, most: float = 10.0) -> Chain:
-    """Return a tendon robot as links between its discs, elastic in bending, with its tendons.
+def build_tendon_chain(robot: RobotDesign, frame: Floats, *, most: float = 5.0) -> Chain:
+    """Return a tendon robot as even links in each section, elastic in bending, with its tendons.
+
+    A tendon passes two holes of each link where its routing does, and ends where that ends.
 
     Twist, shear and stretch of the backbone, weight and friction of tendons are left out.
 
@@ -299,7 +312,7 @@ def build_tendon_chain(robot: RobotDesign, frame: Floats, *, most: float = 10.0)
     most : float
         Longest link [mm].
     """
-    stations = robot.stations()
+    stations = np.append(0.0, robot.section_ends)
     cut = [
         np.linspace(a, b, max(1, math.ceil((b - a) / most)) + 1)[:-1]
         for a, b in zip(stations[:-1], stations[1:], strict=True)
@@ -307,15 +320,16 @@ def build_tendon_chain(robot: RobotDesign, frame: Floats, *, most: float = 10.0)
     ends = np.append(np.concatenate(cut), stations[-1])
     lengths = np.diff(ends)
     rigidity = robot.stiffness_at(ends[:-1] + 1e-6)[:, 3]
-    middles = 0.5 * (ends[:-1] + ends[1:])
+    holes = (ends[:-1, None] + lengths[:, None] * HOLES).ravel()
+    owners = np.repeat(np.arange(len(lengths)), len(HOLES))
     routes = []
     for tendon, end, stiffness in zip(
         robot.tendons, robot.tendon_ends, robot.tendon_stiffness, strict=True
     ):
-        on = np.flatnonzero(middles < end)
-        arcs = np.concatenate([[0.0], middles[on], [end]])
-        links = np.concatenate([[-1], on, [on[-1]]])
-        starts = np.concatenate([[0.0], ends[on], [ends[on[-1]]]])
+        on = np.flatnonzero(holes < end)
+        arcs = np.concatenate([[0.0], holes[on], [end]])
+        links = np.concatenate([[-1], owners[on], [owners[on[-1]]]])
+        starts = np.where(links < 0, 0.0, ends[np.maximum(links, 0)])
         places = np.column_stack([tendon.place_at(arcs)[:, :2], arcs - starts])
         whole = TENDON_STIFFNESS_N if math.isinf(stiffness) else float(stiffness)
         routes.append(
@@ -351,6 +365,8 @@ class TendonDrive:
     actuation: Actuation
     speed: float = 20.0
     goals: Floats | None = None
+
+    name: ClassVar[str] = "tendons"
 
     def __post_init__(self) -> None:
         given = self.actuation

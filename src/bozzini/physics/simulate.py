@@ -30,6 +30,9 @@ SAMPLE_MM = 2.5
 
 MOST_CONTACTS = 256
 
+BASE_KG = 1e-3
+"""Mass of what the slide moves itself, and its moments of inertia [kg mm^2]; assumed."""
+
 _LINK, _WALL = 1, 2  # bits of what may touch what
 _SIDES = 8  # of the introducer
 _UNUSED_MM = 100.0  # depth from which MuJoCo would make a force itself: never
@@ -162,15 +165,15 @@ class Chain:
         return spec
 
     def _add_links(self, spec: MjSpec, base: mujoco.MjsBody, dynamics: Dynamics) -> None:
-        step, body = dynamics.step, base
-        parent = base
+        step, parent = dynamics.step, base
+        base.add_joint(name="slide", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[0.0, 0.0, 1.0])
+        base.mass, base.inertia = BASE_KG, [BASE_KG] * 3
+        base.explicitinertial = True
+        gain, damping = NEWTON * dynamics.slide_gain, NEWTON * dynamics.slide_damping
+        _add_servo(spec, "slide", gain, damping + step * gain)
         for k, length in enumerate(self.lengths):
             pos = [0.0, 0.0, self.lengths[k - 1] if k else 0.0]
             body = parent.add_body(name=f"link{k}", pos=pos)
-            if k == 0:
-                body.add_joint(name="slide", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[0.0, 0.0, 1.0])
-                gain, damping = NEWTON * dynamics.slide_gain, NEWTON * dynamics.slide_damping
-                _add_servo(spec, "slide", gain, damping + step * gain)
             for axis, direction in (("x", [1.0, 0.0, 0.0]), ("y", [0.0, 1.0, 0.0])):
                 name = f"bend{k}{axis}"
                 spring = NEWTON * self.springs[k]

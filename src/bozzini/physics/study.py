@@ -43,9 +43,12 @@ PUSHED_LENGTH = 1.5
 SLACK_MM = 0.5
 """Between a pushed scope and its introducer."""
 
-STARTS = {"angle": (0.05,), "speed": (0.7, 1.3), "friction": (0.0, 0.3), "servo": (0.5, 2.0)}
-"""What is drawn for a start after the first: the head's three joints off by a standard deviation
-[rad]; a factor of the speed, the coefficient of friction and a factor of the gain of the servos."""
+START_ANGLE_RAD = 0.05
+"""Standard deviation of the head's three joints at a start after the first."""
+
+DRAWN = {"haste": (0.7, 1.3), "friction": (0.0, 0.3), "servo": (0.5, 2.0)}
+"""What else is drawn for it, evenly: a factor of the speed, the coefficient of friction and a
+factor of the gain of the servos."""
 
 _COLOURS = ("#f3c66b", "#e8862d", "#c0392b")  # of the force map: a third of the largest force each
 
@@ -146,14 +149,13 @@ class Scenery:
     def _draw_start(self, options: ExecuteOptions, repeat: int) -> Scenery:
         """Return the same with another start, speed, friction and gain."""
         random = np.random.default_rng((options.seed, repeat))
-        servo = self.scope.servo * float(random.uniform(*STARTS["servo"]))
-        friction = float(random.uniform(*STARTS["friction"]))
+        drawn = {name: float(random.uniform(low, high)) for name, (low, high) in DRAWN.items()}
         return dataclasses.replace(
             self,
-            aside=STARTS["angle"][0] * random.standard_normal(6),
-            haste=float(random.uniform(*STARTS["speed"])),
-            scope=dataclasses.replace(self.scope, servo=servo),
-            wall=dataclasses.replace(self.wall, friction=friction),
+            aside=START_ANGLE_RAD * random.standard_normal(6),
+            haste=drawn["haste"],
+            scope=dataclasses.replace(self.scope, servo=drawn["servo"] * self.scope.servo),
+            wall=dataclasses.replace(self.wall, friction=drawn["friction"]),
         )
 
     def run(
@@ -163,7 +165,7 @@ class Scenery:
         repeat: int = 0,
         progress: Progress = no_progress,
     ) -> Execution:
-        """Drive once; starts after the first are drawn by the seed, as `STARTS` says."""
+        """Drive once; starts after the first are drawn by the seed, as `DRAWN` says."""
         if repeat:
             return self._draw_start(options, repeat).run(options, progress=progress)
         drive = self.make_drive(options.drive, self.haste * options.speed)
@@ -366,6 +368,8 @@ class ExecutionStudy(Result):
         dict
             The summary that was written, with the files' names.
         """
+        import trimesh
+
         from .. import plot
 
         mesh, _ = draw_wall(self.scenery.tract or self.scenery.duct)
@@ -380,6 +384,8 @@ class ExecutionStudy(Result):
                 diameter=2.0 * each.radius,
                 path=self.scenery.line,
             )
+        pressed, _ = self.executions[0].displace_wall((mesh.vertices, mesh.faces))
+        trimesh.Trimesh(pressed, mesh.faces, process=False).export(folder / "wall.ply")
         plot.write_figure(self.plot(), folder / "force.png")
         plot.write_figure(self.draw_map(), folder / "map.png")
         self.to_frame().to_csv(folder / "comparison.csv", index=False)
