@@ -13,7 +13,14 @@ from bozzini.motion import Plan
 from bozzini.numeric.polylines import carry_frames
 from bozzini.physics.execute import execute
 from bozzini.physics.options import ExecuteOptions, ScopeOptions, WallOptions
-from bozzini.physics.robots import PlanDrive, PushDrive, find_bends, spread_rigidity, stand_outside
+from bozzini.physics.robots import (
+    PlanDrive,
+    PushDrive,
+    drag_chain,
+    find_bends,
+    spread_rigidity,
+    stand_outside,
+)
 from bozzini.physics.simulate import Chain, Dynamics, Simulation
 from bozzini.physics.study import Scenery, study_execution
 
@@ -171,6 +178,22 @@ def test_a_last_joint_off_the_introducers_axis_is_held_by_a_link_more(clear: Sce
     joints[-1, -1] += 20.0 * aside
     with pytest.raises(InputError, match="off the introducer's axis"):
         PlanDrive(dataclasses.replace(clear.plan, joints=joints))
+
+
+def test_a_dragged_chain_keeps_its_links_and_its_head_but_not_the_wall(clear: Scenery) -> None:
+    plan = clear.plan
+    dragged = drag_chain(plan)
+    assert dragged.joints[:, 0] == pytest.approx(plan.joints[:, 0], abs=0.05)
+    lengths = np.linalg.norm(np.diff(dragged.joints, axis=1), axis=2)
+    assert lengths == pytest.approx(8.0)
+    # Each joint moves along its link, but for what the step is long.
+    moves = np.diff(dragged.joints[:, 1], axis=0)
+    links = dragged.joints[1:, 0] - dragged.joints[1:, 1]
+    across = np.linalg.norm(np.cross(moves, links), axis=1) / 8.0
+    assert across.max() < 0.1
+    found = clear.run(dataclasses.replace(FAST, drive="tractrix"))
+    assert found.drive == "tractrix"
+    assert found.clearance.min() < clear.run(FAST).clearance.min()
 
 
 def test_results_have_the_usual_forms(touching: Scenery, tmp_path) -> None:

@@ -9,7 +9,7 @@ from typing import Literal
 from ..checks import check_fields, quantity
 
 WallKind = Literal["prism", "penalty"]
-DriveName = Literal["plan", "tendons", "push"]
+DriveName = Literal["plan", "tractrix", "tendons", "push"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -121,8 +121,9 @@ class ExecuteOptions:
 
     Parameters
     ----------
-    drive : {"plan", "tendons", "push"}
-        The planned chain, a tendon robot along it, or a scope that is pushed from outside.
+    drive : {"plan", "tractrix", "tendons", "push"}
+        The planned chain; the same chain dragged behind its head without regard for walls; a
+        tendon robot along the plan; or a scope that is pushed from outside.
     speed : float
         Of the head, or of the pushed base [mm/s].
     step : float
@@ -137,8 +138,8 @@ class ExecuteOptions:
     """
 
     drive: DriveName = quantity(
-        "text", "The planned chain, a tendon robot, or a scope that is pushed from outside.",
-        default="plan", words=("plan", "tendons", "push"),
+        "text", "The planned chain, the same dragged by its head, a tendon robot, a pushed scope.",
+        default="plan", words=("plan", "tractrix", "tendons", "push"),
     )  # fmt: skip
     speed: float = quantity(
         "speed", "Of the head, or of the pushed base.", default=20.0, low=0.1, high=1000.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from dataclasses import dataclass, field
 from typing import ClassVar, Protocol
@@ -113,8 +114,7 @@ class PlanDrive:
     plan: Plan
     speed: float = 20.0
     options: ScopeOptions = field(default_factory=ScopeOptions)
-
-    name: ClassVar[str] = "plan"
+    name: str = "plan"
 
     def __post_init__(self) -> None:
         plan, scope = self.plan, self.plan.get_scope()
@@ -155,6 +155,22 @@ class PlanDrive:
         """Return the head of the plan at a time."""
         heads = self.plan.joints[:, 0]
         return np.array([np.interp(time, self.times, heads[:, k]) for k in range(3)])
+
+
+def drag_chain(plan: Plan) -> Plan:
+    """Return the plan's head path with a chain that follows as a tractrix, whatever the walls.
+
+    Each joint moves towards the one before it, so that the link keeps its length: the plain
+    follower that a certified plan is compared with. Its clearance is not known.
+    """
+    from .kernels.chain import drag_joints
+
+    joints = plan.joints.copy()
+    arc = plan.path_arc_length
+    heads = interpolate_polyline(plan.path, arc, plan.head_arc_length)
+    drag_joints(np.ascontiguousarray(heads), joints, plan.get_scope().link_length)
+    clearance = np.full_like(plan.clearance, np.nan)
+    return dataclasses.replace(plan, joints=joints, clearance=clearance, certificate=None)
 
 
 def _hold_tail(joints: Floats, tube: Introducer, link: float) -> Floats:

@@ -31,7 +31,7 @@ SAMPLE_MM = 2.5
 MOST_CONTACTS = 256
 
 BASE_KG = 1e-3
-"""Mass of what the slide moves itself, and its moments of inertia [kg mm^2]; assumed."""
+"""Mass of what the slide moves itself; assumed."""
 
 _LINK, _WALL = 1, 2  # bits of what may touch what
 _SIDES = 8  # of the introducer
@@ -167,8 +167,10 @@ class Chain:
     def _add_links(self, spec: MjSpec, base: mujoco.MjsBody, dynamics: Dynamics) -> None:
         step, parent = dynamics.step, base
         base.add_joint(name="slide", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[0.0, 0.0, 1.0])
-        base.mass, base.inertia = BASE_KG, [BASE_KG] * 3
-        base.explicitinertial = True
+        base.add_geom(
+            name="carriage", type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[self.radius, 0.0, 0.0],
+            mass=BASE_KG, contype=0, conaffinity=0, rgba=[0.5, 0.5, 0.5, 1.0],
+        )  # fmt: skip
         gain, damping = NEWTON * dynamics.slide_gain, NEWTON * dynamics.slide_damping
         _add_servo(spec, "slide", gain, damping + step * gain)
         for k, length in enumerate(self.lengths):

@@ -29,7 +29,7 @@ from ..scene.page import render_page
 from ..scene.view import Body, Chart, Mark, Surface, View
 from .execute import Execution, execute
 from .options import DriveName, ExecuteOptions, ScopeOptions, WallOptions
-from .robots import Drive, PlanDrive, PushDrive, TendonDrive
+from .robots import Drive, PlanDrive, PushDrive, TendonDrive, drag_chain
 from .simulate import Dynamics
 from .walls import Floats, LumenWall
 
@@ -104,10 +104,12 @@ class Scenery:
         InputError
             If there is no motion of a tendon robot.
         """
-        check_word("drive", name, ("plan", "tendons", "push"))
+        check_word("drive", name, ("plan", "tractrix", "tendons", "push"))
         plan = self.plan
         if name == "plan":
             return PlanDrive(plan, speed, self.scope)
+        if name == "tractrix":
+            return PlanDrive(drag_chain(plan), speed, self.scope, name)
         if name == "tendons":
             if self.actuation is None:
                 raise InputError(

@@ -35,3 +35,14 @@ def fill_bends(joints, base, bends):
                 after[i, 1] = middle
                 after[i, 2] = sb * turn[i, 0] + cb * ahead
             turn[:] = after
+
+
+@njit(cache=True)
+def drag_joints(heads, joints, length):
+    """Fill chains (s, n + 1, 3) that are dragged by their heads (s, 3), from the first one on."""
+    for s in range(1, joints.shape[0]):
+        joints[s, 0] = heads[s]
+        for k in range(1, joints.shape[1]):
+            way = joints[s - 1, k] - joints[s, k - 1]
+            way *= length / math.sqrt(way[0] ** 2 + way[1] ** 2 + way[2] ** 2)
+            joints[s, k] = joints[s, k - 1] + way
