@@ -32,6 +32,7 @@ MAY_IMPORT["plot"] = set(MAY_IMPORT) - {"thesis"}
 MAY_IMPORT["scene"] = set(MAY_IMPORT) - {"thesis"}
 MAY_IMPORT["report"] = set(MAY_IMPORT) - {"thesis"}
 MAY_IMPORT["study"] = set(MAY_IMPORT) - {"thesis"}
+MAY_IMPORT["physics"] = {"anatomy", "continuum", "duct", "motion", "plot", "scene", "study"}
 MAY_IMPORT["cockpit"] = set(MAY_IMPORT) - {"thesis"}
 MAY_IMPORT["cli"] = set(MAY_IMPORT) - {"thesis"}
 

@@ -32,6 +32,8 @@ COMMANDS = {
     "demo": "Run the main job on a phantom tract: plan, report, 3-D scene.",
     "plan": "Plan a scope's motion through your own scan or surface.",
     "certify": "Check a saved plan, and prove its clearance again.",
+    "execute": "Drive a motion with contact: forces, errors, loops.",
+    "export": "Write a plan for simulators and robots: MJCF, URDF, ROS 2.",
     "live": "Keep a scope clear in a tract that moves, frame by frame.",
     "cockpit": "See a motion and drive the tip, in the browser.",
     "show": "Show plans, tracts, shapes and robots in 3-D, on one page.",

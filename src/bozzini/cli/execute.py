@@ -1,0 +1,216 @@
+"""``bozzini execute``: drive a motion with contact, and say what forces act."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from ..errors import InputError
+from ..physics.options import ExecuteOptions, ScopeOptions, WallOptions
+from ..study.options import InsertionOptions, ReadOptions
+from ._tract_options import Body, read_with_options, report_findings, tract_options
+from .common import EXIT_NEGATIVE, Answer, answer_options, format_rows, options_of, run_exit
+from .plan import reserve_target
+
+if TYPE_CHECKING:
+    from ..physics.study import ExecutionStudy, Scenery
+
+__all__ = ["command"]
+
+_path = click.Path(path_type=Path)
+
+
+@click.command(name="execute")
+@click.argument("source", metavar="[PLAN|TRACT]", required=False, type=_path)
+@click.argument("tract", metavar="[INPUT]", required=False, type=_path)
+@tract_options
+@options_of(Body, "body")
+@options_of(ExecuteOptions, "options")
+@options_of(WallOptions, "wall")
+@options_of(ScopeOptions, "scope")
+@click.option("--compare", is_flag=True, help="Also drive the pushed scope, side by side.")
+@click.option("--check", is_flag=True, help="Also drive with half the step, and state the change.")
+@click.option(
+    "--seeds", type=click.IntRange(1, 10_000), help="Drive in so many phantoms, from --seed on."
+)
+@click.option(
+    "--repeats", type=click.IntRange(1, 1000), default=1, show_default=True,
+    help="Starts in each phantom; after the first, pose, speed, friction and gains are drawn.",
+)  # fmt: skip
+@answer_options(
+    default="bozzini-execution",
+    show_default=True,
+    metavar="DIRECTORY",
+    help="Directory for tables, figures, the scene and the summary.",
+)
+def command(
+    source: Path | None,
+    tract: Path | None,
+    reading: ReadOptions,
+    body: Body,
+    options: ExecuteOptions,
+    wall: WallOptions,
+    scope: ScopeOptions,
+    compare: bool,
+    check: bool,
+    seeds: int | None,
+    repeats: int,
+    answer: Answer,
+) -> None:
+    """Drive a motion with contact, and state forces, errors and loops.
+
+    PLAN is a plan's .npz and INPUT the file that it was made from; a TRACT is planned in first.
+    Without both it is the phantom of --seed. With --drive tendons the robot is that of --robot, or
+    of the robot.npz beside PLAN. Exit code 0: it comes through; 1: it does not, it loops, a link
+    leaves the lumen, or the planner refused it; 2: bad input.
+    """
+    if seeds is not None:
+        if source is not None or compare or check or options.drive == "tendons":
+            raise InputError("--seeds takes no file, --compare, --check or --drive tendons")
+        _run_trials(range(options.seed, options.seed + seeds), repeats, options, wall, scope,
+                    body, answer)  # fmt: skip
+        return
+    if repeats > 1:
+        raise InputError(f"--repeats is {repeats}: without --seeds it must be 1")
+    reserve_target(answer)
+    scenery = _find_scenery(source, tract, reading, body, options, answer)
+    if scenery is None:
+        run_exit(EXIT_NEGATIVE)
+    from ..physics.study import study_execution
+
+    with answer.show_progress() as progress:
+        study = study_execution(
+            replace(scenery, wall=wall, scope=scope), options, compare=compare, check=check,
+            progress=progress,
+        )  # fmt: skip
+    from ..io.files import new_directory
+
+    with new_directory(answer.target, force=answer.force) as folder:
+        summary = study.write(folder)
+    for text in study.executions[0].findings:
+        click.echo(f"bozzini: warning: {text}", err=True)
+    answer.give(summary, _describe(study, answer.target))
+    if not study.converged:
+        run_exit(EXIT_NEGATIVE)
+
+
+def _find_scenery(
+    source: Path | None,
+    tract: Path | None,
+    reading: ReadOptions,
+    body: Body,
+    options: ExecuteOptions,
+    answer: Answer,
+) -> Scenery | None:
+    """Return the plan in its tract; None, after a word on why, if the planner refused it."""
+    from ..motion.plan import Plan
+    from ..physics.study import Scenery, plan_phantom
+
+    if source is None:
+        with answer.show_progress() as progress:
+            progress("plan", 0.0)
+            plan, duct = plan_phantom(options.seed, body.scope)
+        return None if _refuse(plan, answer) else Scenery(plan=plan, duct=duct)
+    if source.suffix.lower() == ".npz":
+        from ..anatomy.read import hash_input
+        from ..motion.actuate.actuation import Actuation
+        from ..motion.verify import read_input
+
+        plan = Plan.load(source)
+        if tract is None:
+            raise InputError(f"{source} is a plan: give the file that it was made from too")
+        known = None if plan.input is None else plan.input.sha256
+        if known is not None and hash_input(tract) != known:
+            raise InputError(f"{tract} is not the file that the plan was made from")
+        if _refuse(plan, answer):
+            return None
+        with answer.show_progress() as progress:
+            scenery = Scenery.from_plan(plan, read_input(plan, tract), progress=progress)
+        beside = source.with_name("robot.npz")
+        if options.drive == "tendons" and beside.exists():
+            scenery = replace(scenery, actuation=Actuation.load(beside))
+        return scenery
+    if tract is not None:
+        raise InputError(f"{source} is a tract: leave out {tract}")
+    from ..study import run_insertion
+
+    read = read_with_options(source, reading, answer)
+    with answer.show_progress() as progress:
+        study = run_insertion(
+            read, body.scope, options=InsertionOptions(), robot=body.machine, progress=progress
+        )
+    report_findings(study.findings[len(read.findings) :])
+    if _refuse(study.plan, answer):
+        return None
+    duct = study.field.inflate(study.plan.displaced)
+    return Scenery(plan=study.plan, duct=duct, tract=read, actuation=study.robot)
+
+
+def _refuse(plan: object, answer: Answer) -> bool:
+    """Say that a plan stops, if it does."""
+    reason = getattr(plan, "reason", "")
+    if getattr(plan, "status", "") == "complete":
+        return False
+    answer.give({"complete": False, "reason": reason}, f"Refused by the planner: {reason}.")
+    return True
+
+
+def _run_trials(
+    seeds: range,
+    repeats: int,
+    options: ExecuteOptions,
+    wall: WallOptions,
+    scope: ScopeOptions,
+    body: Body,
+    answer: Answer,
+) -> None:
+    from ..io.files import new_directory, write_text
+    from ..physics.study import run_trials
+    from .common import format_csv
+
+    reserve_target(answer)
+    with answer.show_progress() as progress:
+        found = run_trials(
+            seeds, body.scope, repeats=repeats, options=options, setting=(wall, scope),
+            progress=progress,
+        )  # fmt: skip
+    with new_directory(answer.target, force=answer.force) as folder:
+        write_text(folder / "trials.csv", format_csv(dict(found.list_columns())))
+        import json
+
+        summary = found.to_dict() | {"files": ["summary.json", "trials.csv"]}
+        write_text(folder / "summary.json", json.dumps(summary, indent=2))
+    completed = int(found.complete.sum())
+    text = [
+        f"{completed} of {len(found.complete)} runs came through; the planner refused "
+        f"{len(found.refused)} of {len(seeds)} phantoms."
+    ]
+    if len(found.normal_peak):
+        text.append(f"Largest force of one place: {1e3 * found.normal_peak.max():.3g} mN.")
+    answer.give(summary, "\n".join(text))
+    if not found.converged:
+        run_exit(EXIT_NEGATIVE)
+
+
+def _describe(study: ExecutionStudy, out: Path) -> str:
+    """Return the comparison as a table, and where the files are."""
+    from ..physics.study import COMPARED
+
+    rows = [each.summarise() for each in study.executions]
+    table = [[words, *(_show(row[name]) for row in rows)] for name, words in COMPARED]
+    lines = [format_rows(["", *(row["drive"] for row in rows)], table)]
+    lines += [f"{row['drive']}: {row['reason']}." for row in rows if row["reason"]]
+    if study.convergence is not None:
+        for name, item in study.convergence.describe().items():
+            lines.append(f"With half the step {name} changes by {item['change']:.3g}.")
+    lines.append(f"Forces: {out / 'force.png'}, page: {out / 'view.html'}")
+    return "\n".join(lines)
+
+
+def _show(value: object) -> str:
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return "-" if value is None else f"{value:.3g}"

@@ -1,0 +1,64 @@
+"""``bozzini export``: a plan as files of other tools."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import click
+
+from ..errors import InputError
+from ..physics.options import WallOptions
+from .common import Answer, answer_options, option, options_of
+
+__all__ = ["command"]
+
+_path = click.Path(path_type=Path)
+_SUFFIXES = {"mujoco": ".xml", "urdf": ".urdf", "ros2": ".yaml"}
+
+
+@click.command(name="export")
+@click.argument("form", metavar="FORM", type=click.Choice(tuple(_SUFFIXES)))
+@click.argument("source", metavar="PLAN", type=_path)
+@click.argument("tract", metavar="[INPUT]", required=False, type=_path)
+@options_of(WallOptions, "wall", leave_out=("kind", "stiffness", "damping", "friction"))
+@option("--speed", "Of the head, for the times of a trajectory.", "speed", default="20mm/s")
+@answer_options(".xml", ".urdf", ".yaml", required=True, help="The file.")
+def command(
+    form: str, source: Path, tract: Path | None, wall: WallOptions, speed: float, answer: Answer
+) -> None:
+    """Write a PLAN for simulators and robots.
+
+    FORM is mujoco (.xml: chain, servos and the wall of INPUT as prisms, in mm, kg and s), urdf
+    (.urdf: the chain, in metres) or ros2 (.yaml: a trajectory_msgs JointTrajectory of the same
+    joints). INPUT is the file that the plan was made from; only mujoco takes it.
+    """
+    suffix = _SUFFIXES[form]
+    if answer.target.suffix.lower() != suffix:
+        raise InputError(f"--out is {answer.target.name}: for {form} it must end in {suffix}")
+    if (tract is None) == (form == "mujoco"):
+        raise InputError(
+            f"{source} is a plan: mujoco also needs the file that it was made from"
+            if tract is None
+            else f"{form} takes no wall: leave out {tract}"
+        )
+    from ..checks import check_number
+    from ..io.files import write_text
+    from ..motion.plan import Plan
+    from ..physics.export import format_mjcf, format_trajectory, format_urdf
+
+    plan = Plan.load(source)
+    check_number("--speed", speed, low=0.1, high=1000.0, unit="mm/s")
+    if tract is not None:
+        from ..motion.verify import read_input
+        from ..physics.study import Scenery
+
+        with answer.show_progress() as progress:
+            scenery = Scenery.from_plan(plan, read_input(plan, tract), progress=progress)
+        prisms = replace(scenery, wall=replace(wall, kind="prism"))
+        text = format_mjcf(plan, prisms.make_wall("plan"))
+    else:
+        text = format_urdf(plan) if form == "urdf" else format_trajectory(plan, speed=speed)
+    file = write_text(answer.target, text)
+    size = file.stat().st_size
+    answer.give({"file": str(file), "bytes": size}, f"{file}: {size / 1e6:.2f} MB")

@@ -1,0 +1,382 @@
+"""A Gymnasium environment: bring a scope in by bending its tip and pushing.
+
+It is registered by importing this module, as ``bozzini/Insertion-v0``.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from ..checks import check_word
+from ..errors import InputError, MissingExtraError
+from ..motion.scope import Introducer, Scope
+from ..numeric.polylines import interpolate_polyline, measure_arc_length
+from .options import ScopeOptions, WallOptions
+from .robots import PushDrive, find_bends, stand_outside
+from .simulate import Chain, Dynamics, Simulation
+from .walls import Floats, LumenWall
+
+try:
+    import gymnasium
+except ImportError as error:
+    raise MissingExtraError(error.name or "gymnasium", "physics") from None
+
+if TYPE_CHECKING:
+    from ..duct.base import Duct
+    from ..motion.plan import Plan
+
+NAME = "bozzini/Insertion-v0"
+MOST_STEPS = 1500
+
+CONTROL_S, STEP_S = 0.1, 0.01
+"""Time between actions, and step of the integration [s]."""
+
+SPEED, TURN_RATE = 20.0, 1.0
+"""Of a full action: the push [mm/s], and the tip [rad/s]."""
+
+LOOK_AHEAD = (15.0, 40.0)
+"""How far ahead along the lumen the two directions of an observation are [mm]."""
+
+DIAMETER, LINK, SLACK = 9.0, 20.0, 0.5
+"""Of the scope, its links, and between it and the introducer [mm]."""
+
+PROGRESS_REWARD, FORCE_REWARD, END_REWARD = 0.1, -0.02, 10.0
+"""For each mm on the way; for each N of normal force at an action's end; for the end of the way,
+and negative for a link that leaves the lumen."""
+
+OBSERVED = 13
+
+
+START_RAD = 0.02
+"""Standard deviation of the tip's direction at the start [rad]."""
+
+PURSUIT_MM = 12.0
+"""How far ahead the baselines look [mm]."""
+
+PUSHED = ScopeOptions(rigidity=5000.0)
+PUSHED_SHARE = 1.2
+"""Of an elastic scope, and its length over the way's."""
+
+_NEAR_MM = 40.0
+
+Robot = Literal["leader", "pushed"]
+Policy = Callable[["Insertion"], Floats]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Lumen:
+    """A lumen to go into.
+
+    Parameters
+    ----------
+    duct : Duct
+    line : (m, 3) float
+        The centreline, the entry first [mm].
+    path : (k, 3) float
+        The head's path of the plan [mm].
+    introducer : Introducer
+    """
+
+    duct: Duct
+    line: Floats
+    path: Floats
+    introducer: Introducer
+
+    @classmethod
+    def of_plan(cls, plan: Plan, duct: Duct) -> Lumen:
+        """Return the lumen that a plan was made in."""
+        line = plan.path if plan.centreline is None else plan.centreline.points
+        return cls(duct=duct, line=line, path=plan.path, introducer=plan.get_introducer())
+
+
+@functools.lru_cache(maxsize=8)
+def find_phantom(seed: int) -> Lumen:
+    """Return the lumen of a phantom and its centreline."""
+    from .study import plan_phantom
+
+    plan, duct = plan_phantom(seed, Scope(diameter=DIAMETER, link_length=10.0))
+    return Lumen.of_plan(plan, duct)
+
+
+class Insertion(gymnasium.Env[Floats, Floats]):
+    """Bring a scope to the end of a lumen.
+
+    **Action** (3,), each in [-1, 1]: turn the tip about its x and its y, push.
+
+    **Observation** (13,): clearance of the tip over 10 mm; directions in the tip's frame to the
+    middle of the lumen 15 and 40 mm ahead (3 each); the tip's bend about x and y [rad]; share of
+    the way; what is pushed in over the way; normal force [N] as tanh; least clearance over 10 mm.
+
+    **Reward**: 0.1 for each mm that the tip goes on along the way, -0.02 for each N that presses on
+    the wall, 10 at the end of the way, -10 where a link leaves the lumen. It ends there too.
+
+    Parameters
+    ----------
+    phantom : int, optional
+        Seed of the phantom; without it, and without a plan, each reset draws one of `phantoms`.
+    phantoms : int
+        How many there are.
+    files : (path-like, path-like), optional
+        A plan and the file that it was made from: any tract.
+    lumen : Lumen, optional
+        The same in memory.
+    robot : {"leader", "pushed"}
+        A chain whose links follow the tip's way, or an elastic scope that is bent at its tip.
+    wall : WallOptions, optional
+    """
+
+    metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012 (as Gymnasium has it)
+
+    def __init__(
+        self,
+        phantom: int | None = None,
+        *,
+        phantoms: int = 1,
+        files: tuple[str | os.PathLike[str], str | os.PathLike[str]] | None = None,
+        lumen: Lumen | None = None,
+        robot: Robot = "leader",
+        wall: WallOptions | None = None,
+    ) -> None:
+        check_word("robot", robot, ("leader", "pushed"))
+        if phantom is not None and (files or lumen):
+            raise InputError(f"phantom is {phantom}: leave it out with files or a lumen")
+        self.robot, self.phantom, self.phantoms = robot, phantom, phantoms
+        self.options = wall or WallOptions(stiffness=1.0)
+        self.files, self.given = files, lumen
+        self.observation_space = gymnasium.spaces.Box(-100.0, 100.0, (OBSERVED,), np.float64)
+        self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (3,), np.float64)
+        self.lumen: Lumen | None = None
+        self._built: tuple[Lumen, Simulation] | None = None
+
+    def _choose(self) -> Lumen:
+        if self.given is not None:
+            return self.given
+        if self.files is not None:
+            return _read_lumen(os.fspath(self.files[0]), os.fspath(self.files[1]))
+        seed = self.phantom
+        if seed is None:
+            seed = int(self.np_random.integers(self.phantoms))
+        return find_phantom(seed)
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Floats, dict[str, Any]]:
+        """Begin anew: the tip stands at the entry, a little off its axis."""
+        super().reset(seed=seed)
+        lumen = self._choose()
+        if self._built is None or self._built[0] is not lumen:
+            self._built = lumen, self._build(lumen)
+        self.lumen, self.simulation = self._built
+        simulation, tube = self.simulation, lumen.introducer
+        length = float(simulation.chain.lengths.sum())
+        self.arc = measure_arc_length(lumen.line)
+        self.inserted, self.progress = 0.0, 0.0
+        self.turn = np.zeros(2)
+        self.heading = stand_outside(tube, length)[:3, :3]
+        self._base = self.heading
+        self._trail = np.stack([tube.entry + length * tube.outward, tube.entry])
+        simulation.place(np.zeros(simulation.model.nv))
+        self._held = np.zeros(simulation.model.nu)
+        self._steer(START_RAD * self.np_random.standard_normal(2))
+        return self._observe(lumen), {}
+
+    def _build(self, lumen: Lumen) -> Simulation:
+        length = float(measure_arc_length(lumen.line)[-1]) + 2.0 * LINK
+        count = math.ceil(length / LINK)
+        chain = Chain(
+            lengths=np.full(count, LINK),
+            radius=0.5 * DIAMETER,
+            frame=stand_outside(lumen.introducer, count * LINK),
+            springs=np.zeros(count),
+            servos=np.full(count, 200.0),
+        )
+        if self.robot == "pushed":
+            chain = PushDrive(
+                line=lumen.line, introducer=lumen.introducer, diameter=DIAMETER,
+                length=PUSHED_SHARE * length, link=LINK, options=PUSHED,
+            ).chain  # fmt: skip
+        self.tip = int(np.count_nonzero(chain.servos))
+        wall = LumenWall(
+            duct=lumen.duct,
+            introducer=lumen.introducer,
+            guide=0.5 * DIAMETER + SLACK if self.robot == "pushed" else None,
+            options=self.options,
+        )
+        return Simulation(chain, wall, Dynamics(step=STEP_S))
+
+    def _steer(self, turn: Floats) -> None:
+        """Turn the leader's heading about its own x and y, or bend the tip of an elastic scope."""
+        if self.robot == "leader":
+            from scipy.spatial.transform import Rotation
+
+            self.heading = self.heading @ Rotation.from_rotvec([*turn, 0.0]).as_matrix()
+            return
+        self.turn = self.turn + turn
+        size = float(np.linalg.norm(self.turn))
+        self.turn *= min(1.0, PUSHED.tip_bend / max(size, 1e-9))
+
+    def step(self, action: Floats) -> tuple[Floats, float, bool, bool, dict[str, Any]]:
+        """Turn and push for a tenth of a second."""
+        lumen = self.lumen
+        if lumen is None:
+            raise InputError("the environment has not begun: reset it first")
+        simulation = self.simulation
+        given = np.clip(np.asarray(action, dtype=np.float64), -1.0, 1.0)
+        most = float(simulation.chain.lengths.sum()) - LINK
+        after = min(max(self.inserted + CONTROL_S * SPEED * float(given[2]), 0.0), most)
+        advance, self.inserted = after - self.inserted, after
+        self._steer(CONTROL_S * TURN_RATE * given[:2])
+        start, goal = self._held, self._command(advance)
+        rates, count = (goal - start) / CONTROL_S, round(CONTROL_S / STEP_S)
+        for k in range(1, count + 1):
+            simulation.step(start + k / count * (goal - start), rates)
+        self._held = goal
+        return self._judge(lumen)
+
+    def _command(self, advance: float) -> Floats:
+        """Return where the drives are to be: the links on the leader's way, or the tip bent."""
+        if self.robot == "pushed":
+            return np.concatenate([[self.inserted], np.tile(self.turn / self.tip, self.tip)])
+        arcs = measure_arc_length(self._trail)
+        if advance > 0.0:
+            self._trail = np.vstack([self._trail, self._trail[-1] + advance * self.heading[:, 2]])
+        elif advance < 0.0:
+            kept = arcs < arcs[-1] + advance
+            end = interpolate_polyline(self._trail, arcs, arcs[-1:] + advance)
+            self._trail = np.concatenate([self._trail[kept], end])
+        arcs = measure_arc_length(self._trail)
+        places = arcs[-1] - np.cumsum(np.append(0.0, self.simulation.chain.lengths))[::-1]
+        joints = interpolate_polyline(self._trail, arcs, np.maximum(places, 0.0))
+        joints[0] = self._trail[0] + (self.inserted) * self._base[:, 2]
+        return np.append(self.inserted, find_bends(joints[None], self._base)[0])
+
+    def aim(self, way: Floats, ahead: float) -> Floats:
+        """Return the direction (3,) in the tip's frame to a place on a way that lies ahead [mm]."""
+        arcs = measure_arc_length(way)
+        tip = self.simulation.joints[0]
+        gaps = np.linalg.norm(way - tip, axis=1)
+        gaps[np.abs(arcs - self.progress) > _NEAR_MM] = math.inf
+        target = interpolate_polyline(way, arcs, arcs[[int(np.argmin(gaps))]] + ahead)[0]
+        frame = self.heading if self.robot == "leader" else self.simulation.tip_frame
+        local = frame.T @ (target - tip)
+        return np.asarray(local / max(float(np.linalg.norm(local)), 1e-9))
+
+    def _observe(self, lumen: Lumen) -> Floats:
+        simulation = self.simulation
+        length = float(self.arc[-1])
+        clear = float(self.wall.measure(simulation.joints[:1])[0]) - 0.5 * DIAMETER
+        least = min(simulation.least, clear)
+        force = float(simulation.touch.normals.sum())
+        shares = [self.progress / length, self.inserted / length]
+        aims = [self.aim(lumen.line, ahead) for ahead in LOOK_AHEAD]
+        return np.concatenate(
+            [[0.1 * clear], *aims, self.turn, shares, [math.tanh(force), 0.1 * least]]
+        )
+
+    @property
+    def wall(self) -> LumenWall:
+        """The wall of the lumen that was chosen."""
+        wall = self.simulation.wall
+        if wall is None:
+            raise InputError("the environment has no wall")
+        return wall
+
+    def _judge(self, lumen: Lumen) -> tuple[Floats, float, bool, bool, dict[str, Any]]:
+        simulation = self.simulation
+        tip = simulation.joints[0]
+        before = self.progress
+        near = np.abs(self.arc - before) <= _NEAR_MM
+        off = np.where(near, np.linalg.norm(lumen.line - tip, axis=1), math.inf)
+        self.progress = float(self.arc[int(np.argmin(off))])
+        force = float(simulation.touch.normals.sum())
+        complete = float(np.linalg.norm(tip - lumen.line[-1])) <= DIAMETER
+        outside = simulation.least + simulation.chain.radius < 0.0
+        reward = PROGRESS_REWARD * (self.progress - before) + FORCE_REWARD * force
+        reward += END_REWARD * (float(complete) - float(outside))
+        info = {"complete": complete, "outside": outside, "force_N": force}
+        return self._observe(lumen), reward, complete or outside, False, info
+
+
+@functools.lru_cache(maxsize=4)
+def _read_lumen(plan: str, tract: str) -> Lumen:
+    from ..motion.plan import Plan
+    from ..motion.verify import read_input, rebuild_field
+
+    read = Plan.load(plan)
+    return Lumen.of_plan(read, rebuild_field(read, read_input(read, tract)))
+
+
+# What a policy is measured against: chance, the middle of the lumen, and a certified plan.
+
+
+def act_at_random(env: Insertion) -> Floats:
+    """Turn and push by chance, from the environment's own generator."""
+    return env.np_random.uniform(-1.0, 1.0, 3)
+
+
+def follow_centre(env: Insertion) -> Floats:
+    """Turn towards the middle of the lumen ahead, and push the slower the more is to be turned."""
+    if env.lumen is None:
+        raise InputError("the environment has not begun: reset it first")
+    return _pursue(env, env.lumen.line)
+
+
+def follow_plan(env: Insertion) -> Floats:
+    """Turn towards the head's path of the certified plan ahead: the expert."""
+    if env.lumen is None:
+        raise InputError("the environment has not begun: reset it first")
+    return _pursue(env, env.lumen.path)
+
+
+def _pursue(env: Insertion, way: Floats) -> Floats:
+    local = env.aim(way, PURSUIT_MM)
+    angle = math.atan2(math.hypot(local[0], local[1]), local[2])
+    across = np.array([-local[1], local[0]]) / max(math.hypot(local[0], local[1]), 1e-9)
+    turn = np.clip(angle / (CONTROL_S * TURN_RATE), 0.0, 1.0) * across
+    return np.append(turn, 1.0 if angle < 0.3 else 0.3)
+
+
+POLICIES: dict[str, Policy] = {
+    "random": act_at_random,
+    "centre": follow_centre,
+    "plan": follow_plan,
+}
+"""Baselines by name."""
+
+
+def rate_policy(
+    env: Insertion, policy: Policy, *, episodes: int, seed: int = 0
+) -> dict[str, float]:
+    """Return the share of episodes that come through, and means over all of them.
+
+    Parameters
+    ----------
+    env : Insertion
+    policy : callable
+        Takes the environment, returns an action.
+    episodes, seed : int
+        The first is reset with this seed.
+    """
+    totals = np.zeros((episodes, 4))
+    for k in range(episodes):
+        env.reset(seed=seed + k)
+        while totals[k, 3] < MOST_STEPS:
+            _, reward, over, _, info = env.step(policy(env))
+            totals[k, 1] += reward
+            totals[k, 2] = max(totals[k, 2], info["force_N"])
+            totals[k, 0] = info["complete"]
+            totals[k, 3] += 1.0
+            if over:
+                break
+    names = ("complete", "reward", "force_N", "steps")
+    return dict(zip(names, totals.mean(axis=0).tolist(), strict=True))
+
+
+gymnasium.register(id=NAME, entry_point=f"{__name__}:Insertion", max_episode_steps=MOST_STEPS)

@@ -1,0 +1,417 @@
+"""What is driven: the planned chain, an elastic scope that is pushed, and a tendon robot."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass, field
+from typing import ClassVar, Protocol
+
+import numpy as np
+
+from ..continuum.robot import RobotDesign
+from ..errors import InputError
+from ..motion.actuate.actuation import Actuation
+from ..motion.plan import Plan
+from ..motion.scope import Introducer
+from ..numeric.polylines import carry_frames, interpolate_polyline
+from .options import ScopeOptions
+from .simulate import Chain, Route, Simulation
+from .walls import Floats
+
+COLONOSCOPE_RIGIDITY = (26_000.0, 40_000.0)
+"""Flexural rigidity along a colonoscope (Olympus CF-140S) at room temperature, least and largest
+[N mm^2]; at 37 degrees C it is 17 % less. Hellier, Albermani, Evans, de Visser, Adam, Passenger:
+Flexural and torsional rigidity of colonoscopes at room and body temperatures, Proc. Inst. Mech.
+Eng. H 225 (2011), 389-399."""
+
+SERVO_DAMPING_S = 0.0045
+"""Damping of a joint's servo over its gain [s]; assumed."""
+
+HOLES = np.array([0.2, 0.8])
+"""Where a tendon passes a link, over its length: near its ends, or a bend would make it slack."""
+
+RAMP_S = 0.5
+"""Time in which a drive comes up to speed."""
+
+TENDON_STIFFNESS_N = 5000.0
+"""EA of a tendon that the robot's file says does not stretch."""
+
+_OFF_AXIS_MM = 0.02  # of the last joint, which is left as it is
+
+
+class Drive(Protocol):
+    """What commands a chain: its start, and where its drives are to be at a time."""
+
+    @property
+    def name(self) -> str:
+        """How it is called."""
+
+    chain: Chain
+    start: Floats
+    """Slide and hinges (v,) at the beginning."""
+    duration: float
+    """Of the whole motion [s]."""
+
+    def command(self, time: float, simulation: Simulation) -> tuple[Floats, Floats | None]:
+        """Return control and rates (u,) for the step that ends at a time [s]."""
+
+    def find_goal(self, time: float) -> Floats | None:
+        """Return where the tip is to be [mm]; None where the drive does not say."""
+
+
+def clock_motion(way: Floats, speed: float) -> Floats:
+    """Return the times (n,) [s] at which a motion is at cumulated lengths (n,), after a ramp."""
+    return np.where(
+        way < 0.5 * speed * RAMP_S,
+        np.sqrt(2.0 * way * RAMP_S / speed),
+        0.5 * RAMP_S + way / speed,
+    )
+
+
+def find_bends(joints: Floats, base: Floats) -> Floats:
+    """Return the hinges (steps, 2 n) [rad] of chains (steps, n + 1, 3), base first.
+
+    Parameters
+    ----------
+    joints : (steps, n + 1, 3) float
+        World [mm].
+    base : (3, 3) float
+        Axes of the base as columns; z is the way in.
+    """
+    from .kernels.chain import fill_bends
+
+    bends = np.empty((joints.shape[0], 2 * (joints.shape[1] - 1)))
+    fill_bends(np.ascontiguousarray(joints, dtype=np.float64), np.ascontiguousarray(base), bends)
+    return bends
+
+
+def stand_outside(introducer: Introducer, length: float) -> Floats:
+    """Return the frame (4, 4) of the base of a straight robot whose tip stands at the entry."""
+    frame = np.eye(4)
+    frame[:3, :3] = carry_frames(-introducer.outward[None])[0]
+    frame[:3, 3] = introducer.entry + length * introducer.outward
+    return frame
+
+
+@dataclass(eq=False)
+class PlanDrive:
+    """The planned chain: each joint follows the plan by a servo.
+
+    Parameters
+    ----------
+    plan : Plan
+    speed : float
+        Of the head along its path [mm/s].
+    options : ScopeOptions
+
+    Raises
+    ------
+    InputError
+        If the plan has no introducer, or its last joint is off its axis by more than a link.
+    """
+
+    plan: Plan
+    speed: float = 20.0
+    options: ScopeOptions = field(default_factory=ScopeOptions)
+    name: str = "plan"
+
+    def __post_init__(self) -> None:
+        plan, scope = self.plan, self.plan.get_scope()
+        tube = plan.get_introducer()
+        joints = _hold_tail(plan.joints[:, ::-1], tube, scope.link_length)
+        lengths = np.linalg.norm(np.diff(joints[0], axis=0), axis=1)
+        frame = stand_outside(tube, float(lengths.sum()))
+        slide = (joints[:, 0] - frame[:3, 3]) @ frame[:3, 2]
+        count = len(lengths)
+        self.chain = Chain(
+            lengths=lengths,
+            radius=scope.radius,
+            frame=frame,
+            springs=np.zeros(count),
+            servos=np.full(count, self.options.servo),
+            servo_damping=SERVO_DAMPING_S * self.options.servo,
+        )
+        self.table = np.column_stack([slide, find_bends(joints, frame[:3, :3])])
+        self.table[:, 1:] = np.unwrap(self.table[:, 1:], axis=0)
+        way = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(plan.head_arc_length)))])
+        moves = np.abs(np.diff(slide))
+        way += 1e-9 * np.concatenate([[0.0], np.cumsum(moves + 1.0)])  # strictly rising
+        self.times = clock_motion(way, self.speed)
+        self.duration = float(self.times[-1])
+        self.start = self.table[0]
+
+    def command(self, time: float, simulation: Simulation) -> tuple[Floats, Floats]:
+        """Return the joints of the plan at a time, and how fast they move."""
+        k = int(np.clip(np.searchsorted(self.times, time, "right") - 1, 0, len(self.times) - 2))
+        span = self.times[k + 1] - self.times[k]
+        share = (time - self.times[k]) / span
+        move = self.table[k + 1] - self.table[k]
+        if share >= 1.0:
+            return self.table[k + 1], np.zeros_like(move)
+        return self.table[k] + share * move, move / span
+
+    def find_goal(self, time: float) -> Floats:
+        """Return the head of the plan at a time."""
+        heads = self.plan.joints[:, 0]
+        return np.array([np.interp(time, self.times, heads[:, k]) for k in range(3)])
+
+
+def drag_chain(plan: Plan) -> Plan:
+    """Return the plan's head path with a chain that follows as a tractrix, whatever the walls.
+
+    Each joint moves towards the one before it, so that the link keeps its length: the plain
+    follower that a certified plan is compared with. Its clearance is not known.
+    """
+    from .kernels.chain import drag_joints
+
+    joints = plan.joints.copy()
+    arc = plan.path_arc_length
+    heads = interpolate_polyline(plan.path, arc, plan.head_arc_length)
+    drag_joints(np.ascontiguousarray(heads), joints, plan.get_scope().link_length)
+    clearance = np.full_like(plan.clearance, np.nan)
+    return dataclasses.replace(plan, joints=joints, clearance=clearance, certificate=None)
+
+
+def _hold_tail(joints: Floats, tube: Introducer, link: float) -> Floats:
+    """Return chains (steps, n, 3), base first, whose base stays on the introducer's axis.
+
+    Where the last joint leaves the axis a link more holds it, from a place on the axis.
+    """
+    way = joints[:, 0] - tube.entry
+    along = way @ tube.outward
+    off = np.linalg.norm(way - along[:, None] * tube.outward, axis=1)
+    if off.max() <= _OFF_AXIS_MM:
+        return joints
+    if off.max() >= link:
+        raise InputError(
+            f"the plan's last joint is up to {off.max():.3g} mm off the introducer's axis: it must "
+            f"be less than the length of a link, {link:g} mm"
+        )
+    back = along + np.sqrt(link**2 - off**2)
+    base = tube.entry + back[:, None] * tube.outward
+    return np.concatenate([base[:, None], joints], axis=1)
+
+
+def spread_rigidity(rigidity: Floats, lengths: Floats) -> Floats:
+    """Return the stiffness (n,) of joints at the bases of links that stand for an elastic rod.
+
+    Each has the rod of half a link on both sides; the first one, whose base is held, half of that.
+
+    Parameters
+    ----------
+    rigidity : (n,) float
+        EI of the rod at each link [N mm^2].
+    lengths : (n,) float
+        [mm].
+    """
+    before = np.concatenate([[0.0], lengths[:-1]])
+    return np.asarray(rigidity / (0.5 * (before + lengths)))
+
+
+def _bend_evenly(count: int, tip: int, turn: Floats) -> Floats:
+    """Return hinges (2 n) where the last `tip` links share a bend about x and y."""
+    bends = np.zeros((count, 2))
+    bends[count - tip :] = turn / tip
+    return bends.ravel()
+
+
+@dataclass(eq=False)
+class PushDrive:
+    """An elastic scope that is pushed from outside, and steered at its tip along a line.
+
+    The operator looks `ahead` along the line, and bends the tip towards that place.
+
+    Parameters
+    ----------
+    line : (m, 3) float
+        The way, the entry first [mm].
+    introducer : Introducer
+    diameter, length, link : float
+        Of the scope, and of its links [mm].
+    speed : float
+        Of the base [mm/s].
+    options : ScopeOptions
+    steered : bool
+        Whether the tip is steered; otherwise it is as elastic as the shaft.
+    """
+
+    line: Floats
+    introducer: Introducer
+    diameter: float
+    length: float
+    link: float = 10.0
+    speed: float = 20.0
+    options: ScopeOptions = field(default_factory=ScopeOptions)
+    steered: bool = True
+
+    name: ClassVar[str] = "push"
+
+    def __post_init__(self) -> None:
+        options = self.options
+        count = max(2, math.ceil(self.length / self.link))
+        lengths = np.full(count, self.length / count)
+        self.tip = min(count - 1, max(1, round(options.tip_length / lengths[0])))
+        springs = spread_rigidity(np.full(count, options.rigidity), lengths)
+        servos = np.zeros(count)
+        if self.steered:
+            servos[count - self.tip :] = springs[count - self.tip :]
+            springs[count - self.tip :] = 0.0
+        self.chain = Chain(
+            lengths=lengths,
+            radius=0.5 * self.diameter,
+            frame=stand_outside(self.introducer, self.length),
+            springs=springs,
+            servos=servos,
+            servo_damping=0.02 * float(servos.max(initial=0.0)),
+        )
+        self.start = np.zeros(1 + 2 * count)
+        self.duration = float(clock_motion(np.array([self.length]), self.speed)[0])
+        self.turn = np.zeros(2)
+        self._last = 0.0
+        self._arc = np.concatenate(
+            [[0.0], np.cumsum(np.linalg.norm(np.diff(self.line, axis=0), axis=1))]
+        )
+
+    def command(self, time: float, simulation: Simulation) -> tuple[Floats, Floats]:
+        """Push on, and turn the tip towards the line ahead."""
+        speed = self.speed * min(1.0, time / RAMP_S)
+        way = self.speed * (time - 0.5 * RAMP_S if time > RAMP_S else 0.5 * time**2 / RAMP_S)
+        if not self.steered:
+            return np.array([min(way, self.length)]), np.array([speed])
+        self.steer(self.aim(simulation), time - self._last)
+        self._last = time
+        turns = _bend_evenly(self.tip, self.tip, self.turn)
+        rates = np.zeros(1 + 2 * self.tip)
+        rates[0] = speed
+        return np.concatenate([[min(way, self.length)], turns]), rates
+
+    def aim(self, simulation: Simulation) -> Floats:
+        """Return how far the line ahead is off the tip's axis, about its x and y [rad]."""
+        tip, frame = simulation.joints[0], simulation.tip_frame
+        near = int(np.argmin(np.linalg.norm(self.line - tip, axis=1)))
+        ahead = self._arc[near] + max(2.0 * self.diameter, 0.5 * self.options.tip_length)
+        target = interpolate_polyline(self.line, self._arc, np.array([ahead]))[0]
+        local = frame.T @ (target - tip)
+        angle = math.atan2(math.hypot(local[0], local[1]), local[2])
+        across = np.array([-local[1], local[0]])
+        return angle * across / max(float(np.linalg.norm(across)), 1e-9)
+
+    def steer(self, off: Floats, span: float) -> None:
+        """Bend the tip on by what it is off, as fast as it can."""
+        rate = 2.0 * off
+        size = float(np.linalg.norm(rate))
+        if size > self.options.tip_rate:
+            rate *= self.options.tip_rate / size
+        self.turn = self.turn + span * rate
+        size = float(np.linalg.norm(self.turn))
+        if size > self.options.tip_bend:
+            self.turn *= self.options.tip_bend / size
+
+    def find_goal(self, time: float) -> None:
+        """Return nothing: nobody says where a pushed scope's tip is to be."""
+        return
+
+
+def build_tendon_chain(robot: RobotDesign, frame: Floats, *, most: float = 5.0) -> Chain:
+    """Return a tendon robot as even links in each section, elastic in bending, with its tendons.
+
+    A tendon passes two holes of each link where its routing does, and ends where that ends.
+
+    Twist, shear and stretch of the backbone, weight and friction of tendons are left out.
+
+    Parameters
+    ----------
+    robot : RobotDesign
+    frame : (4, 4) float
+        Its base where the slide is at 0, world [mm].
+    most : float
+        Longest link [mm].
+    """
+    stations = np.append(0.0, robot.section_ends)
+    cut = [
+        np.linspace(a, b, max(1, math.ceil((b - a) / most)) + 1)[:-1]
+        for a, b in zip(stations[:-1], stations[1:], strict=True)
+    ]
+    ends = np.append(np.concatenate(cut), stations[-1])
+    lengths = np.diff(ends)
+    rigidity = robot.stiffness_at(ends[:-1] + 1e-6)[:, 3]
+    holes = (ends[:-1, None] + lengths[:, None] * HOLES).ravel()
+    owners = np.repeat(np.arange(len(lengths)), len(HOLES))
+    routes = []
+    for tendon, end, stiffness in zip(
+        robot.tendons, robot.tendon_ends, robot.tendon_stiffness, strict=True
+    ):
+        on = np.flatnonzero(holes < end)
+        arcs = np.concatenate([[0.0], holes[on], [end]])
+        links = np.concatenate([[-1], owners[on], [owners[on[-1]]]])
+        starts = np.where(links < 0, 0.0, ends[np.maximum(links, 0)])
+        places = np.column_stack([tendon.place_at(arcs)[:, :2], arcs - starts])
+        whole = TENDON_STIFFNESS_N if math.isinf(stiffness) else float(stiffness)
+        routes.append(
+            Route(
+                name=tendon.name, links=links, places=places, stiffness=whole / float(end),
+                pushes=tendon.pushes,
+            )
+        )  # fmt: skip
+    return Chain(
+        lengths=lengths,
+        radius=robot.radius,
+        frame=frame,
+        springs=spread_rigidity(rigidity, lengths),
+        servos=np.zeros(len(lengths)),
+        tendons=tuple(routes),
+    )
+
+
+@dataclass(eq=False)
+class TendonDrive:
+    """A tendon robot that is moved as a planner's time table says.
+
+    Parameters
+    ----------
+    actuation : Actuation
+        Robot, displacements and advance; see `bozzini plan --robot`.
+    speed : float
+        Of the tip along the plan's path [mm/s].
+    goals : (steps, 3) float, optional
+        Where the tip is to be at each step [mm].
+    """
+
+    actuation: Actuation
+    speed: float = 20.0
+    goals: Floats | None = None
+
+    name: ClassVar[str] = "tendons"
+
+    def __post_init__(self) -> None:
+        given = self.actuation
+        robot = given.robot
+        frame = given.frame.copy()
+        frame[:3, 3] -= robot.length * frame[:3, 2]
+        self.chain = build_tendon_chain(robot, frame)
+        self.start = np.zeros(1 + 2 * len(self.chain.lengths))
+        self.start[0] = given.base_advance[0]
+        way = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(given.head_arc_length)))])
+        way += 1e-9 * np.arange(len(way))
+        self.times = clock_motion(way, self.speed)
+        self.duration = float(self.times[-1])
+        self.table = np.column_stack([given.base_advance, -given.displacements])
+        self._pretension = robot.pretensions
+
+    def command(self, time: float, simulation: Simulation) -> tuple[Floats, Floats]:
+        """Return the base's advance and the tendons' lengths at a time."""
+        k = int(np.clip(np.searchsorted(self.times, time, "right") - 1, 0, len(self.times) - 2))
+        span = self.times[k + 1] - self.times[k]
+        share = min(1.0, (time - self.times[k]) / span)
+        move = self.table[k + 1] - self.table[k]
+        row = self.table[k] + share * move
+        stretch = self._pretension / np.array([r.stiffness for r in self.chain.tendons])
+        lengths = simulation.tendon_lengths + row[1:] - stretch
+        return np.append(row[0], lengths), move / span if share < 1.0 else np.zeros_like(move)
+
+    def find_goal(self, time: float) -> Floats | None:
+        """Return the tip of the plan at a time."""
+        if self.goals is None:
+            return None
+        return np.array([np.interp(time, self.times, self.goals[:, k]) for k in range(3)])

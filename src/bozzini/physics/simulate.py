@@ -1,0 +1,541 @@
+"""A chain of links in a lumen, stepped by MuJoCo: what all drives and environments share.
+
+A scene is in mm, kg and s, so that forces are in mN; what goes in and out here is in N.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..checks import check_fields, quantity
+from ..errors import InputError, MissingExtraError
+from .walls import MARGIN_MM, NEWTON, Floats, LumenWall
+
+try:
+    import mujoco
+except ImportError as error:
+    raise MissingExtraError(error.name or "mujoco", "physics") from None
+
+if TYPE_CHECKING:
+    from mujoco import MjData, MjModel, MjSpec
+
+SAMPLE_MM = 2.5
+"""Distance between the places of a link's axis that may touch the penalty wall, at most."""
+
+MOST_CONTACTS = 256
+
+BASE_KG = 1e-3
+"""Mass of what the slide moves itself; assumed."""
+
+_LINK, _WALL = 1, 2  # bits of what may touch what
+_SIDES = 8  # of the introducer
+_UNUSED_MM = 100.0  # depth from which MuJoCo would make a force itself: never
+
+
+@dataclass(frozen=True, kw_only=True)
+class Dynamics:
+    """Masses, gains and the step of a simulation; masses and gains are assumed.
+
+    Parameters
+    ----------
+    step : float
+        Of the integration [s].
+    density : float
+        Of the body [kg/m^3].
+    armature : float
+        Inertia of the drive of each joint [kg mm^2].
+    damping : float
+        Of each joint [N mm s/rad].
+    slide_gain, slide_damping : float
+        Of the drive that pushes the base in [N/mm], [N s/mm].
+
+    Raises
+    ------
+    InputError
+        If a value is outside its legal range.
+    """
+
+    step: float = quantity("time", "Step of the integration.", default=0.002, low=1e-6, high=0.05)
+    density: float = quantity("density", "Of the body.", default=1100.0, low=1.0, high=2e4)
+    armature: float = quantity(
+        "dimensionless", "Inertia of a joint's drive, in kg mm^2.", default=1.0, low=0.0, high=1e6
+    )
+    damping: float = field(default=0.02)
+    slide_gain: float = quantity("stiffness", "Of the base's drive.", default=50.0, low=1e-3)
+    slide_damping: float = field(default=0.1)
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Route:
+    """A tendon: places on the links that it passes, base first.
+
+    Parameters
+    ----------
+    name : str
+    links : (k,) int
+        Which link each place is fixed to; -1 is the base itself.
+    places : (k, 3) float
+        In the link's own frame, whose z is its axis [mm].
+    stiffness : float
+        Force by stretch of the whole tendon [N/mm].
+    pushes : bool
+        Whether it bears compression.
+    """
+
+    name: str
+    links: NDArray[np.int64]
+    places: Floats
+    stiffness: float
+    pushes: bool = False
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Chain:
+    """A robot as rigid links on a slide, with a joint of two hinges at the base of each link.
+
+    Parameters
+    ----------
+    lengths : (n,) float
+        Of the links, base first [mm].
+    radius : float
+        Of the body [mm].
+    frame : (4, 4) float
+        The base where the slide is at 0, world; z is the way in [mm].
+    springs, servos : (n,) float
+        Stiffness of each joint, and gain of its servo; 0 without one [N mm/rad].
+    servo_damping : float
+        Of the servos [N mm s/rad].
+    tendons : tuple of Route
+
+    Raises
+    ------
+    InputError
+        If arrays do not go together.
+    """
+
+    lengths: Floats
+    radius: float
+    frame: Floats
+    springs: Floats
+    servos: Floats
+    servo_damping: float = 0.9
+    tendons: tuple[Route, ...] = ()
+
+    def __post_init__(self) -> None:
+        shape = self.lengths.shape
+        if len(shape) != 1 or not len(self.lengths) or self.lengths.min() <= 0.0:
+            raise InputError(f"lengths have shape {shape}: they must be (n,), positive, n from 1")
+        for name in ("springs", "servos"):
+            if getattr(self, name).shape != shape:
+                raise InputError(
+                    f"{name} has shape {getattr(self, name).shape}: it must be {shape}"
+                )
+
+    def to_spec(self, dynamics: Dynamics, wall: LumenWall | None = None) -> MjSpec:
+        """Return the scene, in mm, kg and s.
+
+        Damping is larger than what it stands for by stiffness times step: MuJoCo takes damping at
+        the end of a step, and so it takes springs and servos there too.
+        """
+        spec = mujoco.MjSpec()
+        spec.comment = "Units: mm, kg, s; forces in mN. Made by Bozzini."
+        spec.modelname = "bozzini"
+        spec.option.timestep = dynamics.step
+        spec.option.gravity = [0.0, 0.0, 0.0]
+        spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+        spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+        spec.option.impratio = 10.0
+        spec.compiler.degree = False
+        base = spec.worldbody.add_body(name="base", pos=self.frame[:3, 3], quat=_turn(self.frame))
+        self._add_links(spec, base, dynamics)
+        for route in self.tendons:
+            _add_tendon(spec, route, dynamics)
+        if wall is not None and wall.options.kind == "prism":
+            _add_prisms(spec, wall)
+            _add_guide(spec, wall, float(self.lengths.sum()))
+        return spec
+
+    def _add_links(self, spec: MjSpec, base: mujoco.MjsBody, dynamics: Dynamics) -> None:
+        step, parent = dynamics.step, base
+        base.add_joint(name="slide", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[0.0, 0.0, 1.0])
+        base.add_geom(
+            name="carriage", type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[self.radius, 0.0, 0.0],
+            mass=BASE_KG, contype=0, conaffinity=0, rgba=[0.5, 0.5, 0.5, 1.0],
+        )  # fmt: skip
+        gain, damping = NEWTON * dynamics.slide_gain, NEWTON * dynamics.slide_damping
+        _add_servo(spec, "slide", gain, damping + step * gain)
+        for k, length in enumerate(self.lengths):
+            pos = [0.0, 0.0, self.lengths[k - 1] if k else 0.0]
+            body = parent.add_body(name=f"link{k}", pos=pos)
+            for axis, direction in (("x", [1.0, 0.0, 0.0]), ("y", [0.0, 1.0, 0.0])):
+                name = f"bend{k}{axis}"
+                spring = NEWTON * self.springs[k]
+                joint = body.add_joint(
+                    name=name, type=mujoco.mjtJoint.mjJNT_HINGE, axis=direction,
+                    armature=dynamics.armature,
+                )  # fmt: skip
+                joint.stiffness[0] = spring
+                joint.damping[0] = NEWTON * dynamics.damping + step * spring
+                if self.servos[k] > 0.0:
+                    gain = NEWTON * self.servos[k]
+                    _add_servo(spec, name, gain, NEWTON * self.servo_damping + step * gain)
+            body.add_geom(
+                name=f"skin{k}", type=mujoco.mjtGeom.mjGEOM_CAPSULE,
+                fromto=[0.0, 0.0, 0.0, 0.0, 0.0, length], size=[self.radius, 0.0, 0.0],
+                density=1e-9 * dynamics.density, contype=_LINK, conaffinity=_WALL,
+                priority=1, rgba=[0.25, 0.4, 0.6, 1.0],
+            )  # fmt: skip
+            parent = body
+        body.add_site(name="tip", pos=[0.0, 0.0, self.lengths[-1]])
+
+
+def _turn(frame: Floats) -> Floats:
+    quat = np.empty(4)
+    mujoco.mju_mat2Quat(quat, np.ascontiguousarray(frame[:3, :3]).ravel())
+    return quat
+
+
+def _add_servo(spec: MjSpec, joint: str, gain: float, damping: float) -> None:
+    servo = spec.add_actuator(name=joint, target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+    servo.gainprm[0] = gain
+    servo.biastype = mujoco.mjtBias.mjBIAS_AFFINE
+    servo.biasprm[1:3] = -gain, -damping
+
+
+def _add_tendon(spec: MjSpec, route: Route, dynamics: Dynamics) -> None:
+    tendon = spec.add_tendon(name=route.name)
+    for k, (link, place) in enumerate(zip(route.links, route.places, strict=True)):
+        site = f"{route.name}.{k}"
+        spec.body("base" if link < 0 else f"link{link}").add_site(
+            name=site, pos=place, size=[0.2] * 3
+        )
+        tendon.wrap_site(site)
+    gain = NEWTON * route.stiffness
+    servo = spec.add_actuator(
+        name=route.name, target=route.name, trntype=mujoco.mjtTrn.mjTRN_TENDON
+    )
+    servo.gainprm[0] = gain
+    servo.biastype = mujoco.mjtBias.mjBIAS_AFFINE
+    servo.biasprm[1:3] = -gain, -(0.002 + dynamics.step) * gain
+    if not route.pushes:
+        servo.forcelimited = True
+        servo.forcerange = [-1e9, 0.0]
+
+
+def _add_prisms(spec: MjSpec, wall: LumenWall) -> None:
+    for k, corners in enumerate(wall.prisms.corners):
+        mesh = spec.add_mesh(name=f"wall{k}", uservert=corners.ravel())
+        mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
+        spec.worldbody.add_geom(
+            name=f"wall{k}", type=mujoco.mjtGeom.mjGEOM_MESH, meshname=f"wall{k}",
+            contype=_WALL, conaffinity=_LINK, rgba=[0.85, 0.58, 0.54, 0.3],
+        )  # fmt: skip
+
+
+def _add_guide(spec: MjSpec, wall: LumenWall, length: float) -> None:
+    """Put boxes round the introducer's axis: its inner side, and what closes the cut round it."""
+    tube = wall.introducer
+    if tube is None:
+        return
+    from ..numeric.polylines import carry_frames
+
+    axes = carry_frames(tube.outward[None])[0]
+    half = 0.5 * max(wall.options.mouth, wall.bore)
+    for k in range(_SIDES):
+        angle = 2.0 * math.pi * k / _SIDES
+        out = math.cos(angle) * axes[:, 0] + math.sin(angle) * axes[:, 1]
+        frame = np.eye(4)
+        frame[:3, :3] = np.column_stack([out, np.cross(tube.outward, out), tube.outward])
+        middle = tube.entry + (wall.bore + half) * out + 0.5 * length * tube.outward
+        spec.worldbody.add_geom(
+            name=f"guide{k}", type=mujoco.mjtGeom.mjGEOM_BOX, pos=middle, quat=_turn(frame),
+            size=[half, 2.0 * (wall.bore + half) * math.tan(math.pi / _SIDES), 0.5 * length],
+            contype=_WALL, conaffinity=_LINK, rgba=[0.5, 0.55, 0.6, 0.2],
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Touch:
+    """The contacts of a step.
+
+    Parameters
+    ----------
+    places : (c, 3) float
+        World [mm].
+    forces : (c, 3) float
+        On the body, friction included, world [N].
+    normals : (c,) float
+        Of each the part across the wall [N].
+    depths : (c,) float
+        How deep the body is there [mm].
+    links : (c,) int
+        Which link it is.
+    """
+
+    places: Floats
+    forces: Floats
+    normals: Floats
+    depths: Floats
+    links: NDArray[np.int64]
+
+    def pick(self, which: NDArray[np.bool_]) -> Touch:
+        """Return some of the contacts."""
+        return Touch(**{name: values[which] for name, values in vars(self).items()})
+
+
+_NONE = Touch(
+    places=np.zeros((0, 3)),
+    forces=np.zeros((0, 3)),
+    normals=np.zeros(0),
+    depths=np.zeros(0),
+    links=np.zeros(0, dtype=np.int64),
+)
+
+
+@dataclass(eq=False)
+class Simulation:
+    """A chain in a lumen, under way.
+
+    Parameters
+    ----------
+    chain : Chain
+    wall : LumenWall, optional
+        Without one the chain is free.
+    dynamics : Dynamics
+    """
+
+    chain: Chain
+    wall: LumenWall | None = None
+    dynamics: Dynamics = Dynamics()
+    least: float = math.inf
+    """Least clearance of the body's axis in this step, less its radius [mm]."""
+    touch: Touch = _NONE
+    """The contacts of the last step, but for those in the introducer."""
+    work: float = 0.0
+    """Work of all drives since the start [N mm]."""
+    tightest: Floats = field(default_factory=lambda: np.zeros(3))
+    """Where the body's axis has the least clearance [mm]."""
+
+    def __post_init__(self) -> None:
+        spec = self.chain.to_spec(self.dynamics, self.wall)
+        try:
+            self.model: MjModel = spec.compile()
+        except ValueError as error:
+            raise InputError(f"MuJoCo does not take the scene: {error}") from None
+        self.data: MjData = mujoco.MjData(self.model)
+        # MuJoCo finds contacts with bodies; the forces are ours, as its stiffness is one per mass.
+        bodies = self.model.geom_contype == _WALL
+        self.model.geom_margin[bodies] = -_UNUSED_MM
+        self.model.geom_gap[bodies] = _UNUSED_MM + 4.0 * MARGIN_MM
+        mujoco.mj_forward(self.model, self.data)
+        self.tendon_lengths: Floats = self.data.ten_length.copy()
+        self._index = np.zeros(MOST_CONTACTS, dtype=np.int64)
+        self._depth = np.zeros(MOST_CONTACTS)
+        self._normal = np.zeros((MOST_CONTACTS, 3))
+        self._bodies = self._samples[0] + 2
+        self._before = np.zeros((len(self._bodies), 3))
+        self._points = np.empty((len(self._bodies), 3))
+        self._mass = np.zeros((self.model.nv, self.model.nv))
+
+    @cached_property
+    def _samples(self) -> tuple[NDArray[np.int64], Floats]:
+        """Link and place along it of the samples of the body's axis, tip last."""
+        links, along = [], []
+        for k, length in enumerate(self.chain.lengths):
+            count = max(1, math.ceil(length / SAMPLE_MM))
+            links += [k] * count
+            along += (length * np.arange(count) / count).tolist()
+        links.append(len(self.chain.lengths) - 1)
+        along.append(float(self.chain.lengths[-1]))
+        return np.array(links), np.array(along)
+
+    @property
+    def joints(self) -> Floats:
+        """Joints (n + 1, 3) in the world, the tip first as in a plan [mm]."""
+        return np.concatenate([self.data.xpos[2:], self.data.site("tip").xpos[None]])[::-1].copy()
+
+    @property
+    def tip_frame(self) -> Floats:
+        """Rotation (3, 3) of the last link; its z is the way ahead."""
+        return np.asarray(self.data.xmat[-1]).reshape(3, 3).copy()
+
+    @property
+    def inserted(self) -> float:
+        """How far the base has been moved in [mm]."""
+        return float(self.data.qpos[0])
+
+    @property
+    def push_force(self) -> float:
+        """Force of the drive that pushes the base in [N]."""
+        return float(self.data.actuator_force[0]) / NEWTON
+
+    def place(self, positions: Floats) -> None:
+        """Put the slide and the hinges (v,) somewhere, at rest, and begin anew."""
+        mujoco.mj_resetData(self.model, self.data)
+        self.touch, self.least, self.work = _NONE, math.inf, 0.0
+        self._before[:] = 0.0
+        self.data.qpos[:] = positions
+        mujoco.mj_forward(self.model, self.data)
+
+    def step(self, control: Floats, rates: Floats | None = None) -> None:
+        """Make one step.
+
+        Parameters
+        ----------
+        control : (u,) float
+            Where each drive is to be at the end of the step: slide [mm], hinges [rad], tendons'
+            lengths [mm].
+        rates : (u,) float, optional
+            How fast it moves then, against which the servo's damping acts.
+        """
+        model, data, step = self.model, self.data, self.dynamics.step
+        if rates is not None:
+            gains = model.actuator_gainprm[:, 0]
+            damping = -model.actuator_biasprm[:, 2] - step * gains
+            control = control + damping / gains * rates
+        data.ctrl[:] = control
+        data.qfrc_applied[:] = 0.0
+        mujoco.mj_step1(model, data)
+        if self.wall is not None:
+            self._press(self.wall)
+        mujoco.mj_step2(model, data)
+        self.work += step * float(data.actuator_force @ data.actuator_velocity) / NEWTON
+        if data.warning.number.any():
+            raise InputError(
+                f"the simulation is not stable at {data.time:.3f} s: take a smaller step than "
+                f"{step:g} s"
+            )
+
+    def _press(self, wall: LumenWall) -> None:
+        """Measure the clearance, and apply the force of the penalty wall."""
+        from .kernels.contact import find_contacts
+
+        data, links = self.data, self._bodies
+        margin = MARGIN_MM + 2.0 * self.dynamics.step * abs(float(data.qvel[0]))
+        count, least, where = find_contacts(
+            self._packed, wall.tube, self._frame, data.xpos[links], data.xmat[links, 2::3],
+            self._samples[1], self._points, (self.chain.radius, margin), self._index,
+            self._depth, self._normal,
+        )  # fmt: skip
+        self.least, self.tightest = least - self.chain.radius, self._points[where].copy()
+        self.touch = _NONE
+        if wall.options.kind == "prism":
+            self._balance(*self._list_contacts())
+        elif count:
+            normals = self._normal[:count] @ self._frame[:3].T
+            index = self._index[:count]
+            self._balance(
+                self._points[index] - self.chain.radius * normals,
+                normals,
+                self._depth[:count].copy(),
+                self._samples[0][index],
+                index.copy(),
+            )
+
+    def _list_contacts(self) -> tuple[Floats, Floats, Floats, NDArray[np.int64]]:
+        """Return the contacts with bodies of the wall: places, normals, depths, links."""
+        from .kernels.contact import merge_contacts
+
+        contact = self.data.contact
+        bodies = self.model.geom_bodyid[np.asarray(contact.geom).reshape(-1, 2)]
+        ahead = np.where(bodies[:, 1] > 0, 1.0, -1.0)  # normals are towards the second body
+        places = np.asarray(contact.pos).reshape(-1, 3)
+        normals = ahead[:, None] * np.asarray(contact.frame).reshape(-1, 9)[:, :3]
+        depths = -np.asarray(contact.dist)
+        links = bodies.max(axis=1).astype(np.int64) - 2
+        kept = np.zeros(len(links), dtype=np.bool_)
+        order = np.argsort(-depths, kind="stable")
+        merge_contacts(order, places, normals, links, 0.5 * SAMPLE_MM, kept)
+        return places[kept], normals[kept], depths[kept], links[kept]
+
+    @cached_property
+    def _packed(self) -> object:
+        return None if self.wall is None else self.wall.duct.pack()
+
+    @cached_property
+    def _frame(self) -> Floats:
+        """Take the world to the duct's own frame: three rows, and where the origin is."""
+        if self.wall is None:
+            return np.eye(4, 3)
+        origin = self.wall.duct.to_grid(np.zeros(3))
+        return np.vstack([self.wall.duct.to_grid(np.eye(3)) - origin, origin])
+
+    def _balance(
+        self,
+        places: Floats,
+        normals: Floats,
+        depth: Floats,
+        links: NDArray[np.int64],
+        samples: NDArray[np.int64] | None = None,
+    ) -> None:
+        """Find the forces of the wall at the end of the step, and apply them.
+
+        Those of `samples` begin as they were in the step before.
+        """
+        from .kernels.contact import balance_contacts, fill_jacobian
+
+        model, data, wall = self.model, self.data, self.wall
+        if wall is None:
+            return
+        options, step = wall.options, self.dynamics.step
+        count = len(links)
+        if not count:
+            return
+        frames = np.zeros((count, 3, 3))
+        frames[:, 0] = normals
+        rows = np.empty((3 * count, model.nv))
+        fill_jacobian(data.xaxis, data.xanchor, places, 3 + 2 * links, frames, rows)
+        mujoco.mj_fwdActuation(model, data)
+        mujoco.mj_fwdAcceleration(model, data)
+        solved = np.linalg.solve(self._weigh(), np.column_stack([data.qfrc_smooth, rows.T]))
+        velocity = rows @ (data.qvel + step * solved[:, 0])
+        stiffness = NEWTON * options.stiffness
+        law = (stiffness, stiffness * options.damping, options.friction, step)
+        force = np.zeros(3 * count)
+        if samples is not None:
+            force[:] = self._before[samples].ravel()
+        effect = np.ascontiguousarray(solved[:, 1:].T)
+        balance_contacts(rows, effect, velocity, depth, law, force)
+        data.qfrc_applied[:] = rows.T @ force
+        if samples is not None:
+            self._before[:] = 0.0
+            self._before[samples] = force.reshape(-1, 3)
+        force = force.reshape(-1, 3) / NEWTON
+        touch = Touch(
+            places=places,
+            forces=np.einsum("ck,ckx->cx", force, frames),
+            normals=force[:, 0],
+            depths=depth,
+            links=links,
+        )
+        on = force[:, 0] > 0.0
+        if wall.introducer is not None:
+            tube = wall.introducer
+            on &= (places - tube.entry) @ tube.outward < 0.0
+        self.touch = touch.pick(on)
+
+    def _weigh(self) -> Floats:
+        """Return the mass matrix with what damping adds over a step: what MuJoCo inverts."""
+        model, data, step = self.model, self.data, self.dynamics.step
+        mass = self._mass
+        mujoco.mj_fullM(model, data, mass)
+        added = model.dof_damping.copy()
+        damping = -model.actuator_biasprm[:, 2]
+        joints = model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT
+        added[model.actuator_trnid[joints, 0]] += damping[joints]
+        np.einsum("ii->i", mass)[:] += step * added
+        for k in np.flatnonzero(~joints):
+            first, number = data.moment_rowadr[k], data.moment_rownnz[k]
+            columns = data.moment_colind[first : first + number]
+            row = data.actuator_moment[first : first + number]
+            mass[np.ix_(columns, columns)] += step * damping[k] * np.outer(row, row)
+        return mass
