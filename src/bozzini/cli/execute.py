@@ -11,7 +11,13 @@ import click
 from ..errors import InputError
 from ..physics.options import ExecuteOptions, ScopeOptions, WallOptions
 from ..study.options import InsertionOptions, ReadOptions
-from ._tract_options import Body, read_with_options, report_findings, tract_options
+from ._tract_options import (
+    Body,
+    list_given,
+    read_with_options,
+    report_findings,
+    tract_options,
+)
 from .common import EXIT_NEGATIVE, Answer, answer_options, format_rows, options_of, run_exit
 from .plan import reserve_target
 
@@ -120,6 +126,11 @@ def _find_scenery(
         from ..motion.verify import read_input
 
         plan = Plan.load(source)
+        given = list_given(reading)
+        if given:
+            raise InputError(
+                f"--{given[0]} has no effect with a plan, which states it: leave it out"
+            )
         if tract is None:
             raise InputError(f"{source} is a plan: give the file that it was made from too")
         known = None if plan.input is None else plan.input.sha256
