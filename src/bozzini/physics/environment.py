@@ -166,9 +166,7 @@ class Insertion(gymnasium.Env[Floats, Floats]):
             seed = int(self.np_random.integers(self.phantoms))
         return find_phantom(seed)
 
-    def reset(
-        self, *, seed: int | None = None, options: Json | None = None
-    ) -> tuple[Floats, Json]:
+    def reset(self, *, seed: int | None = None, options: Json | None = None) -> tuple[Floats, Json]:
         """Begin anew: the tip stands at the entry, a little off its axis."""
         super().reset(seed=seed)
         lumen = self._choose()
