@@ -176,11 +176,6 @@ def test_wrong_input_is_refused_in_one_line() -> None:
         model.shape(inserted=100.0)
 
 
-def test_the_same_insertion_in_a_simulator_of_rigid_bodies() -> None:
-    pytest.importorskip("bozzini.physics", reason="there is no simulator of the scene yet")
-    pytest.fail("compare the push force of a simulated insertion with insert_robot's, within 10 %")
-
-
 def test_tendons_that_end_in_the_introducer_do_nothing() -> None:
     def make(name: str, length: float, angle: float) -> Section:
         tendon = Tendon(name=name, offset=2.0, angle=angle)
