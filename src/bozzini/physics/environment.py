@@ -10,7 +10,7 @@ import math
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from ..checks import check_word
 from ..errors import InputError, MissingExtraError
 from ..motion.scope import Introducer, Scope
 from ..numeric.polylines import interpolate_polyline, measure_arc_length
+from ..results import Json
 from .options import ScopeOptions, WallOptions
 from .robots import PushDrive, find_bends, stand_outside
 from .simulate import Chain, Dynamics, Simulation
@@ -132,7 +133,7 @@ class Insertion(gymnasium.Env[Floats, Floats]):
     wall : WallOptions, optional
     """
 
-    metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012 (as Gymnasium has it)
+    metadata: Json = {"render_modes": []}  # noqa: RUF012 (as Gymnasium has it)
 
     def __init__(
         self,
@@ -165,9 +166,7 @@ class Insertion(gymnasium.Env[Floats, Floats]):
             seed = int(self.np_random.integers(self.phantoms))
         return find_phantom(seed)
 
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Floats, dict[str, Any]]:
+    def reset(self, *, seed: int | None = None, options: Json | None = None) -> tuple[Floats, Json]:
         """Begin anew: the tip stands at the entry, a little off its axis."""
         super().reset(seed=seed)
         lumen = self._choose()
@@ -222,7 +221,7 @@ class Insertion(gymnasium.Env[Floats, Floats]):
         size = float(np.linalg.norm(self.turn))
         self.turn *= min(1.0, PUSHED.tip_bend / max(size, 1e-9))
 
-    def step(self, action: Floats) -> tuple[Floats, float, bool, bool, dict[str, Any]]:
+    def step(self, action: Floats) -> tuple[Floats, float, bool, bool, Json]:
         """Turn and push for a tenth of a second."""
         lumen = self.lumen
         if lumen is None:
@@ -288,7 +287,7 @@ class Insertion(gymnasium.Env[Floats, Floats]):
             raise InputError("the environment has no wall")
         return wall
 
-    def _judge(self, lumen: Lumen) -> tuple[Floats, float, bool, bool, dict[str, Any]]:
+    def _judge(self, lumen: Lumen) -> tuple[Floats, float, bool, bool, Json]:
         simulation = self.simulation
         tip = simulation.joints[0]
         before = self.progress
