@@ -74,6 +74,7 @@ def test_a_scope_that_does_not_fit_is_refused_by_the_planner(
         (("execute", "PLAN", "VOLUME"), "is not the file that the plan was made from"),
         (("execute", "SURFACE", "SURFACE"), "leave out"),
         (("execute", "PLAN", "SURFACE", "--unit", "m"), "--unit has no effect with a plan"),
+        (("execute", "PLAN", "SURFACE", "--link", "5mm"), "--link has no effect with a plan"),
         (("execute", "PLAN", "SURFACE", "--drive", "tendons"), "no motion of a tendon robot"),
         (("execute", "--repeats", "3"), "--repeats is 3: without --seeds it must be 1"),
         (("execute", "PLAN", "--seeds", "3"), "--seeds takes no file"),

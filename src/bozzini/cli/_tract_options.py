@@ -102,7 +102,7 @@ def read_with_options(
     return tract
 
 
-def list_given(options: ReadOptions | PathOptions) -> list[str]:
+def list_given(options: ReadOptions | PathOptions | Body) -> list[str]:
     """Return the names of the options that were given."""
     return [name for name, value in vars(options).items() if value not in (None, False, ())]
 

@@ -126,7 +126,7 @@ def _find_scenery(
         from ..motion.verify import read_input
 
         plan = Plan.load(source)
-        given = list_given(reading)
+        given = [*list_given(reading), *list_given(body)]
         if given:
             raise InputError(
                 f"--{given[0]} has no effect with a plan, which states it: leave it out"
