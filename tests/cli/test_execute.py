@@ -82,6 +82,10 @@ def test_a_scope_that_does_not_fit_is_refused_by_the_planner(
         (("export", "urdf", "PLAN", "--out", "a.xml"), "for urdf it must end in .urdf"),
         (("export", "urdf", "PLAN", "SURFACE", "--out", "a.urdf"), "urdf takes no wall"),
         (("export", "mujoco", "PLAN", "--out", "a.xml"), "mujoco also needs the file"),
+        (
+            ("export", "mujoco", "PLAN", "VOLUME", "--out", "a.xml"),
+            "is not the file that the plan was made from",
+        ),
     ],
 )
 def test_wrong_use_is_one_line(

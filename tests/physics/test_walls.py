@@ -29,20 +29,24 @@ def room() -> SampledField:
     return sample_field(distance, [-HALF - 4.0] * 3, [HALF + 4.0] * 3, 1.0)
 
 
-def press(room, force, *, height=16.9, **options):
-    """Press a capsule, end on, against the upper wall with a force [N] until it rests."""
-    step = options.pop("step", 0.002)
-    wall = LumenWall(duct=room, options=WallOptions(faces=400, **options))
+def make_capsule(height):
+    """Return a chain of one link that points up from a height [mm]."""
     frame = np.eye(4)
-    frame[:3, 3] = 1.3, 0.7, height - 10.0
-    chain = Chain(
+    frame[:3, 3] = 1.3, 0.7, height
+    return Chain(
         lengths=np.array([10.0]),
         radius=RADIUS,
         frame=frame,
         springs=np.zeros(1),
         servos=np.full(1, 500.0),
     )
-    simulation = Simulation(chain, wall, Dynamics(step=step, **WEAK))
+
+
+def press(room, force, *, height=16.9, **options):
+    """Press a capsule, end on, against the upper wall with a force [N] until it rests."""
+    step = options.pop("step", 0.002)
+    wall = LumenWall(duct=room, options=WallOptions(faces=400, **options))
+    simulation = Simulation(make_capsule(height - 10.0), wall, Dynamics(step=step, **WEAK))
     simulation.data.xfrc_applied[2, 2] = 1e3 * force
     for _ in range(round(3.0 / step)):
         simulation.step(np.array([simulation.inserted, 0.0, 0.0]))
@@ -65,19 +69,10 @@ def test_a_pressed_capsule_has_the_force_and_the_stated_depth(room, kind, stiffn
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_depth_does_not_depend_on_the_mass(room, kind) -> None:
     # MuJoCo's own reference is a stiffness per mass.
-    frame = np.eye(4)
-    frame[:3, 3] = 1.3, 0.7, 6.9
     depths = []
     for density in (1100.0, 11000.0):
-        chain = Chain(
-            lengths=np.array([10.0]),
-            radius=RADIUS,
-            frame=frame,
-            springs=np.zeros(1),
-            servos=np.full(1, 500.0),
-        )
         wall = LumenWall(duct=room, options=WallOptions(kind=kind, faces=400))
-        simulation = Simulation(chain, wall, Dynamics(density=density, **WEAK))
+        simulation = Simulation(make_capsule(6.9), wall, Dynamics(density=density, **WEAK))
         simulation.data.xfrc_applied[2, 2] = 100.0
         for _ in range(1500):
             simulation.step(np.array([simulation.inserted, 0.0, 0.0]))

@@ -121,9 +121,8 @@ def _find_scenery(
             plan, duct = plan_phantom(options.seed, body.scope)
         return None if _refuse(plan, answer) else Scenery(plan=plan, duct=duct)
     if source.suffix.lower() == ".npz":
-        from ..anatomy.read import hash_input
         from ..motion.actuate.actuation import Actuation
-        from ..motion.verify import read_input
+        from .routing import reread_tract
 
         plan = Plan.load(source)
         given = [*list_given(reading), *list_given(body)]
@@ -133,13 +132,10 @@ def _find_scenery(
             )
         if tract is None:
             raise InputError(f"{source} is a plan: give the file that it was made from too")
-        known = None if plan.input is None else plan.input.sha256
-        if known is not None and hash_input(tract) != known:
-            raise InputError(f"{tract} is not the file that the plan was made from")
+        read, duct = reread_tract(plan, tract, answer)
         if _refuse(plan, answer):
             return None
-        with answer.show_progress() as progress:
-            scenery = Scenery.from_plan(plan, read_input(plan, tract), progress=progress)
+        scenery = Scenery.from_plan(plan, read, duct=duct)
         beside = source.with_name("robot.npz")
         if options.drive == "tendons" and beside.exists():
             scenery = replace(scenery, actuation=Actuation.load(beside))

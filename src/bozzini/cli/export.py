@@ -50,11 +50,11 @@ def command(
     plan = Plan.load(source)
     check_number("--speed", speed, low=0.1, high=1000.0, unit="mm/s")
     if tract is not None:
-        from ..motion.verify import read_input
         from ..physics.study import Scenery
+        from .routing import reread_tract
 
-        with answer.show_progress() as progress:
-            scenery = Scenery.from_plan(plan, read_input(plan, tract), progress=progress)
+        read, duct = reread_tract(plan, tract, answer)
+        scenery = Scenery.from_plan(plan, read, duct=duct)
         prisms = replace(scenery, wall=replace(wall, kind="prism"))
         text = format_mjcf(plan, prisms.make_wall("plan"))
     else:

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from ..anatomy.tract import LabelTract, SurfaceTract
     from ..duct.base import Duct
     from ..motion.plan import Plan
     from ..motion.routing import InsertionRank, RoutingDesign, TractRobot
@@ -156,16 +157,28 @@ def read_plan(path: Path) -> Plan:
 
 def rebuild_lumen(plan: Plan, path: Path, answer: Answer) -> Duct:
     """Return the lumen that a plan was made in, read from its file again."""
+    return reread_tract(plan, path, answer)[1]
+
+
+def reread_tract(plan: Plan, path: Path, answer: Answer) -> tuple[LabelTract | SurfaceTract, Duct]:
+    """Return the tract that a plan was made in, read from its file again, and its lumen.
+
+    Raises
+    ------
+    InputError
+        If it is another one.
+    """
     from ..motion.verify import read_input, rebuild_field
 
     known = is_made_from(plan, path)
     if known is False:
         raise InputError(f"{path} is not the file that the plan was made from")
     with answer.show_progress() as progress:
-        field = rebuild_field(plan, read_input(plan, path), progress=progress)
+        tract = read_input(plan, path)
+        field = rebuild_field(plan, tract, progress=progress)
     if known is None:
         check_lumen(plan, path, field)
-    return field
+    return tract, field
 
 
 def is_made_from(plan: Plan, path: Path) -> bool | None:

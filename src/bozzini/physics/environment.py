@@ -19,6 +19,7 @@ from ..errors import InputError, MissingExtraError
 from ..motion.scope import Introducer, Scope
 from ..numeric.polylines import interpolate_polyline, measure_arc_length
 from ..results import Json
+from .execute import follow_way
 from .options import ScopeOptions, WallOptions
 from .robots import PushDrive, find_bends, stand_outside
 from .simulate import Chain, Dynamics, Simulation
@@ -64,8 +65,6 @@ PURSUIT_MM = 12.0
 PUSHED = ScopeOptions(rigidity=5000.0)
 PUSHED_SHARE = 1.2
 """Of an elastic scope, and its length over the way's."""
-
-_NEAR_MM = 40.0
 
 Robot = Literal["leader", "pushed"]
 Policy = Callable[["Insertion"], Floats]
@@ -260,9 +259,8 @@ class Insertion(gymnasium.Env[Floats, Floats]):
         """Return the direction (3,) in the tip's frame to a place on a way that lies ahead [mm]."""
         arcs = measure_arc_length(way)
         tip = self.simulation.joints[0]
-        gaps = np.linalg.norm(way - tip, axis=1)
-        gaps[np.abs(arcs - self.progress) > _NEAR_MM] = math.inf
-        target = interpolate_polyline(way, arcs, arcs[[int(np.argmin(gaps))]] + ahead)[0]
+        place = follow_way(way, arcs, tip, before=self.progress)
+        target = interpolate_polyline(way, arcs, np.array([place + ahead]))[0]
         frame = self.heading if self.robot == "leader" else self.simulation.tip_frame
         local = frame.T @ (target - tip)
         return np.asarray(local / max(float(np.linalg.norm(local)), 1e-9))
@@ -291,9 +289,7 @@ class Insertion(gymnasium.Env[Floats, Floats]):
         simulation = self.simulation
         tip = simulation.joints[0]
         before = self.progress
-        near = np.abs(self.arc - before) <= _NEAR_MM
-        off = np.where(near, np.linalg.norm(lumen.line - tip, axis=1), math.inf)
-        self.progress = float(self.arc[int(np.argmin(off))])
+        self.progress = follow_way(lumen.line, self.arc, tip, before=before)
         force = float(simulation.touch.normals.sum())
         complete = float(np.linalg.norm(tip - lumen.line[-1])) <= DIAMETER
         outside = simulation.least + simulation.chain.radius < 0.0

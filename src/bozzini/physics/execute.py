@@ -17,7 +17,7 @@ from ..progress import Progress, no_progress
 from ..results import Json, Result, measured, take_axes
 from .robots import Drive
 from .simulate import Dynamics, Simulation, Touch
-from .walls import Floats, LumenWall
+from .walls import Floats, LumenWall, find_normals
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -38,6 +38,13 @@ ON_MM = 40.0
 """How far a scope is pushed on after a loop [mm]."""
 
 _NEAR_MM = 40.0  # along the way, between places of the tip in neighbouring rows
+
+
+def follow_way(line: Floats, arc: Floats, tip: Floats, *, before: float) -> float:
+    """Return how far a tip is along a way (m, 3), near where it was `before` [mm]."""
+    near = np.abs(arc - before) <= _NEAR_MM
+    off = np.where(near, np.linalg.norm(line - tip, axis=1), math.inf)
+    return float(arc[int(np.argmin(off))])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -201,13 +208,6 @@ class Execution(Result):
 
         vertices, faces = surface
         forces = self.map_forces(vertices)
-        crosses = np.cross(
-            vertices[faces[:, 1]] - vertices[faces[:, 0]],
-            vertices[faces[:, 2]] - vertices[faces[:, 0]],
-        )
-        normals = np.zeros_like(vertices)
-        np.add.at(normals, faces.ravel(), np.repeat(crosses, 3, axis=0))
-        normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
         sides = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
         ones = np.ones(len(sides))
         graph = coo_matrix((ones, sides.T), shape=(len(vertices),) * 2).tocsr()
@@ -217,7 +217,7 @@ class Execution(Result):
         moved = self.compliance * forces
         for _ in range(round((spread / edge) ** 2)):  # steps of diffusion, of one edge each
             moved = 0.5 * (moved + average @ moved)
-        return vertices + moved[:, None] * normals, moved
+        return vertices + moved[:, None] * find_normals(vertices, faces), moved
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the forces over the insertion, and return the axes."""
@@ -351,7 +351,7 @@ class _Run:
         joints = simulation.joints
         goal = self.drive.find_goal(time)
         error = math.nan if goal is None else float(np.linalg.norm(joints[0] - goal))
-        self._follow(joints[0])
+        self.progress = follow_way(self.line, self.arc, joints[0], before=self.progress)
         self.joints.append(joints)
         self.rows.append(
             (
@@ -369,12 +369,6 @@ class _Run:
         self.push, self.noted = 0.0, 0
         if math.isnan(self.looped[0]):
             self._find_loop(joints)
-
-    def _follow(self, tip: Floats) -> None:
-        """Find the tip's place along the way, near the one before."""
-        near = np.abs(self.arc - self.progress) <= _NEAR_MM
-        off = np.where(near, np.linalg.norm(self.line - tip, axis=1), math.inf)
-        self.progress = float(self.arc[int(np.argmin(off))])
 
     def _find_loop(self, joints: Floats) -> None:
         """Look for a tip that stands still while the base goes on, and for a body that runs back.

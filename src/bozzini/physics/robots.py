@@ -14,16 +14,10 @@ from ..errors import InputError
 from ..motion.actuate.actuation import Actuation
 from ..motion.plan import Plan
 from ..motion.scope import Introducer
-from ..numeric.polylines import carry_frames, interpolate_polyline
+from ..numeric.polylines import carry_frames, interpolate_polyline, measure_arc_length
 from .options import ScopeOptions
 from .simulate import Chain, Route, Simulation
 from .walls import Floats
-
-COLONOSCOPE_RIGIDITY = (26_000.0, 40_000.0)
-"""Flexural rigidity along a colonoscope (Olympus CF-140S) at room temperature, least and largest
-[N mm^2]; at 37 degrees C it is 17 % less. Hellier, Albermani, Evans, de Visser, Adam, Passenger:
-Flexural and torsional rigidity of colonoscopes at room and body temperatures, Proc. Inst. Mech.
-Eng. H 225 (2011), 389-399."""
 
 SERVO_DAMPING_S = 0.0045
 """Damping of a joint's servo over its gain [s]; assumed."""
@@ -67,6 +61,16 @@ def clock_motion(way: Floats, speed: float) -> Floats:
         np.sqrt(2.0 * way * RAMP_S / speed),
         0.5 * RAMP_S + way / speed,
     )
+
+
+def read_table(table: Floats, times: Floats, time: float) -> tuple[Floats, Floats]:
+    """Return the row (u,) of a table (n, u) at a time between its own, and its rates; then rest."""
+    k = int(np.clip(np.searchsorted(times, time, "right") - 1, 0, len(times) - 2))
+    span, move = times[k + 1] - times[k], table[k + 1] - table[k]
+    share = (time - times[k]) / span
+    if share >= 1.0:
+        return table[k + 1], np.zeros_like(move)
+    return table[k] + share * move, move / span
 
 
 def find_bends(joints: Floats, base: Floats) -> Floats:
@@ -143,18 +147,12 @@ class PlanDrive:
 
     def command(self, time: float, simulation: Simulation) -> tuple[Floats, Floats]:
         """Return the joints of the plan at a time, and how fast they move."""
-        k = int(np.clip(np.searchsorted(self.times, time, "right") - 1, 0, len(self.times) - 2))
-        span = self.times[k + 1] - self.times[k]
-        share = (time - self.times[k]) / span
-        move = self.table[k + 1] - self.table[k]
-        if share >= 1.0:
-            return self.table[k + 1], np.zeros_like(move)
-        return self.table[k] + share * move, move / span
+        return read_table(self.table, self.times, time)
 
     def find_goal(self, time: float) -> Floats:
         """Return the head of the plan at a time."""
         heads = self.plan.joints[:, 0]
-        return np.array([np.interp(time, self.times, heads[:, k]) for k in range(3)])
+        return np.asarray(interpolate_polyline(heads, self.times, np.array([time]))[0])
 
 
 def drag_chain(plan: Plan) -> Plan:
@@ -269,9 +267,7 @@ class PushDrive:
         self.duration = float(clock_motion(np.array([self.length]), self.speed)[0])
         self.turn = np.zeros(2)
         self._last = 0.0
-        self._arc = np.concatenate(
-            [[0.0], np.cumsum(np.linalg.norm(np.diff(self.line, axis=0), axis=1))]
-        )
+        self._arc = measure_arc_length(self.line)
 
     def command(self, time: float, simulation: Simulation) -> tuple[Floats, Floats]:
         """Push on, and turn the tip towards the line ahead."""
@@ -401,17 +397,13 @@ class TendonDrive:
 
     def command(self, time: float, simulation: Simulation) -> tuple[Floats, Floats]:
         """Return the base's advance and the tendons' lengths at a time."""
-        k = int(np.clip(np.searchsorted(self.times, time, "right") - 1, 0, len(self.times) - 2))
-        span = self.times[k + 1] - self.times[k]
-        share = min(1.0, (time - self.times[k]) / span)
-        move = self.table[k + 1] - self.table[k]
-        row = self.table[k] + share * move
+        row, rates = read_table(self.table, self.times, time)
         stretch = self._pretension / np.array([r.stiffness for r in self.chain.tendons])
         lengths = simulation.tendon_lengths + row[1:] - stretch
-        return np.append(row[0], lengths), move / span if share < 1.0 else np.zeros_like(move)
+        return np.append(row[0], lengths), rates
 
     def find_goal(self, time: float) -> Floats | None:
         """Return the tip of the plan at a time."""
         if self.goals is None:
             return None
-        return np.array([np.interp(time, self.times, self.goals[:, k]) for k in range(3)])
+        return np.asarray(interpolate_polyline(self.goals, self.times, np.array([time]))[0])

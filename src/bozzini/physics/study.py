@@ -5,8 +5,9 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -21,6 +22,7 @@ from ..motion.actuate.actuation import Actuation
 from ..motion.plan import Plan
 from ..motion.scope import Scope
 from ..motion.verify import rebuild_field
+from ..numeric.polylines import interpolate_polyline, measure_arc_length
 from ..progress import Progress, no_progress
 from ..results import Json, Result, measured, to_plain
 from ..scene import write_scene
@@ -28,7 +30,7 @@ from ..scene.make_view import draw_wall
 from ..scene.page import render_page
 from ..scene.view import Body, Chart, Mark, Surface, View
 from .execute import Execution, execute
-from .options import DriveName, ExecuteOptions, ScopeOptions, WallOptions
+from .options import DRIVES, DriveName, ExecuteOptions, ScopeOptions, WallOptions
 from .robots import Drive, PlanDrive, PushDrive, TendonDrive, drag_chain
 from .simulate import Dynamics
 from .walls import Floats, LumenWall
@@ -36,6 +38,8 @@ from .walls import Floats, LumenWall
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+    from ..scene.scene import TractMesh
 
 PUSHED_LENGTH = 1.5
 """Length of a pushed scope over the way's: it is pushed on where its tip stands still."""
@@ -85,15 +89,15 @@ class Scenery:
 
     @classmethod
     def from_plan(
-        cls, plan: Plan, tract: LabelTract | SurfaceTract, *, progress: Progress = no_progress
+        cls, plan: Plan, tract: LabelTract | SurfaceTract, *, duct: Duct | None = None
     ) -> Scenery:
-        """Sample a tract as the plan states."""
-        duct = rebuild_field(plan, tract, progress=progress)
+        """Return a plan in its tract; the lumen is sampled as the plan states, unless given."""
+        duct = rebuild_field(plan, tract) if duct is None else duct
         return cls(plan=plan, duct=duct, tract=None if plan.inflation > 0.0 else tract)
 
     @property
     def line(self) -> Floats:
-        """The way: the head's path, or the centreline for a scope that is pushed."""
+        """The way: the head's path."""
         return self.plan.path
 
     def make_drive(self, name: DriveName, speed: float) -> Drive:
@@ -104,7 +108,7 @@ class Scenery:
         InputError
             If there is no motion of a tendon robot.
         """
-        check_word("drive", name, ("plan", "tractrix", "tendons", "push"))
+        check_word("drive", name, DRIVES)
         plan = self.plan
         if name == "plan":
             return PlanDrive(plan, speed, self.scope)
@@ -116,16 +120,12 @@ class Scenery:
                     "there is no motion of a tendon robot: give --robot, or a plan that was made "
                     "with one, with its robot.npz beside it"
                 )
-            goals = np.stack(
-                [
-                    np.interp(self.actuation.head_arc_length, plan.path_arc_length, column)
-                    for column in plan.path.T
-                ],
-                axis=1,
+            goals = interpolate_polyline(
+                plan.path, plan.path_arc_length, self.actuation.head_arc_length
             )
             return TendonDrive(self.actuation, speed, goals)
         line = plan.path if plan.centreline is None else plan.centreline.points
-        length = float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum())
+        length = float(measure_arc_length(line)[-1])
         scope = plan.get_scope()
         return PushDrive(
             line=line,
@@ -328,10 +328,15 @@ class ExecutionStudy(Result):
             figure.colorbar(points, ax=row, label="largest normal force [N]")
         return figure
 
+    @cached_property
+    def drawn_wall(self) -> tuple[TractMesh, tuple[str, ...]]:
+        """The wall as it is drawn, and notes on that."""
+        return draw_wall(self.scenery.tract or self.scenery.duct)
+
     def make_page(self) -> View:
         """Return the page: wall, body at each row, the pressed places by force."""
         first = self.executions[0]
-        mesh, notes = draw_wall(self.scenery.tract or self.scenery.duct)
+        mesh, notes = self.drawn_wall
         forces = first.map_forces(mesh.vertices)
         most = float(forces.max())
         faces = forces[mesh.faces].max(axis=1)
@@ -374,7 +379,7 @@ class ExecutionStudy(Result):
 
         from .. import plot
 
-        mesh, _ = draw_wall(self.scenery.tract or self.scenery.duct)
+        mesh, _ = self.drawn_wall
         for each in self.executions:
             name = each.drive
             each.to_frame().to_csv(folder / f"{name}.csv", index=False)
@@ -538,7 +543,8 @@ def run_trials(
             continue
         scenery = Scenery(plan=plan, duct=duct, scope=gains, wall=wall)
         drawn = dataclasses.replace(options, seed=seed)
-        for repeat, found in _repeat(scenery, drawn, repeats):
+        for repeat in range(repeats):
+            found = scenery.run(drawn, repeat=repeat)
             errors = found.tip_error[np.isfinite(found.tip_error)]
             rows.append(
                 (
@@ -559,13 +565,6 @@ def run_trials(
         reasons=tuple(reasons),
         refused=refused,
     )
-
-
-def _repeat(
-    scenery: Scenery, options: ExecuteOptions, repeats: int
-) -> Iterator[tuple[int, Execution]]:
-    for repeat in range(repeats):
-        yield repeat, scenery.run(options, repeat=repeat)
 
 
 PHANTOM_VOXEL_MM = 1.5

@@ -96,12 +96,7 @@ def build_prisms(
 
     vertices, faces = surface
     _check_closed(vertices, faces)
-    crosses = np.cross(
-        vertices[faces[:, 1]] - vertices[faces[:, 0]], vertices[faces[:, 2]] - vertices[faces[:, 0]]
-    )
-    normals = np.zeros_like(vertices)
-    np.add.at(normals, faces.ravel(), np.repeat(crosses, 3, axis=0))
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+    normals = find_normals(vertices, faces)
     depths = thickness / _SHARE * np.arange(1, _DEPTHS + 1) / _DEPTHS
     probes = vertices[:, None] + depths[:, None] * normals[:, None]
     found = igl.signed_distance(
@@ -133,6 +128,16 @@ def build_prisms(
         middles = vertices[faces].mean(axis=1)
         inward = max(0.0, float(-duct.signed_distance(middles).min()))
     return Prisms(corners=corners, thickness=least, inward=inward, findings=tuple(findings))
+
+
+def find_normals(vertices: Floats, faces: NDArray[np.int64]) -> Floats:
+    """Return the normals (n, 3) of vertices, weighted by area; zero where faces cancel out."""
+    crosses = np.cross(
+        vertices[faces[:, 1]] - vertices[faces[:, 0]], vertices[faces[:, 2]] - vertices[faces[:, 0]]
+    )
+    normals = np.zeros_like(vertices)
+    np.add.at(normals, faces.ravel(), np.repeat(crosses, 3, axis=0))
+    return np.asarray(normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12))
 
 
 def _check_closed(vertices: Floats, faces: NDArray[np.int64]) -> None:
