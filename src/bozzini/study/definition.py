@@ -18,7 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import __version__
-from ..checks import Quantity, check_path, show_value
+from ..anatomy.read import hash_input
+from ..checks import Quantity, check_path
 from ..errors import BozziniError, FileFormatError, InputError
 from ..io.records import load_record, read_record, write_record
 from ..units import add_unit, parse_quantity
@@ -177,11 +178,6 @@ class Study:
         """Rows of a part."""
         return self.spec.chunk or self.job.chunk
 
-    @property
-    def parts(self) -> int:
-        """How many parts the rows make."""
-        return -(-self.rows // self.chunk)
-
     @cached_property
     def key(self) -> str:
         """SHA-256 of all that the rows depend on: not of chunks, workers and spellings."""
@@ -205,7 +201,7 @@ class Study:
             None if spec.sampling is None else write_record(spec.sampling),
             None if spec.search is None else write_record(spec.search),
             sorted(self.limits.items()),
-            {name: _hash_file(path) for name, path in given.items()},
+            {name: hash_input(path) for name, path in given.items()},
         )
         text = json.dumps(parts, sort_keys=True, default=str)
         return hashlib.sha256(text.encode()).hexdigest()
@@ -299,14 +295,6 @@ def _take_end(name: str, end: Value, unit: str) -> float:
         return parse_quantity(end, kind)
     except InputError as error:
         raise InputError(f"constraints.{name}: {error}") from None
-
-
-def _hash_file(path: str) -> str:
-    try:
-        with open(path, "rb") as stream:
-            return hashlib.file_digest(stream, "sha256").hexdigest()
-    except OSError as error:
-        raise InputError(f"cannot read {show_value(path)}: {error.strerror}") from None
 
 
 @lru_cache(maxsize=4)
