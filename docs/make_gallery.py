@@ -1,0 +1,84 @@
+"""Make the gallery: run each file of docs/gallery, keep its picture, and write the page.
+
+    python docs/make_gallery.py             all
+    python docs/make_gallery.py plan force  these pictures only; the page is always whole
+
+A file of the gallery is a title, a text and 10 to 40 lines that leave `figure` or `axes` behind.
+"""
+
+from __future__ import annotations
+
+import ast
+import runpy
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+DOCS = Path(__file__).resolve().parent
+PICTURES = DOCS / "images" / "gallery"
+PAGE = DOCS / "gallery.md"
+WIDTH = 800.0  # of a picture [px]
+GROUPS = {
+    "From a tract to a motion": [
+        "plan", "depths", "clearance", "methods", "breathing", "centreline", "link_limits",
+        "duct_fit", "shapes",
+    ],
+    "Muscles": ["contraction", "force", "ranking", "calibration", "hysteresis", "loop_fit"],
+    "Catheter tips": ["effector", "effector_workspace", "circle", "tip_force"],
+    "Tendon robots": [
+        "continuum", "rod_models", "robot_workspace", "contact", "push_force", "routing",
+        "fabricate",
+    ],
+    "The rig and the camera": ["plant", "board", "tube_shape"],
+    "Studies": ["study"],
+}  # fmt: skip
+
+
+def list_scripts() -> list[Path]:
+    """Return the files of the gallery in the order of the page."""
+    return [DOCS / "gallery" / f"{name}.py" for names in GROUPS.values() for name in names]
+
+
+def split_script(script: Path) -> tuple[str, str, str]:
+    """Return the title, the text and the code of a file."""
+    source = script.read_text("utf-8")
+    title, _, text = (ast.get_docstring(ast.parse(source)) or "").partition("\n")
+    code = source.split('"""', 2)[2].strip()
+    return title.rstrip("."), text.strip(), code
+
+
+def make_picture(script: Path, *, folder: Path = PICTURES) -> Path:
+    """Run a file and write its picture."""
+    from bozzini.plot import write_figure
+
+    left = runpy.run_path(str(script))
+    figure = left.get("figure") or left["axes"].get_figure(root=True)
+    folder.mkdir(parents=True, exist_ok=True)
+    dpi = WIDTH / figure.get_figwidth()
+    return write_figure(figure, folder / f"{script.stem}.png", dpi=dpi)
+
+
+def format_page() -> Iterator[str]:
+    """Yield the paragraphs of the page."""
+    yield "# Gallery"
+    yield "Each picture is made by the lines below it, which run as they stand."
+    for group, names in GROUPS.items():
+        yield f"## {group}"
+        for name in names:
+            title, text, code = split_script(DOCS / "gallery" / f"{name}.py")
+            yield f"### {title} {{#{name}}}"
+            yield text
+            yield f"![{title}](images/gallery/{name}.png)"
+            yield f"```python\n{code}\n```"
+
+
+def main(names: list[str]) -> None:
+    """Write the page, and the pictures of all files or of those named."""
+    PAGE.write_text("\n\n".join(format_page()) + "\n", "utf-8")
+    for script in list_scripts():
+        if not names or script.stem in names:
+            print(make_picture(script).relative_to(DOCS))
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

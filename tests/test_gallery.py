@@ -1,0 +1,48 @@
+"""The gallery runs as it stands, and its page shows what runs."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+import pytest
+from matplotlib.image import imread
+
+DOCS = Path(__file__).resolve().parents[1] / "docs"
+SCRIPTS = sorted((DOCS / "gallery").glob("*.py"))
+
+_spec = importlib.util.spec_from_file_location("make_gallery", DOCS / "make_gallery.py")
+assert _spec is not None and _spec.loader is not None
+gallery = importlib.util.module_from_spec(_spec)
+_spec.loader.exec_module(gallery)
+
+
+def test_page_is_made_from_the_files() -> None:
+    page = "\n\n".join(gallery.format_page()) + "\n"
+    assert gallery.PAGE.read_text("utf-8") == page, "run: python docs/make_gallery.py"
+
+
+def test_every_file_is_shown_once_with_its_picture() -> None:
+    assert sorted(gallery.list_scripts()) == SCRIPTS
+    assert len(SCRIPTS) >= 24
+    pictures = {path.stem for path in gallery.PICTURES.glob("*.png")}
+    assert pictures == {path.stem for path in SCRIPTS}
+
+
+@pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.stem)
+def test_examples_have_ten_to_forty_lines(script: Path) -> None:
+    title, text, code = gallery.split_script(script)
+    assert title and text
+    assert code
+    assert 10 <= len(script.read_text("utf-8").splitlines()) <= 40
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.stem)
+def test_pictures_are_made(script: Path, tmp_path: Path) -> None:
+    matplotlib.use("Agg")
+    pixels = imread(gallery.make_picture(script, folder=tmp_path))
+    assert pixels.shape[1] == gallery.WIDTH
+    assert np.std(pixels[..., :3]) > 0.02  # something is drawn
