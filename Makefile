@@ -81,8 +81,9 @@ format: $(DEV) ## Put the code into the project's format
 	@$(RUN) -m ruff format --quiet .
 
 docs: $(DOCS) ## Build the documentation into site/
-	@NO_MKDOCS_2_WARNING=1 $(RUN) -m mkdocs build --strict >$(VENV)/docs.log 2>&1 \
-	  || { cat $(VENV)/docs.log >&2; exit 1; }
+	@mkdir -p build/docs # where the tutorials write their files
+	@cd build/docs && NO_MKDOCS_2_WARNING=1 $(CURDIR)/$(RUN) -m mkdocs build --strict -f $(CURDIR)/mkdocs.yml \
+	  >$(CURDIR)/$(VENV)/docs.log 2>&1 || { cat $(CURDIR)/$(VENV)/docs.log >&2; exit 1; }
 	@echo "documentation: site/index.html"
 
 picture: $(CORE) ## Make the README's picture anew from the project's own demo

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bozzini.continuum import ContinuumRobot, Section, Tendon
+from bozzini.continuum import ContinuumRobot, RobotCalibration, Section, Tendon
 from bozzini.continuum.arc import arc_frames, displacements_for, jacobian
 from bozzini.continuum.inverse import solve_tip
 from bozzini.continuum.workspace import (
@@ -312,3 +313,13 @@ def test_the_inverse_reaches_what_the_map_shows() -> None:
     best = int(np.argmax(found.counts))
     exact = measure_dexterity(robot, found.centres[best], directions=40)
     assert exact.share >= found.direction_share[best] - 0.15
+
+
+def test_a_calibration_does_not_change_where_a_robot_reaches() -> None:
+    robot = make_robot((40.0, 30.0))
+    calibrated = dataclasses.replace(
+        robot, calibration=RobotCalibration(zeros={robot.tendon_names[0]: 0.5}, scale=1.1)
+    )
+    assert calibrated != robot
+    ours, theirs = (one.workspace(200, seed=3).to_frame() for one in (robot, calibrated))
+    assert ours.equals(theirs)

@@ -9,6 +9,7 @@ import time
 from pathlib import Path
 
 import numpy as np
+import pandas
 import pytest
 from scipy.stats import t as student
 
@@ -25,9 +26,11 @@ from bozzini.muscle import (
     calibrate,
     find_offset,
     predict,
+    preset,
     rank,
     read_measurements,
     read_muscle,
+    take_measurements,
     write_measurements,
     write_muscle,
 )
@@ -561,6 +564,20 @@ def test_bands_hold_what_they_say(tmp_path):
     mounted = EndEffects(offset=offset).mount(model)
     assert anchored.predicted == pytest.approx(mounted.force(new.pressure, new.contraction))
     assert len(band.to_frame()) == len(new)
+
+
+def test_what_is_predicted_need_not_be_in_the_table(tmp_path):
+    model = EnergyMuscle(preset("effector-45"))
+    pressure = np.linspace(0.1, 0.7, 12)
+    data = pandas.DataFrame({"pressure [MPa]": pressure, "load [N]": 0.0})
+    shown = data.assign(**{"contraction [mm]": model.contraction(pressure)})
+    options = FitOptions(response="contraction")
+    fit = calibrate(EnergyMuscle, model.muscle, data=shown, free=("modulus",), options=options)
+    file = fit.to_file()
+    for table in (shown, data):
+        assert predict(file, table).predicted == pytest.approx(model.contraction(pressure))
+    with pytest.raises(InputError, match="no column contraction"):
+        take_measurements(data)
 
 
 @pytest.mark.slow

@@ -160,3 +160,23 @@ def test_a_cluster_that_is_none_is_refused() -> None:
         Engine(cluster="nowhere")
     with pytest.raises(InputError, match="workers"):
         Engine(workers=0)
+
+
+@pytest.mark.parametrize("engine", ["Engine(workers=2)", 'Engine(workers=2, cluster="local")'])
+def test_a_script_without_a_guard_runs_once(tmp_path: Path, engine: str) -> None:
+    """Workers do not run the caller's script, which would start the study again in each."""
+    (tmp_path / "study.yaml").write_text(
+        "format: bozzini-study-1\njob: muscle-tolerance\nfixed: {preset: thesis-45}\n"
+        "factors: {pressure: {range: [0.2 MPa, 0.6 MPa]}}\n"
+        "sampling: {method: random, count: 8, seed: 1}\nchunk: 2\n"
+    )
+    script = tmp_path / "script.py"
+    script.write_text(
+        "from bozzini.study import Engine, Study, run_study\n"
+        "print('begins', flush=True)\n"
+        f"print(run_study(Study.load('study.yaml'), 'out', engine={engine}).done)\n"
+    )
+    ran = subprocess.run(
+        [sys.executable, str(script)], cwd=tmp_path, capture_output=True, text=True, timeout=300
+    )
+    assert ran.stdout.split() == ["begins", "8"], ran.stderr

@@ -622,7 +622,7 @@ def predict_command(
     if source is not None:
         if given:
             raise InputError(f"{given[0]} has no effect with a table: leave it out")
-        data = read_measurements(source, muscle=muscle)
+        data = read_measurements(source, muscle=muscle, measured=response != "contraction")
     else:
         own = {"force": "--load", "contraction": "--contraction", "pressure": "--pressure"}
         if own.get(response) in given:

@@ -63,7 +63,8 @@ class ContinuumRobot(RobotDesign):
         base's pose is none.
     """
 
-    calibration: RobotCalibration | None = field(default=None, kw_only=True)
+    # Holds mappings: equal robots have equal hashes without it.
+    calibration: RobotCalibration | None = field(default=None, kw_only=True, hash=False)
 
     def __post_init__(self) -> None:
         super().__post_init__()

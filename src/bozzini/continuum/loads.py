@@ -97,7 +97,7 @@ Load = PointLoad | LineLoad
 class PackedLoads(NamedTuple):
     """Loads and weights as arrays for kernels, in the base's frame or the body's.
 
-    Parameters
+    Attributes
     ----------
     points : (p,) ndarray
         Arc lengths of point loads [mm], not sorted; discs with weight are among them.

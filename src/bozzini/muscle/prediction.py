@@ -160,7 +160,8 @@ def predict(
         A fit, from `Calibration.to_file` or a file.
     data : Measurements or DataFrame
         The states. Geometry in it is that of the specimens; a specimen of the fit, by its name,
-        has its own values, and must be there with its geometry.
+        has its own values, and must be there with its geometry. What is predicted need not be in
+        it.
     length : float, optional
         Rest length of the muscle [mm], if it is another.
     free_length : tuple of float, optional
@@ -184,7 +185,7 @@ def predict(
     from scipy.stats import t as student
 
     muscle = fitted.muscle if length is None else fitted.muscle.replace(length=length)
-    data = take_measurements(data, muscle=muscle)
+    data = take_measurements(data, muscle=muscle, measured=fit.response != "contraction")
     own = bool(data.free_lengths) and fit.anchored and free_length is None
     known = set(fit.specimens) & set(data.list_specimens())
     task = Task(

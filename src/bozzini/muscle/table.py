@@ -44,6 +44,7 @@ def read_measurements(
     *,
     muscle: Muscle | None = None,
     units: Mapping[str, str] | None = None,
+    measured: bool = True,
 ) -> Measurements:
     """Read measurements from a CSV or Parquet file.
 
@@ -71,6 +72,8 @@ def read_measurements(
         strand.
     units : mapping, optional
         Unit of a column whose name has none, such as ``{"pressure": "kPa"}``.
+    measured : bool
+        Of states whose contraction is to be predicted it need not be known: it is 0 then.
 
     Raises
     ------
@@ -87,7 +90,7 @@ def read_measurements(
     path = check_path("path", path)
     sheet = read_sheet(path)
     try:
-        data = _take_sheet(sheet, muscle, units or {})
+        data = _take_sheet(sheet, muscle, units or {}, measured=measured)
     except InputError as error:
         raise type(error)(f"{path.name}: {error}") from None
     return dataclasses.replace(data, source=path.name)
@@ -151,6 +154,7 @@ def take_measurements(
     *,
     muscle: Muscle | None = None,
     units: Mapping[str, str] | None = None,
+    measured: bool = True,
 ) -> Measurements:
     """Return measurements from a table of pandas; measurements are returned as they are.
 
@@ -159,7 +163,7 @@ def take_measurements(
     Parameters
     ----------
     data : Measurements or DataFrame
-    muscle, units : optional
+    muscle, units, measured : optional
         As in `read_measurements`.
 
     Raises
@@ -171,7 +175,7 @@ def take_measurements(
         return data
     if not hasattr(data, "columns"):
         raise InputError(f"data is a {type(data).__name__}: it must be Measurements or a DataFrame")
-    return _take_sheet(take_frame(data), muscle, units or {})
+    return _take_sheet(take_frame(data), muscle, units or {}, measured=measured)
 
 
 def write_measurements(path: str | os.PathLike[str], data: Measurements) -> Path:
@@ -243,9 +247,13 @@ class _Column:
     is_ratio: bool = False
 
 
-def _take_sheet(sheet: Sheet, muscle: Muscle | None, units: Mapping[str, str]) -> Measurements:
-    columns, ignored, notes = _find_columns(sheet.titles, units)
+def _take_sheet(
+    sheet: Sheet, muscle: Muscle | None, units: Mapping[str, str], *, measured: bool
+) -> Measurements:
+    columns, ignored, notes = _find_columns(sheet.titles, units, measured=measured)
     values, words, commas = _take_cells(sheet, columns)
+    if not measured and "length" not in values:
+        values.setdefault("contraction", np.zeros(len(values["pressure"])))
     _find_contractions(values, columns, muscle)
     notes += ["numbers have a decimal comma"] if commas else []
     notes += _mend_pressures(values, columns["pressure"].title, sheet.numbers)
@@ -358,7 +366,7 @@ def _judge_loads(
 
 
 def _find_columns(
-    titles: Sequence[str], units: Mapping[str, str]
+    titles: Sequence[str], units: Mapping[str, str], *, measured: bool
 ) -> tuple[dict[str, _Column], tuple[str, ...], list[str]]:
     """Return the known columns by name, the titles of the others, and what to say of them."""
     given = {}
@@ -398,7 +406,7 @@ def _find_columns(
         raise FileFormatError(f"there is no column pressure: the table has {there}")
     if "contraction" in columns and "length" in columns:
         raise FileFormatError("there are columns contraction and length: give one of them")
-    if "contraction" not in columns and "length" not in columns:
+    if measured and "contraction" not in columns and "length" not in columns:
         raise FileFormatError(f"there is no column contraction or length: the table has {there}")
     return columns, tuple(ignored), notes
 

@@ -18,6 +18,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from itertools import islice
+from multiprocessing.context import SpawnContext, SpawnProcess
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -36,6 +37,9 @@ from .definition import Study, take_study
 from .parts import load_part, part_name, read_part, write_part
 
 if TYPE_CHECKING:
+    from multiprocessing.popen_spawn_posix import Popen
+    from multiprocessing.process import BaseProcess
+
     import pandas
     import pyarrow
     from matplotlib.axes import Axes
@@ -187,11 +191,7 @@ class Engine:
                 os.environ |= {} if value is None else {name: value}
 
     def _open_pool(self) -> Iterator[tuple[Executor, int, Callable[[], bool]]]:
-        from multiprocessing import get_context
-
-        pool = ProcessPoolExecutor(
-            self.count, mp_context=get_context("spawn"), initializer=_end_with_parent
-        )
+        pool = ProcessPoolExecutor(self.count, mp_context=_Context(), initializer=_end_with_parent)
         try:
             yield pool, self.count, lambda: True
         finally:
@@ -206,7 +206,7 @@ class Engine:
         local = None
         try:
             if cluster == "local":
-                with dask.config.set(_QUIET_DASK):
+                with dask.config.set(_QUIET_DASK), _hide_script():
                     local = LocalCluster(
                         n_workers=self.count,
                         threads_per_worker=1,
@@ -236,6 +236,34 @@ class Engine:
                 client.close(timeout=2)
             if local is not None:
                 local.close()
+
+
+@contextmanager
+def _hide_script() -> Iterator[None]:
+    """Let processes start that do not run the caller's script.
+
+    A spawned process runs the script of its parent up to ``if __name__ == "__main__"``; one that has
+    no such line would start the study again in every worker. No row needs the script.
+    """
+    main = sys.modules["__main__"]
+    hidden = {name: vars(main).pop(name) for name in ("__file__",) if name in vars(main)}
+    spec, main.__spec__ = main.__spec__, None
+    try:
+        yield
+    finally:
+        main.__spec__ = spec
+        vars(main).update(hidden)
+
+
+class _Process(SpawnProcess):
+    @staticmethod
+    def _Popen(process_obj: BaseProcess) -> Popen:  # noqa: N802
+        with _hide_script():
+            return SpawnProcess._Popen(process_obj)
+
+
+class _Context(SpawnContext):
+    Process = _Process
 
 
 def _end_with_parent() -> None:

@@ -1,0 +1,57 @@
+"""The tutorials run from nothing, as scripts and as notebooks."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+DOCS = Path(__file__).resolve().parents[1] / "docs"
+TUTORIALS = sorted((DOCS / "tutorials").glob("*.py"))
+
+
+def test_there_are_six_of_at_most_150_lines_in_the_menu() -> None:
+    menu = (DOCS.parent / "mkdocs.yml").read_text("utf-8")
+    assert [path.name[0] for path in TUTORIALS] == list("123456")
+    for path in TUTORIALS:
+        assert len(path.read_text("utf-8").splitlines()) <= 150
+        assert f"tutorials/{path.name}" in menu
+
+
+@pytest.mark.parametrize("path", TUTORIALS, ids=lambda path: path.stem)
+def test_links_lead_somewhere(path: Path) -> None:
+    for target in re.findall(r"\]\((?!https?://)([^)#]+)", path.read_text("utf-8")):
+        assert (path.parent / target).exists(), target
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("path", TUTORIALS, ids=lambda path: path.stem)
+def test_tutorial_runs(path: Path, tmp_path: Path) -> None:
+    if path.stem.endswith("rig") and not os.environ.get("CI") and shutil.which("gcc") is None:
+        pytest.skip("needs gcc")
+    ran = subprocess.run(
+        [sys.executable, "-W", "error::DeprecationWarning:__main__", str(path)],
+        cwd=tmp_path,
+        env=os.environ | {"MPLBACKEND": "Agg"},
+        capture_output=True,
+        text=True,
+        timeout=600,
+    )
+    assert ran.returncode == 0, ran.stderr[-2000:]
+
+
+@pytest.mark.slow
+def test_a_tutorial_runs_as_a_notebook(tmp_path: Path) -> None:
+    """Cells, texts and pictures survive the way into a notebook."""
+    import jupytext
+    from nbclient import NotebookClient
+
+    book = jupytext.read(DOCS / "tutorials" / "6-figure.py")
+    NotebookClient(book, timeout=300, resources={"metadata": {"path": str(tmp_path)}}).execute()
+    shown = [out for cell in book.cells for out in cell.get("outputs", ())]
+    assert any("image/png" in out.get("data", {}) for out in shown)
