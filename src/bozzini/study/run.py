@@ -242,7 +242,7 @@ class Engine:
 def _hide_script() -> Iterator[None]:
     """Let processes start that do not run the caller's script.
 
-    A spawned process runs the script of its parent up to ``if __name__ == "__main__"``; one that has
+    A spawned process runs the script of its parent up to ``if __name__ == "__main__"``; one with
     no such line would start the study again in every worker. No row needs the script.
     """
     main = sys.modules["__main__"]
