@@ -89,7 +89,8 @@ docs: $(DOCS) ## Build the documentation into site/
 picture: $(CORE) ## Make the README's picture anew from the project's own demo
 	@$(DEMO)
 	@mkdir -p docs/images && cp bozzini-demo/picture.png docs/images/demo.png
-	@echo "picture: docs/images/demo.png"
+	@$(RUN) -m bozzini record bozzini-demo/plan.npz --style x-ray --duration 6s --rate 8 \
+	  --out docs/images/demo.gif --force
 
 gallery: $(DEV) ## Make the gallery of the documentation anew
 	@$(RUN) docs/make_gallery.py
