@@ -22,18 +22,11 @@ OFFERED = set(EXTRAS) - {"dev", "docs"}
 COMMANDS = {
     # The module that is not there, and a command that needs it.
     "cad": [("OCP", "effector fabricate --step --out parts")],
-    "cockpit": [
-        ("starlette", "cockpit"),
-        ("uvicorn", "cockpit"),
-        ("websockets", "cockpit"),
-    ],
+    "cockpit": [("websockets", "cockpit")],
     "ct": [("SimpleITK", "plan scan.mha")],
     "film": [("imageio_ffmpeg", "record plan.npz --out film.mp4")],
     "parquet": [("pyarrow", "study run study.yaml --out results")],
-    "physics": [
-        ("mujoco", "execute plan.npz tract.stl"),
-        ("mujoco", "export mjcf plan.npz tract.stl --out scene.xml"),
-    ],
+    "physics": [("mujoco", "execute plan.npz tract.stl")],
     "rig": [
         ("serial", "rig run --port /dev/ttyNone --duration 0.1s"),
         ("pygame", "rig run --board native --stick gamepad --duration 0.1s"),

@@ -192,10 +192,12 @@ def test_a_comment_names_unit_and_range_of_every_field(kind: str, ask: Callable[
 
 def test_a_range_in_words_is_the_one_that_is_checked() -> None:
     for known in (*list_quantities(Muscle).values(), *list_quantities(Section).values()):
-        words = re.search(r"([\[(])([^,\]]+), ([^\]]+)\]", known.describe(preset("effector-45")))
+        words = re.search(
+            r"in [\[(]([\d.e+-]+), ([\d.e+-]+)\]", known.describe(preset("effector-45"))
+        )
         if words is None or known.whole:
             continue
-        low, high = (float(words[k]) for k in (2, 3))
+        low, high = (float(words[k]) for k in (1, 2))
         scale = np.pi / 180.0 if known.kind == "angle" else 1.0
         muscle, near = preset("effector-45"), 1e-3 * (high - low)
         for end, inwards in ((low, near), (high, -near)):
