@@ -23,7 +23,7 @@ COMMANDS = {
     # The module that is not there, and a command that needs it.
     "cad": [("OCP", "effector fabricate --step --out parts")],
     "cockpit": [("websockets", "cockpit")],
-    "ct": [("SimpleITK", "plan scan.mha")],
+    "ct": [("SimpleITK", "plan series")],
     "film": [("imageio_ffmpeg", "record plan.npz --out film.mp4")],
     "parquet": [("pyarrow", "study run study.yaml --out results")],
     "physics": [("mujoco", "execute plan.npz tract.stl")],
@@ -64,7 +64,8 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Return a directory with the files that the commands name."""
     monkeypatch.chdir(tmp_path)
     make_plan().save(tmp_path / "plan.npz")
-    (tmp_path / "scan.mha").write_text("ObjectType = Image\n")
+    (tmp_path / "series").mkdir()
+    (tmp_path / "series" / "1.dcm").write_bytes(bytes(128) + b"DICM")
     (tmp_path / "tract.stl").write_text("solid\n")
     assert main(["new", "study"]) == 0
     text = (tmp_path / "study.yaml").read_text("utf-8").partition("sampling:")[0]

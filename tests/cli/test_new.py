@@ -138,8 +138,8 @@ def test_a_wrong_file_of_options_is_one_line(
     assert "nowhere.yaml" in refuse("plan", tracts.volume, "--options", "nowhere.yaml")
 
 
-def _count_at_rest(kind: str) -> list[str]:
-    """Return the file as written, and once more for each line at rest, with that line set."""
+def _set_each(kind: str) -> list[str]:
+    """Return the file once for each line at rest, with that line set."""
     text = Path(f"{kind}.yaml").read_text(encoding="utf-8")
     found = list(AT_REST.finditer(text))
     return [text[: rest.start()] + rest[1] + text[rest.end() :] for rest in found]
@@ -152,7 +152,7 @@ def test_every_line_at_rest_can_be_set(
     ask("new", "robot")
     if kind != "robot":
         ask("new", kind)
-    texts = _count_at_rest(kind)
+    texts = _set_each(kind)
     assert len(texts) >= 2
     for text in texts:
         Path("set.yaml").write_text(text)
