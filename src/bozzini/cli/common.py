@@ -484,7 +484,7 @@ def options_file(*kinds: type) -> Callable[[Command], Command]:
     )
 
 
-def _spell_value(value: object, item: dataclasses.Field[Any], folder: Path) -> object:
+def _spell_value(value: object, item: dataclasses.Field[object], folder: Path) -> object:
     """Return a value of a file of options as it is typed on the command line."""
     kind = item.metadata["quantity"].kind
     if kind == "flag":

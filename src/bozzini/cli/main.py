@@ -51,8 +51,8 @@ COMMANDS = {
     "effector": "Bend a catheter tip by pneumatic muscles: pose, reach, trace.",
     "study": "Compute many rows from one file: sweeps, tolerances, maps.",
     "vision": "Measure lengths, shapes and points in pictures: boards, cameras.",
-    "new": "Write a commented file to start from: plan, muscle, robot, study.",
-    "schema": "Write the JSON Schema of a file: plan, muscle, robot, shapes, study.",
+    "new": "Write a file to start from: a plan, muscle, robot or study.",
+    "schema": "Write the JSON Schema of a plan, muscle, robot, shapes or study.",
     "completion": "Write the script that completes commands in the shell.",
     "doctor": "Tell what is installed and found here, for a report of a fault.",
 }

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 from textwrap import fill
-from typing import Any
 
 import click
 
@@ -98,8 +97,9 @@ def command() -> None:
 
 def _file_options(name: str) -> Callable[[Command], Command]:
     """Return the options of an answer whose file is called so unless another name is given."""
-    more: dict[str, Any] = {"default": Path(name), "show_default": True, "help": "The file."}
-    return answer_options(".yaml", quiet=False, **more)
+    return answer_options(
+        ".yaml", quiet=False, default=Path(name), show_default=True, help="The file."
+    )
 
 
 def _write(answer: Answer, text: str, line: str, **more: object) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any, Literal, get_args, get_origin, get_type_hints
+from typing import Literal, get_args, get_origin, get_type_hints
 
 import numpy as np
 
@@ -15,13 +15,12 @@ from .records import annotate_quantity, is_quantity, is_union
 
 DRAFT = "https://json-schema.org/draft/2020-12/schema"
 
+# What is not here may be anything.
 _PLAIN: Mapping[object, Json] = {
     int: {"type": "integer"},
     bool: {"type": "boolean"},
     str: {"type": "string"},
     type(None): {"type": "null"},
-    object: {},
-    Any: {},
 }
 
 
@@ -64,7 +63,7 @@ def describe_type(kind: object, *, text: bool = True) -> Json:
         return {"type": "object", "additionalProperties": describe_type(members[1], text=text)}
     if origin is np.ndarray:
         return {"type": "array", "items": {"type": ["number", "array"]}}
-    return dict(_PLAIN[kind])
+    return dict(_PLAIN.get(kind, {}))
 
 
 def describe_fields(record: type, *, text: bool = True) -> dict[str, Json]:
