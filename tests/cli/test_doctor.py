@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import platform
+import subprocess
 import sys
 from collections.abc import Callable
 from importlib import metadata
@@ -78,6 +79,19 @@ def test_a_missing_package_of_the_core_is_exit_code_1(
     monkeypatch.setattr(metadata, "requires", lambda _: REQUIRES[:2])
     monkeypatch.setattr(metadata, "version", _lose("PyYAML"))
     assert _ask(capsys, code=1)["packages"]["PyYAML"] is None  # type: ignore[index]
+
+
+def test_what_cannot_be_loaded_is_a_fault_and_no_traceback() -> None:
+    code = "import sys; sys.modules['numba'] = None; from bozzini.cli.main import main"
+    done = subprocess.run(
+        [sys.executable, "-c", f"{code}; sys.exit(main(['doctor']))"],
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    assert (done.returncode, done.stderr) == (1, "")
+    assert "bozzini.scene.film fails: ModuleNotFoundError" in done.stdout
+    assert f"numba {metadata.version('numba')}" in done.stdout  # there, and yet not loaded
 
 
 def test_the_place_of_compiled_code_is_one_that_can_be_written(

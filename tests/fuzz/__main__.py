@@ -353,7 +353,7 @@ def make_originals(folder: Path) -> None:
     (folder / "study.yaml").write_text(STUDY + drawn)
     least = "search: {minimise: [needed_pressure], evaluations: 60}\n"
     (folder / "search.yaml").write_text(STUDY + least)
-    (folder / "options.yaml").write_text("{inflate: 0.5 mm, via: [[0, 0, 10]], method: tube}\n")
+    (folder / "options.yaml").write_text("{inflate: 0.5 mm, method: tube, angle_limit: 60 deg}\n")
     names = [*(f"T{k}_mm" for k in range(1, 7)), "D1_mm"]
     rows = [f"{4 * n},{n / 10},{-n / 20},{-n / 20},0,0,0,0" for n in range(6)]
     (folder / "drives.csv").write_text("\n".join([",".join(["base_advance_mm", *names]), *rows]))

@@ -228,7 +228,8 @@ class QuantityType(_Parsed):
     """
 
     def __init__(self, kind: str) -> None:
-        super().__init__(kind, lambda text: _parse_typed(text, kind))
+        name = "number" if kind == "dimensionless" else kind  # as the help shows it
+        super().__init__(name, lambda text: _parse_typed(text, kind))
 
 
 class ModelType(_AnyType):

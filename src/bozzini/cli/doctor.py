@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import os
 import platform
 import re
@@ -31,20 +32,29 @@ DEVELOPMENT = ("all", "dev", "docs")
 def command(answer: Answer) -> None:
     """Tell versions, extras, threads, compiled code and programs found, for a report of a fault.
 
-    Exit code 0: the core has all that it needs; 1: a package of it is missing, or compiled code
-    cannot be kept.
+    Exit code 0: the core has all that it needs; 1: a package of it is missing or cannot be loaded,
+    or compiled code cannot be kept.
     """
     found = examine()
     answer.give(found, format_findings(found))
-    if not found["compiled_code"] or None in found["packages"].values():
+    if found["faults"] or not found["compiled_code"] or None in found["packages"].values():
         run_exit(EXIT_NEGATIVE)
 
 
 def examine() -> Json:
     """Return what is installed and found, as plain values; what is missing is None."""
     from ..io.files import find_compiled_code
-    from ..rig.firmware import find_missing_tools
-    from ..scene.film import find_browser
+
+    faults: list[str] = []
+
+    def ask(module: str, name: str) -> object:
+        """Return what a function finds; what it imports may be what is wrong here."""
+        try:
+            return getattr(importlib.import_module(f"bozzini.{module}"), name)()
+        except Exception as error:
+            words = " ".join(str(error).split())
+            faults.append(f"bozzini.{module} fails: {type(error).__name__}: {words}")
+            return None
 
     needed = list_requirements()
     core = needed.pop("", [])
@@ -63,13 +73,14 @@ def examine() -> Json:
             extra: {name: find_version(name) for name in names} for extra, names in needed.items()
         },
         "programs": {
-            "chromium": find_browser(),
+            "chromium": ask("scene.film", "find_browser"),
             "ffmpeg": shutil.which("ffmpeg"),
             "make": shutil.which("make"),
             "cc": shutil.which("cc"),
             "avr-gcc": shutil.which("avr-gcc"),
         },
-        "firmware_lacks": find_missing_tools(),
+        "firmware_lacks": ask("rig.firmware", "find_missing_tools"),
+        "faults": faults,
     }
 
 
@@ -115,11 +126,13 @@ def format_findings(found: Json) -> str:
         hint = f"  (pip install 'bozzini[{extra}]')" if lacking else ""
         lines.append(f"extra {extra}: {_format_versions(packages)}{hint}")
     for program, place in found["programs"].items():
-        lines.append(f"{program}: {place or 'not found'}")
+        more = ", with playwright" if program == "chromium" else ""
+        lines.append(f"{program}{more}: {place or 'not found'}")
     lacks = found["firmware_lacks"]
-    missing = f"lacks {', '.join(lacks)} (apt-get install {' '.join(lacks.values())})"
-    lines.append(f"firmware and emulator: {missing if lacks else 'all tools found'}")
-    return "\n".join(lines)
+    if lacks is not None:
+        missing = f"lacks {', '.join(lacks)} (apt-get install {' '.join(lacks.values())})"
+        lines.append(f"firmware and emulator: {missing if lacks else 'all tools found'}")
+    return "\n".join([*lines, *found["faults"]])
 
 
 def _format_versions(packages: Json) -> str:
