@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,7 @@ from bozzini.cli.schema import SCHEMAS
 from bozzini.continuum import ContinuumRobot
 from bozzini.duct.shape_files import read_shapes, save_shapes
 from bozzini.errors import InputError
-from bozzini.io.records import load_data, read_record
+from bozzini.io.records import load_data, parse_yaml, read_record
 from bozzini.motion.plan import Plan
 from bozzini.muscle import EndEffects, MuscleFile, preset, write_muscle
 from bozzini.study import StudySpec
@@ -86,6 +87,22 @@ def test_plans_keep_the_schema(make: Callable[[], Plan], tmp_path: Path) -> None
     assert _check("plan", meta) == []
     for name, value in (("status", "fast"), ("format", "plan"), ("scope", {"diameter_mm": "5 mm"})):
         assert _check("plan", {**meta, name: value})
+
+
+@pytest.mark.parametrize(
+    ("page", "kind", "mark"),
+    [
+        ("measurements", "muscle", "muscle"),
+        ("continuum", "robot", "sections"),
+        ("studies", "study", "factors"),
+    ],
+)
+def test_files_in_the_guide_keep_the_schema(page: str, kind: str, mark: str) -> None:
+    text = (EXAMPLES.parent / "docs" / "guide" / f"{page}.md").read_text(encoding="utf-8")
+    blocks = map(parse_yaml, re.findall(r"^```yaml\n(.*?)^```", text, re.M | re.S))
+    files = [block for block in blocks if isinstance(block, dict) and mark in block]
+    assert files
+    assert [_check(kind, file) for file in files] == [[]] * len(files)
 
 
 def _damage(data: Any) -> list[tuple[str, Any]]:
