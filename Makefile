@@ -27,7 +27,7 @@ endif
 
 RIG_TOOLS := $(RUN) -c 'from bozzini.rig.firmware import find_missing_tools as f; print(*f().values())'
 
-.PHONY: help demo test test-all rig opencv oldest fuzz bench validate docs check format picture figures gallery clean
+.PHONY: help demo test test-all rig opencv oldest fuzz bench validate dist docs check format picture figures gallery clean
 
 help: ## Show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "make %-9s %s\n", $$1, $$2}' Makefile
@@ -79,6 +79,11 @@ check: $(DEV) ## Check style and types
 format: $(DEV) ## Put the code into the project's format
 	@$(RUN) -m ruff check --quiet --fix-only .
 	@$(RUN) -m ruff format --quiet .
+
+dist: $(DEV) ## Build the wheel and the source archive into dist/
+	@rm -rf dist
+	@$(RUN) -m hatchling build --directory dist >/dev/null
+	@ls dist
 
 docs: $(DOCS) ## Build the documentation into site/
 	@mkdir -p build/docs # where the tutorials write their files

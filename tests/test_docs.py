@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import importlib
+import importlib.util
 import re
 import shlex
 import tomllib
 from pathlib import Path
+from types import ModuleType
 
 import click
 import pytest
 
 import bozzini
 from bozzini.cli.main import COMMANDS, root
+from tests.fuzz.__main__ import find_commands
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = sorted(
@@ -110,6 +113,49 @@ def test_the_front_page_links_every_page() -> None:
     linked = set(LINK.findall((ROOT / "docs" / "index.md").read_text(encoding="utf-8")))
     pages = {page.relative_to(ROOT / "docs").as_posix() for page in (ROOT / "docs").rglob("*.md")}
     assert pages - {"index.md"} <= linked
+
+
+def _slugs(page: Path) -> set[str]:
+    """Return the anchors of a page's headings, as mkdocs and hosts of repositories make them."""
+    text = re.sub(r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.M | re.S)
+    plain = [
+        re.sub(r"[`*]|\]\([^)]*\)|\[", "", head) for head in re.findall(r"^#+ (.+)$", text, re.M)
+    ]
+    return {re.sub(r"[-\s]+", "-", re.sub(r"[^\w\s-]", "", head).strip().lower()) for head in plain}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=_name)
+def test_anchors_of_links_are_headings(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    for target, anchor in re.findall(r"\]\((?!https?://|mailto:)([^)#\s]*)#([^)\s]+)\)", text):
+        other = (page.parent / target) if target else page
+        if other.suffix == ".md" and "api" not in other.parts:
+            assert anchor in _slugs(other), f"{_name(page)} links to {target}#{anchor}"
+
+
+def _load_hook() -> ModuleType:
+    path = ROOT / "docs" / "command_pages.py"
+    spec = importlib.util.spec_from_file_location("command_pages", path)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_the_reference_has_every_command_and_option() -> None:
+    page = (ROOT / "docs" / "reference" / "cli.md").read_text(encoding="utf-8")
+    hook = _load_hook()
+    made = hook.on_page_markdown(page)
+    assert hook.MARK in page and hook.MARK not in made
+    assert hook.on_page_markdown("another page") == "another page"
+    parts = re.split(r"^#+ bozzini (.+)\n", made, flags=re.M)
+    told = dict(zip(parts[1::2], parts[2::2], strict=True))
+    commands = find_commands()
+    assert set(told) == set(commands) | {name.rpartition(" ")[0] for name in commands} - {""}
+    for name, command in commands.items():
+        for item in command.params:
+            if isinstance(item, click.Option):
+                assert f"- `{item.opts[0]}" in told[name], f"{name} {item.opts}"
 
 
 def test_every_package_has_a_page_of_its_names() -> None:

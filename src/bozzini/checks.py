@@ -363,6 +363,33 @@ class Quantity:
         """The unit, empty for none."""
         return INTERNAL_UNITS.get(self.kind, "")
 
+    def describe(self, item: object = None) -> str:
+        """Return what it is, its unit and its legal range in words; angles in degrees.
+
+        Parameters
+        ----------
+        item : object, optional
+            The dataclass, for limits that depend on its other fields; without it they are left out.
+        """
+        ends = [
+            (math.inf if item is None else end(item)) if callable(end) else end
+            for end in (self.low, self.high)
+        ]
+        shown = [math.degrees(end) if self.kind == "angle" else end for end in ends]
+        low, high = (f"{x:.0f}" if abs(x) < 1e10 and x == round(x) else f"{x:g}" for x in shown)
+        bounds = ""
+        if math.isfinite(ends[0]) and math.isfinite(ends[1]):
+            bounds = f"in {'(' if self.low_open else '['}{low}, {high}]"
+        elif math.isfinite(ends[0]):
+            bounds = f"above {low}" if self.low_open else f"{low} or more"
+        elif math.isfinite(ends[1]):
+            bounds = f"{high} or less"
+        unit = "deg" if self.kind == "angle" else self.unit
+        kinds = f"one of {', '.join(self.words)}" if self.words else "a whole number" * self.whole
+        kinds = "true or false" if self.kind == "flag" else kinds
+        words = ", ".join(filter(None, (unit or kinds, bounds)))
+        return "; ".join(filter(None, (" ".join(self.help.split()).rstrip("."), words)))
+
     def is_legal(self, value: float, item: object) -> bool:
         """Whether a float is a legal value, the other fields of a dataclass being as they are."""
         low = self.low(item) if callable(self.low) else self.low

@@ -69,11 +69,12 @@ FILES = {
     "drives": ("drives.csv",),
     "obstacle": ("shapes.json", "shapes.yaml"),
     "study": ("study.yaml", "search.yaml"),
+    "options": ("options.yaml",),
     "results": ("results",),
 }
 LEGAL: dict[str, tuple[int, str]] = {
     # How often, and a command line that works; <kind is a file, >suffix an output.
-    "plan": (14, "<tract --diameter 5mm --link 8mm --head-step 1mm --out >"),
+    "plan": (14, "<tract --options <options --diameter 5mm --link 8mm --head-step 1mm --out >"),
     "certify": (8, "<plan <plan's_tract"),
     "execute": (1, "<plan <plan's_tract --speed 500mm/s --step 5ms --out >"),
     "export": (4, "ros2 <plan --out >.yaml"),
@@ -115,7 +116,10 @@ LEGAL: dict[str, tuple[int, str]] = {
     "rig characterise": (1, "--board native --steps 2 --repeats 1 --hold 0.3s --out >.csv"),
     "rig flash": (1, "--port /dev/ttyACM0"),
     "continuum models": (1, ""),
-    "continuum new": (2, "--sections 2 --tendons 3 --out >.yaml"),
+    "new plan": (1, "--out >.yaml"),
+    "new muscle": (1, "--out >.yaml"),
+    "new robot": (2, "--sections 2 --tendons 3 --out >.yaml"),
+    "new study": (1, "--out >.yaml"),
     "continuum pose": (8, "<robot --displacement T1=1mm"),
     "continuum jacobian": (2, "<robot --tension T1=1N"),
     "continuum reach": (4, "<robot --to 30mm,10mm,80mm --starts 4"),
@@ -135,7 +139,9 @@ LEGAL: dict[str, tuple[int, str]] = {
     "study show": (3, "<results --out >.png"),
     "study export": (1, "<results --out >.csv"),
     "study jobs": (1, ""),
-    "study schema": (1, "--out >.json"),
+    "schema": (1, "robot --out >.json"),
+    "completion": (1, "bash"),
+    "doctor": (1, ""),
     "vision demo": (1, "--repeats 1 --steps 2 --out >"),
     "vision length": (
         4,
@@ -347,6 +353,7 @@ def make_originals(folder: Path) -> None:
     (folder / "study.yaml").write_text(STUDY + drawn)
     least = "search: {minimise: [needed_pressure], evaluations: 60}\n"
     (folder / "search.yaml").write_text(STUDY + least)
+    (folder / "options.yaml").write_text("{inflate: 0.5 mm, method: tube, angle_limit: 60 deg}\n")
     names = [*(f"T{k}_mm" for k in range(1, 7)), "D1_mm"]
     rows = [f"{4 * n},{n / 10},{-n / 20},{-n / 20},0,0,0,0" for n in range(6)]
     (folder / "drives.csv").write_text("\n".join([",".join(["base_advance_mm", *names]), *rows]))

@@ -13,10 +13,11 @@ import yaml
 from bozzini.effector import Effector, effector_preset, sweep
 from bozzini.errors import BozziniError, InputError, OutputError
 from bozzini.io.records import read_record
+from bozzini.io.schema import make_schema
 from bozzini.muscle import EnergyMuscle
 from bozzini.muscle import preset as muscle_preset
 from bozzini.study import Engine, Sampling, Study, StudySpec, read_rows, run_study
-from bozzini.study.factors import draw_rows, make_schema
+from bozzini.study.factors import draw_rows
 from bozzini.study.jobs import ERROR
 
 SERIAL = Engine(workers=1)
@@ -326,7 +327,7 @@ def test_a_folder_of_another_study_is_refused(tmp_path: Path) -> None:
 
 
 def test_schema_knows_every_field() -> None:
-    schema = json.loads(json.dumps(make_schema()))
+    schema = json.loads(json.dumps(make_schema(StudySpec, "study")))
     assert set(schema["properties"]) == set(StudySpec.__dataclass_fields__)
     factor = schema["properties"]["factors"]["additionalProperties"]
     assert {"range", "integers", "normal", "values", "files"} < set(factor["properties"])

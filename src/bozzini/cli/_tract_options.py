@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from ..checks import quantity
+from ..checks import Quantity, list_quantities, quantity
 from ..errors import InputError
-from ..study.options import PathOptions, ReadOptions
+from ..study.options import InsertionOptions, PathOptions, ReadOptions
 from .common import Answer, options_of
 
 if TYPE_CHECKING:
@@ -89,6 +89,27 @@ class Body:
             link_length=link if self.link is None else self.link,
             length=self.length,
         )
+
+
+PLAN_OPTIONS = (ReadOptions, Body, InsertionOptions)
+"""Whose fields are the options of ``bozzini plan``."""
+
+
+def list_plan_options() -> dict[str, tuple[Quantity, object]]:
+    """Return what is known of each option of ``bozzini plan``, and its default."""
+    from ..motion import Scope
+
+    scope = list_quantities(Scope)
+    ranges = {"diameter": "diameter", "link": "link_length", "length": "length"}
+    found = {}
+    for kind in PLAN_OPTIONS:
+        defaults = {item.name: item.default for item in fields(kind)}
+        for name, known in list_quantities(kind).items():
+            if kind is Body and name in ranges:
+                size = scope[ranges[name]]
+                known = replace(known, low=size.low, high=size.high, low_open=size.low_open)
+            found[name] = (known, defaults[name])
+    return found
 
 
 def read_with_options(

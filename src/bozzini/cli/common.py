@@ -17,8 +17,8 @@ import click
 from click.core import ParameterSource
 from click.shell_completion import CompletionItem
 
-from ..checks import Quantity, choose
-from ..errors import BozziniError, InputError
+from ..checks import Quantity, choose, show_value
+from ..errors import BozziniError, FileFormatError, InputError
 from ..progress import Progress, no_progress
 from ..registry import Registry
 from ..results import Json, Result, to_plain
@@ -228,7 +228,8 @@ class QuantityType(_Parsed):
     """
 
     def __init__(self, kind: str) -> None:
-        super().__init__(kind, lambda text: _parse_typed(text, kind))
+        name = "number" if kind == "dimensionless" else kind  # as the help shows it
+        super().__init__(name, lambda text: _parse_typed(text, kind))
 
 
 class ModelType(_AnyType):
@@ -442,6 +443,66 @@ def options_of(
     fields = [item for item in dataclasses.fields(kind) if "quantity" in item.metadata]
     options = [make_option(item) for item in fields if item.name not in leave_out]
     return gather(argument, kind, *options)
+
+
+def options_file(*kinds: type) -> Callable[[Command], Command]:
+    """Return a decorator that adds ``--options``, a file of values for the options of dataclasses.
+
+    Those on the command line go before. A file that the file names is sought beside it.
+    """
+    fields = {
+        item.name: item
+        for kind in kinds
+        for item in dataclasses.fields(kind)
+        if "quantity" in item.metadata
+    }
+
+    def take(context: click.Context, _: click.Parameter, path: Path | None) -> None:
+        if path is None:
+            return
+        from ..io.records import load_data
+
+        given = load_data(path)
+        if not isinstance(given, Mapping):
+            raise FileFormatError(f"{path} is {show_value(given)}: it must hold options by name")
+        try:
+            context.default_map = {
+                name: _spell_value(value, choose("option", name, fields), path.parent)
+                for name, value in given.items()
+            }
+        except InputError as error:
+            raise FileFormatError(f"{path}: {error}") from None
+
+    return click.option(
+        "--options",
+        type=click.Path(path_type=Path),
+        metavar="FILE",
+        is_eager=True,
+        expose_value=False,
+        callback=take,
+        help="These options from a file, as 'bozzini new plan' writes one; those given here go "
+        "before.",
+    )
+
+
+def _spell_value(value: object, item: dataclasses.Field[object], folder: Path) -> object:
+    """Return a value of a file of options as it is typed on the command line."""
+    kind = item.metadata["quantity"].kind
+    if kind == "flag":
+        if not isinstance(value, bool):
+            raise InputError(f"{item.name} is {show_value(value)}: it must be true or false")
+        return value
+
+    def spell(part: object) -> str:
+        if isinstance(part, list) and part:
+            return ",".join(map(spell, part))
+        if isinstance(part, bool) or not isinstance(part, (int, float, str)):
+            raise InputError(f"{item.name} is {show_value(part)}: it must be a number or text")
+        return str(folder / str(part)) if kind == "file" else str(part)
+
+    if isinstance(item.default, tuple):
+        return [spell(part) for part in (value if isinstance(value, list) else [value])]
+    return spell(value)
 
 
 def refuse_options(names: Sequence[str], where: str) -> None:

@@ -313,25 +313,6 @@ def models_command(answer: Answer) -> None:
     answer.give({"models": rows}, text)
 
 
-@command.command("new")
-@click.option("--sections", default=2, show_default=True, help="Number of sections.")
-@click.option(
-    "--tendons", default=3, show_default=True, help="Tendons that end in each, 0 of a rod."
-)
-@answer_options(
-    ".yaml", quiet=False, default=Path("robot.yaml"), show_default=True, help="The robot file."
-)
-def new_command(sections: int, tendons: int, answer: Answer) -> None:
-    """Write a robot file to start from, with comments, that runs as it is."""
-    from ..continuum.template import suggest_option, write_template
-
-    file = str(answer.target)
-    write_text(answer.target, write_template(sections=sections, tendons=tendons, file=file))
-    result = {"file": file, "sections": sections, "tendons": sections * tendons}
-    first = f"bozzini continuum pose {file} {suggest_option(tendons)}"
-    answer.give(result, f"written: {file}; try {first}")
-
-
 @command.command("pose")
 @robot_argument
 @option("--displacement NAME=LENGTH,...", DISPLACEMENT_HELP)

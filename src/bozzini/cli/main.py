@@ -17,7 +17,7 @@ import threading
 import traceback
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 from click.exceptions import Abort, Exit
@@ -26,7 +26,10 @@ from .. import __version__
 from ..errors import BozziniError
 from .common import EXIT_BAD_INPUT, EXIT_DONE, add_typed, write_json
 
-__all__ = ["COMMANDS", "main", "root"]
+if TYPE_CHECKING:
+    from click.shell_completion import CompletionItem
+
+__all__ = ["COMMANDS", "COMPLETE", "main", "root"]
 
 COMMANDS = {
     "demo": "Run the main job on a phantom tract: plan, report, 3-D scene.",
@@ -48,6 +51,10 @@ COMMANDS = {
     "effector": "Bend a catheter tip by pneumatic muscles: pose, reach, trace.",
     "study": "Compute many rows from one file: sweeps, tolerances, maps.",
     "vision": "Measure lengths, shapes and points in pictures: boards, cameras.",
+    "new": "Write a file to start from: a plan, muscle, robot or study.",
+    "schema": "Write the JSON Schema of a plan, muscle, robot, shapes or study.",
+    "completion": "Write the script that completes commands in the shell.",
+    "doctor": "Tell what is installed and found here, for a report of a fault.",
 }
 """Each command and its line in the help; its code is ``bozzini.cli.<name>.command``."""
 
@@ -58,7 +65,8 @@ EXIT_BROKEN_PIPE = 141
 _NO_PLACE = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO, errno.EMFILE}
 """What an output may meet that is no fault of Bozzini: no space, for example."""
 
-_COMPLETE = "_BOZZINI_COMPLETE"
+COMPLETE = "_BOZZINI_COMPLETE"
+"""The variable by which a shell asks for completions."""
 
 
 class LazyGroup(click.Group):
@@ -74,6 +82,17 @@ class LazyGroup(click.Group):
             return None
         command: click.Command = importlib.import_module(f".{cmd_name}", __package__).command
         return command
+
+    def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
+        """Return commands and options that begin so, without importing any command."""
+        from click.shell_completion import CompletionItem
+
+        found = [
+            CompletionItem(name, help=line)
+            for name, line in COMMANDS.items()
+            if name.startswith(incomplete)
+        ]
+        return found + click.Command.shell_complete(self, ctx, incomplete)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the table of commands without importing any of them."""
@@ -107,7 +126,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         The exit code. No exception leaves this function.
     """
     given = list(sys.argv[1:] if arguments is None else arguments)
-    if _COMPLETE in os.environ:
+    if COMPLETE in os.environ:
         return _complete()
     debug, given = _take_flag("--debug", given)
     as_json, _ = _take_flag("--json", given)
@@ -310,7 +329,7 @@ def _silence_stdout() -> None:
 def _complete() -> int:
     from click.shell_completion import shell_complete
 
-    return shell_complete(root, {}, "bozzini", _COMPLETE, os.environ[_COMPLETE])
+    return shell_complete(root, {}, "bozzini", COMPLETE, os.environ[COMPLETE])
 
 
 if __name__ == "__main__":

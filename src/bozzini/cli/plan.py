@@ -11,13 +11,14 @@ import click
 
 from ..study.options import InsertionOptions, ReadOptions
 from ._tract_options import (
+    PLAN_OPTIONS,
     Body,
     format_actuation,
     read_with_options,
     report_study,
     tract_options,
 )
-from .common import EXIT_NEGATIVE, Answer, answer_options, options_of, run_exit
+from .common import EXIT_NEGATIVE, Answer, answer_options, options_file, options_of, run_exit
 
 if TYPE_CHECKING:
     from ..study import InsertionStudy
@@ -27,6 +28,7 @@ __all__ = ["command", "write_result"]
 
 @click.command(name="plan")
 @click.argument("source", metavar="INPUT", type=click.Path(path_type=Path))
+@options_file(*PLAN_OPTIONS)
 @tract_options
 @options_of(Body, "body")
 @options_of(InsertionOptions, "options")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -208,19 +207,3 @@ def jobs_command(answer: Answer) -> None:
 
     rows, text = describe_classes(JOBS)
     answer.give(rows, text)
-
-
-@command.command("schema")
-@answer_options(".json", help="A file for the schema, .json.", quiet=False)
-def schema_command(answer: Answer) -> None:
-    """Write the JSON Schema of study files, for editors that check as one types."""
-    from ..io.files import write_text
-    from ..study.factors import make_schema
-
-    schema = make_schema()
-    text = json.dumps(schema, indent=2)
-    if answer.out is not None:
-        write_text(answer.out, f"{text}\n")
-        answer.give({"file": answer.out}, f"{answer.out}: written")
-        return
-    answer.give(schema, text)

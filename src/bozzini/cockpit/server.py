@@ -22,7 +22,7 @@ try:
     from starlette.routing import Route, WebSocketRoute
     from starlette.websockets import WebSocket, WebSocketDisconnect, WebSocketState
 except ImportError as error:  # the extra is one: it names what lacks
-    raise MissingExtraError(error.name or "starlette", "cockpit") from None
+    raise MissingExtraError((error.name or "starlette").partition(".")[0], "cockpit") from None
 
 if TYPE_CHECKING:
     from starlette.requests import Request

@@ -2,29 +2,33 @@
 
 from __future__ import annotations
 
-from ..checks import check_integer
+from ..checks import check_integer, list_quantities
+from .section import Section, Tendon
 
 HEAD = """\
 # A tendon-driven continuum robot. Units may be left out: mm, N, MPa and rad then; angles beyond
-# a full turn need theirs.
+# a full turn need theirs. A line that begins with '#' and a name is a field at rest.
 #   bozzini continuum pose {file} {option}
 name: robot
-# base_position: [0 mm, 0 mm, 0 mm]     # of the base in the world, whose weight acts along -z
-# base_rotation: [0 deg, 90 deg, 0 deg] # rotation vector
+#base_position: [0 mm, 0 mm, 0 mm] # of the base in the world, mm; weight acts along -z
+#base_rotation: [0 deg, 90 deg, 0 deg] # rotation vector, deg or rad
 sections: # from base to tip
 """
 
 SECTION = """\
-  - length: 60 mm
-    radius: {radius:g} mm # of the body with its discs
-    discs: 10 # evenly spaced, the last at the end
-    bending_stiffness: 200 N mm^2 # EI; or knots, [[0 mm, 200 N mm^2], [60 mm, 100 N mm^2]]
-    # torsional_stiffness: 154 N mm^2 # GJ; EI / 1.3 if left out
-    # wire: {{diameter: 1 mm, modulus: 60 GPa, density: 6450 kg/m^3}} # instead of stiffnesses
-    # curvature: [0 rad/mm, 0 rad/mm, 0 rad/mm] # at rest, about x and y, and twist
-    # line_weight: 0.1 N/m
-    # disc_weight: 1 mN
-    max_bend: 120 deg
+  - length: 60 mm # {length}
+    radius: {radius_mm:g} mm # {radius}
+    discs: 10 # {discs}; evenly spaced, the last at the end
+    # EI, constant or knots such as [[0 mm, 200 N mm^2], [60 mm, 100 N mm^2]]; in place of both
+    # stiffnesses, wire: {{diameter: 1 mm, modulus: 60 GPa, density: 6450 kg/m^3}}
+    bending_stiffness: 200 N mm^2 # {bending_stiffness}
+    #torsional_stiffness: 154 N mm^2 # {torsional_stiffness}; EI / 1.3 if left out
+    #stretch_stiffness: 10 kN # {stretch_stiffness}; does not stretch if left out
+    #shear_stiffness: 4 kN # {shear_stiffness}; does not shear if left out
+    #curvature: [0 rad/mm, 0 rad/mm, 0 rad/mm] # {curvature}; about x and y, and twist
+    #line_weight: 0.1 N/m # {line_weight}
+    #disc_weight: 1 mN # {disc_weight}
+    max_bend: 120 deg # {max_bend}
 """
 
 TENDONS = "    tendons: # those that end in this section\n"
@@ -32,8 +36,14 @@ TENDONS = "    tendons: # those that end in this section\n"
 TENDON = "      - {{name: {name}, offset: {offset:g} mm, angle: {angle:.10g} deg}}\n"
 
 MORE = """\
-      # A tendon also takes travel: [-8 mm, 8 mm], stiffness: 10 kN (EA), pretension: 1 N (with a
-      # stiffness), tension_limit: 20 N, friction: 0.1, pushes: true (a rod).
+      # offset: {offset}; less than the radius. angle: {angle}.
+      # A tendon also takes, after a comma:
+      #   travel: [-8 mm, 8 mm]  {travel}
+      #   stiffness: 10 kN       {stiffness}; does not stretch if left out
+      #   pretension: 1 N        {pretension}; with a stiffness
+      #   tension_limit: 20 N    {tension_limit}
+      #   friction: 0.1          {friction}
+      #   pushes: true           a rod, which pushes as well
 """
 
 MOST_SECTIONS = 20
@@ -70,10 +80,15 @@ def write_template(*, sections: int = 2, tendons: int = 3, file: str = "robot.ya
     name = file if file.isprintable() else "ROBOT.yaml"
     text = HEAD.format(file=name, option=suggest_option(each))
     for index in range(count):
-        text += SECTION.format(radius=RADIUS_MM) + (TENDONS if each else "")
+        text += SECTION.format(radius_mm=RADIUS_MM, **_describe(Section))
+        text += TENDONS if each else ""
         for k in range(each):
             # Those of one section stand between those of the one before.
             angle = 360.0 / each * (k + index / count)
             text += TENDON.format(name=f"T{index * each + k + 1}", offset=OFFSET_MM, angle=angle)
-        text += MORE if index == 0 and each else ""
+        text += MORE.format(**_describe(Tendon)) if index == 0 and each else ""
     return text
+
+
+def _describe(kind: type) -> dict[str, str]:
+    return {name: known.describe() for name, known in list_quantities(kind).items()}

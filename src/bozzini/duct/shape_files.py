@@ -18,6 +18,7 @@ from ..checks import Quantity, check_path, check_word, list_quantities, quantity
 from ..errors import FileFormatError, InputError, PluginError
 from ..io.files import check_new_file, write_text
 from ..io.records import format_yaml, load_data, read_record
+from ..io.schema import describe_type, make_schema
 from ..results import Json
 from ..units import INTERNAL_UNITS, parse_quantity
 from .base import Duct, Form
@@ -193,6 +194,22 @@ def read_shapes(data: object) -> Duct:
         If a field is missing, unknown or wrong, with its name, the shape's number and the value.
     """
     return _read_file(data).shapes
+
+
+def make_shapes_schema() -> Json:
+    """Return the JSON Schema of a file of shapes: what each kind's shapes hold, others' too."""
+    kinds = [name for name in DUCT_SHAPES if name not in DUCT_SHAPES.broken]
+    chosen = [
+        {
+            "if": {"properties": {"kind": {"const": name}}},
+            "then": {"properties": describe_type(_make_pieces(DUCT_SHAPES[name]))["properties"]},
+        }
+        for name in kinds
+    ]
+    schema = make_schema(_Record, "Bozzini shapes")
+    schema["properties"]["kind"] = {"enum": kinds}
+    schema["properties"]["fit"] = {"enum": ["", *FITS]}
+    return {**schema, "allOf": chosen}
 
 
 def _read_file(data: object) -> ShapesFile:

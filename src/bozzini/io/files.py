@@ -401,8 +401,7 @@ def provide_caches() -> None:
     same for every run of one user, and only if nobody else can have written there, for code is
     loaded from it. Likewise matplotlib and ``MPLCONFIGDIR``.
     """
-    places = [os.environ.get("NUMBA_CACHE_DIR", ""), *_list_packages(), _find_numba_cache()]
-    wanted = {"NUMBA_CACHE_DIR": not any(map(_takes_files, places))}
+    wanted = {"NUMBA_CACHE_DIR": find_compiled_code() is None}
     config = os.environ.get("MPLCONFIGDIR") or _find_matplotlib_config()
     wanted["MPLCONFIGDIR"] = not _takes_files(config)
     if not any(wanted.values()):
@@ -416,6 +415,12 @@ def provide_caches() -> None:
 
 
 _provided: dict[str, str] = {}
+
+
+def find_compiled_code() -> str | None:
+    """Return where Numba keeps compiled code: the first of its places that takes files, or None."""
+    places = [os.environ.get("NUMBA_CACHE_DIR", ""), *_list_packages(), _find_numba_cache()]
+    return next(filter(_takes_files, places), None)
 
 
 def find_provided_cache() -> str | None:
@@ -447,7 +452,7 @@ def find_cache(name: str) -> Path:
 
 def _list_packages() -> list[str]:
     """Return the directory of this package if it and all below it can be written, else nothing."""
-    here = os.path.dirname(os.path.abspath(__file__))
+    here = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
     return [here] if all(os.access(folder, os.W_OK) for folder, _, _ in os.walk(here)) else []
 
 

@@ -383,10 +383,10 @@ def _converter(*, from_file: bool) -> Converter:
     for kind, read in simple:
         converter.register_structure_hook(kind, read)
     chosen: tuple[tuple[Callable[[Any], bool], _Reader], ...] = (
-        (_is_quantity, _read_file_quantity if from_file else _read_quantity),
+        (is_quantity, _read_file_quantity if from_file else _read_quantity),
         (lambda kind: bool(get_origin(kind) is Literal), _read_choice),
         (lambda kind: bool(get_origin(kind) is tuple), read_list),
-        (_is_union, read_union),
+        (is_union, read_union),
         (lambda kind: get_origin(kind) is np.ndarray, _read_point),
     )
     for is_kind, read in chosen:
@@ -410,7 +410,7 @@ def _make_reader(record: Any, converter: Converter) -> _Reader:
     ]
 
     def read_field(kind: Any, optional: bool) -> _Reader:
-        numbers = any(map(_is_quantity, (kind, *get_args(kind))))
+        numbers = any(map(is_quantity, (kind, *get_args(kind))))
 
         def read(data: object, _: object) -> object:
             try:
@@ -425,7 +425,7 @@ def _make_reader(record: Any, converter: Converter) -> _Reader:
     readers = {
         name: override(
             struct_hook=read_field(
-                _annotate(kinds[name], known[name]) if name in known else kinds[name],
+                annotate_quantity(kinds[name], known[name]) if name in known else kinds[name],
                 name not in needed and fields[name].default is not None,
             )
         )
@@ -450,21 +450,23 @@ def _make_reader(record: Any, converter: Converter) -> _Reader:
     return read_record_fields
 
 
-def _annotate(kind: Any, known: Quantity) -> Any:
+def annotate_quantity(kind: Any, known: Quantity) -> Any:
     """Return the type of a field with its quantity in the place of plain numbers."""
     if kind in (float, int):
         return Annotated[kind, known]
-    members: Any = tuple(_annotate(member, known) for member in get_args(kind))
+    members: Any = tuple(annotate_quantity(member, known) for member in get_args(kind))
     if get_origin(kind) is tuple:
         return types.GenericAlias(tuple, members)
-    return functools.reduce(operator.or_, members) if _is_union(kind) else kind
+    return functools.reduce(operator.or_, members) if is_union(kind) else kind
 
 
-def _is_quantity(kind: object) -> bool:
+def is_quantity(kind: object) -> bool:
+    """Whether a type is a number with what is known of it, as `annotate_quantity` makes it."""
     return get_origin(kind) is Annotated and isinstance(get_args(kind)[1], Quantity)
 
 
-def _is_union(kind: object) -> bool:
+def is_union(kind: object) -> bool:
+    """Whether a type is one of several."""
     return get_origin(kind) in (Union, types.UnionType)
 
 

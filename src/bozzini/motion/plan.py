@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from ..checks import Quantity, check_number, check_path, name_at, quantity
 from ..duct.centreline import Centreline
 from ..errors import FileFormatError, InputError
-from ..io import records
+from ..io import records, schema
 from ..io.files import write_atomically
 from ..results import Json, Result, take_axes, to_plain
 from ..units import add_unit
@@ -303,6 +303,63 @@ _PARTS: Mapping[str, type] = {
     "replan": Replanned,
 }
 """Parts of ``meta`` that are read and written field by field."""
+
+
+def make_plan_schema() -> Json:
+    """Return the JSON Schema of what a plan file states beside its arrays, the text ``meta``."""
+    numbers = {"type": "array", "items": {"type": "number"}}
+    words = {"type": "string"}
+    return {
+        "$schema": schema.DRAFT,
+        "title": "Bozzini plan, the text 'meta' of the archive",
+        "type": "object",
+        "properties": {
+            "format": {"const": PLAN_FORMAT},
+            **dict.fromkeys(_TEXTS, words),
+            "status": {"enum": list(get_args(Status))},
+            **{name: _describe_part(kind) for name, kind in _PARTS.items()},
+            "input": _describe_part(TractInput),
+            "candidates": {"type": "array", "items": _describe_part(CandidateMotion)},
+            "findings": {"type": "array", "items": words},
+            "wall": words,
+            "certified": {"type": "boolean"},
+            "head_step_mm": {"type": "number", "exclusiveMinimum": 0},
+            "options": {
+                "type": "object",
+                "properties": {
+                    "slip": {"type": "number", "minimum": 0, "maximum": 1},
+                    "angle_limit_rad": {"type": ["number", "null"]},
+                    "route": numbers,
+                    "asked": words,
+                    "freedom": {"type": "number", "minimum": 0, "maximum": 1},
+                },
+            },
+            "centreline": {
+                "type": "object",
+                "properties": {
+                    "points_mm": {"type": "array", "items": numbers, "minItems": 2},
+                    "arc_length_mm": numbers,
+                    "radius_mm": numbers,
+                },
+                "required": ["points_mm", "arc_length_mm", "radius_mm"],
+            },
+            "versions": {"type": "object", "additionalProperties": words},
+        },
+        "required": ["format", *_TEXTS],
+    }
+
+
+def _describe_part(kind: type) -> Json:
+    """Return the schema of what `write_record` gives; what is not known is null."""
+    described = schema.describe_fields(kind, text=False)
+    return {
+        "type": "object",
+        "properties": {
+            _name_key(item): {"anyOf": [described[item.name], {"type": "null"}]}
+            for item in dataclasses.fields(kind)
+            if item.metadata.get("recorded", True)
+        },
+    }
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

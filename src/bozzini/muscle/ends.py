@@ -65,9 +65,15 @@ class EndEffects:
         If a value is outside its legal range.
     """
 
-    offset: float = quantity("length", default=0.0, low=-1e4, high=1e4)
-    compliance: float = quantity("compliance", default=0.0, low=0.0, high=1e3)
-    slack_force: float | None = quantity("force", default=None, low=-1e6, high=1e6)
+    offset: float = quantity(
+        "length", "Measured contraction less the muscle's own.", default=0.0, low=-1e4, high=1e4
+    )
+    compliance: float = quantity(
+        "compliance", "What fittings and rig give.", default=0.0, low=0.0, high=1e3
+    )
+    slack_force: float | None = quantity(
+        "force", "Force that a slack muscle reads.", default=None, low=-1e6, high=1e6
+    )
 
     def __post_init__(self) -> None:
         check_fields(self, "ends ")

@@ -28,7 +28,7 @@ from .walls import Floats, LumenWall
 try:
     import gymnasium
 except ImportError as error:
-    raise MissingExtraError(error.name or "gymnasium", "physics") from None
+    raise MissingExtraError((error.name or "gymnasium").partition(".")[0], "physics") from None
 
 if TYPE_CHECKING:
     from ..duct.base import Duct

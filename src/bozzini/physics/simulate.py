@@ -20,7 +20,7 @@ from .walls import MARGIN_MM, NEWTON, Floats, LumenWall
 try:
     import mujoco
 except ImportError as error:
-    raise MissingExtraError(error.name or "mujoco", "physics") from None
+    raise MissingExtraError((error.name or "mujoco").partition(".")[0], "physics") from None
 
 if TYPE_CHECKING:
     from mujoco import MjData, MjModel, MjSpec

@@ -4,18 +4,15 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import types
 import warnings
-from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Literal, Union, get_args, get_origin, get_type_hints
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..checks import Quantity, check_fields, quantity, show_value
 from ..errors import InputError
-from ..results import Json
 from ..units import parse_quantity
 
 Floats = NDArray[np.float64]
@@ -358,58 +355,3 @@ def count_rows(axes: list[Axis], sampling: Sampling) -> int:
     if total > MOST_ROWS:
         raise InputError(f"the grid has {total} rows: at most {MOST_ROWS} are legal")
     return total
-
-
-def make_schema(kind: type = StudySpec) -> Json:
-    """Return the JSON Schema of a study file, from the dataclasses."""
-    return {
-        "$schema": "https://json-schema.org/draft/2020-12/schema",
-        "title": "Bozzini study",
-        **_describe(kind),
-    }
-
-
-def _describe(kind: object) -> Json:
-    """Return the schema of a type."""
-    if dataclasses.is_dataclass(kind) and isinstance(kind, type):
-        hints = get_type_hints(kind)
-        fields = dataclasses.fields(kind)
-        required = [
-            item.name
-            for item in fields
-            if item.default is item.default_factory is dataclasses.MISSING
-        ]
-        properties = {item.name: _describe(hints[item.name]) for item in fields}
-        for item in fields:
-            known: Quantity | None = item.metadata.get("quantity")
-            if known is not None:
-                properties[item.name] |= {"minimum": known.low, "maximum": known.high}
-        return {
-            "type": "object",
-            "properties": properties,
-            "required": required,
-            "additionalProperties": False,
-        }
-    origin, members = get_origin(kind), get_args(kind)
-    if origin is Literal:
-        return {"enum": list(members)}
-    if origin in (Union, types.UnionType):
-        return {"anyOf": [_describe(member) for member in members]}
-    if origin is tuple:
-        if members[-1] is Ellipsis:
-            return {"type": "array", "items": _describe(members[0])}
-        return {
-            "type": "array",
-            "prefixItems": [_describe(member) for member in members],
-            "minItems": len(members),
-            "maxItems": len(members),
-        }
-    if origin in (dict, Mapping):
-        return {"type": "object", "additionalProperties": _describe(members[1])}
-    names: dict[object, str] = {
-        float: "number",
-        int: "integer",
-        str: "string",
-        type(None): "null",
-    }
-    return {"type": names[kind]}

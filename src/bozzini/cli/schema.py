@@ -1,0 +1,101 @@
+"""``bozzini schema``: what a file may hold, as a JSON Schema."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+
+import click
+
+from ..results import Json
+from .common import Answer, answer_options
+
+
+def _describe_plan() -> Json:
+    from ..motion.plan import make_plan_schema
+
+    return make_plan_schema()
+
+
+def _describe_options() -> Json:
+    from ..io.schema import DRAFT, describe_quantity
+    from ..units import INTERNAL_UNITS
+    from ._tract_options import list_plan_options
+
+    properties: dict[str, Json] = {}
+    for name, (known, _) in list_plan_options().items():
+        schema: Json = {"type": ["string", "number", "array"]}
+        if known.words:
+            schema = {"enum": list(known.words)}
+        elif known.kind == "flag":
+            schema = {"type": "boolean"}
+        elif known.kind in INTERNAL_UNITS:
+            schema = describe_quantity(known)
+        properties[name] = {**schema, "description": known.describe()}
+    return {
+        "$schema": DRAFT,
+        "title": "Bozzini options of a plan",
+        "type": "object",
+        "properties": properties,
+        "additionalProperties": False,
+    }
+
+
+def _describe_robot() -> Json:
+    from ..continuum import ContinuumRobot
+    from ..io.schema import make_schema
+
+    return make_schema(ContinuumRobot, "Bozzini robot")
+
+
+def _describe_muscle() -> Json:
+    from ..io.schema import make_schema
+    from ..muscle.files import MuscleFile
+
+    return make_schema(MuscleFile, "Bozzini muscle")
+
+
+def _describe_shapes() -> Json:
+    from ..duct.shape_files import make_shapes_schema
+
+    return make_shapes_schema()
+
+
+def _describe_study() -> Json:
+    from ..io.schema import make_schema
+    from ..study.factors import FORMAT, StudySpec
+
+    schema = make_schema(StudySpec, "Bozzini study")
+    schema["properties"]["format"] = {"const": FORMAT}
+    return schema
+
+
+SCHEMAS: dict[str, Callable[[], Json]] = {
+    "plan": _describe_plan,
+    "options": _describe_options,
+    "robot": _describe_robot,
+    "muscle": _describe_muscle,
+    "shapes": _describe_shapes,
+    "study": _describe_study,
+}
+"""What makes the schema of each file."""
+
+
+@click.command("schema")
+@click.argument("file", metavar="|".join(SCHEMAS), type=click.Choice(tuple(SCHEMAS)))
+@answer_options(".json", help="A file for the schema, .json.", quiet=False)
+def command(file: str, answer: Answer) -> None:
+    """Write the JSON Schema of a file, with which an editor checks it as one types.
+
+    A plan is an archive: its schema is that of the text 'meta' in it. "options" is the file of
+    'bozzini plan --options'.
+    """
+    from ..io.files import write_text
+
+    schema = SCHEMAS[file]()
+    text = json.dumps(schema, indent=2)
+    if answer.out is None:
+        answer.give(schema, text)
+        return
+    write_text(answer.out, f"{text}\n")
+    answer.give({"file": str(answer.out)}, f"{answer.out}: written")
