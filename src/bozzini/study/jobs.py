@@ -251,10 +251,11 @@ class InsertionJob(RowJob):
     """Whether scopes fit through tracts, certified; of those that do not, no reason is sought."""
 
     name = "insertion-feasibility"
+    TOO_WIDE, NOT_FOUND = 2, 3
     reasons = {
         1: "the inputs are not legal together",
-        2: "no way through is so wide (proved)",
-        3: "no certified motion of the whole way was found",
+        TOO_WIDE: "no way through is so wide (proved)",
+        NOT_FOUND: "no certified motion of the whole way was found",
     }
     chunk = 7
 
@@ -309,8 +310,8 @@ class InsertionJob(RowJob):
         lacks = (rows.code == 0) & np.isnan(rows.outputs["clearance"])
         diameter = np.asarray(columns.get("diameter", self.fixed.get("diameter")), dtype=float)
         proved = diameter > rows.outputs["passage"]
-        rows.code[lacks] = 3
-        rows.code[lacks & proved] = 2
+        rows.code[lacks] = self.NOT_FOUND
+        rows.code[lacks & proved] = self.TOO_WIDE
         return rows
 
 
