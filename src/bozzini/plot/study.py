@@ -17,10 +17,12 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from ..study.sensitivity import Indices
+    from ..study.tip import TipError
 
 T = TypeVar("T")
 
 MOST_LINES = 400
+MOST_POINTS = 2000
 MOST_CELLS = 60
 """Values of a factor up to which each is a column of a map; of more, this many bins."""
 
@@ -180,6 +182,28 @@ def draw_population(table: pandas.DataFrame, scopes: Sequence[str], ax: Axes | N
         axes.plot(x, 1.0 - group["share_not"], color=color, linestyle=DASHES[1], linewidth=1.0)
     axes.set(xlabel=along, ylabel="share of patients that it fits", ylim=(-0.03, 1.03))
     axes.set_title("dashed: not proved that it does not fit", fontsize=9, loc="left")
+    axes.legend(fontsize=7)
+    return axes
+
+
+def draw_tip_error(found: TipError, plane: tuple[int, int], ax: Axes | None = None) -> Axes:
+    """Draw where a tip may be, in the plane of two axes, and its ellipse; return the axes."""
+    from scipy.stats import chi2
+
+    axes = take_panel(ax)
+    pair = list(plane)
+    drawn, (x, y) = found.drawn[:MOST_POINTS, pair], found.tip[pair]
+    axes.plot(*drawn.T, ".", color=BLUE, alpha=0.25, markersize=3, label="drawn")
+    values, vectors = np.linalg.eigh(found.covariance[np.ix_(pair, pair)])
+    radii = np.sqrt(np.maximum(values, 0.0) * chi2.ppf(found.level, 2))
+    angle = np.linspace(0.0, 2.0 * np.pi, 181)
+    ring = (vectors * radii) @ np.stack([np.cos(angle), np.sin(angle)])
+    label = f"{100.0 * found.level:g} %, first order"
+    axes.plot(x + ring[0], y + ring[1], color=AMBER, label=label)
+    axes.plot(x, y, "+", color=AMBER, markersize=10)
+    names = ["xyz"[k] for k in pair]
+    axes.set(xlabel=f"{names[0]} [mm]", ylabel=f"{names[1]} [mm]")
+    axes.set_aspect("equal", adjustable="datalim")
     axes.legend(fontsize=7)
     return axes
 

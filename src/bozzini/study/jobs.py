@@ -328,14 +328,17 @@ def open_tract(
 
     if bool(source) == (phantom >= 0.0):
         raise InputError("give either a tract, a file, or the seed of a phantom")
+    start = end = None
     if source:
         parts = tuple(part.strip() for part in labels.split(",") if part.strip())
         listed = tuple(int(part) if part.isdigit() else part for part in parts)
         tract = ReadOptions(labels=listed or None, organ=organ or None).read(source)
     else:
-        tract = make_phantom(seed=int(phantom)).to_labels(max(voxel, 1.0))
+        made = make_phantom(seed=int(phantom))
+        tract = made.to_labels(max(voxel, 1.0))
+        start, end = made.centreline[0], made.centreline[-1]  # to find them takes seconds
     field = build_field(tract, voxel=voxel or None, inflate=inflate)
-    places = resolve_places(tract, None, None, ())
+    places = resolve_places(tract, start, end, ())
     ends = orient_centreline(tract, field, places)
     return FreeSpace(field, ends.line)
 

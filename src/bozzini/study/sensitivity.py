@@ -396,11 +396,11 @@ def find_box(axes: list[Axis], shares: Floats, failed: NDArray[np.bool_]) -> tup
         inside &= (shares[:, k] >= low[k]) & (shares[:, k] < high[k])
         if rate < 0.0 or inside.mean() < LEAST_BOX:
             raise InputError("no box of the factors was found in which no row fails")
-    for ends, whole in ((low, 0.0), (high, 1.0)):  # cut off on the way, and not needed
+    for side, whole in ((low, 0.0), (high, 1.0)):  # cut off on the way, and not needed
         for k in range(len(axes)):
-            before, ends[k] = ends[k], whole
+            before, side[k] = side[k], whole
             if failed[((shares >= low) & (shares < high)).all(axis=1)].any():
-                ends[k] = before
+                side[k] = before
     return low, high
 
 
