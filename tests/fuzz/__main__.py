@@ -69,6 +69,7 @@ FILES = {
     "drives": ("drives.csv",),
     "obstacle": ("shapes.json", "shapes.yaml"),
     "study": ("study.yaml", "search.yaml"),
+    "saltelli": ("saltelli.yaml", "study.yaml"),
     "results": ("results",),
 }
 LEGAL: dict[str, tuple[int, str]] = {
@@ -105,6 +106,7 @@ LEGAL: dict[str, tuple[int, str]] = {
     "effector reach": (3, "--to 5mm,-3mm"),
     "effector stick": (3, "--axes 700,400"),
     "effector workspace": (2, ""),
+    "effector tip-error": (2, "--pressure R=0.4MPa --pressure-sd 5kPa --draws 64"),
     "effector trace line": (2, "--from -2mm,0mm --to 5mm,3mm --points 5"),
     "effector trace circle": (2, "--radius 4mm --points 6"),
     "effector study sweep": (2, "--vary offset=3mm:5mm:3"),
@@ -117,6 +119,7 @@ LEGAL: dict[str, tuple[int, str]] = {
     "continuum models": (1, ""),
     "continuum new": (2, "--sections 2 --tendons 3 --out >.yaml"),
     "continuum pose": (8, "<robot --displacement T1=1mm"),
+    "continuum tip-error": (3, "<robot --displacement T1=1mm --displacement-sd 50um --draws 64"),
     "continuum jacobian": (2, "<robot --tension T1=1N"),
     "continuum reach": (4, "<robot --to 30mm,10mm,80mm --starts 4"),
     "continuum compare": (3, "<robot --displacement T1=1mm"),
@@ -134,6 +137,7 @@ LEGAL: dict[str, tuple[int, str]] = {
     "study status": (2, "<results"),
     "study show": (3, "<results --out >.png"),
     "study export": (1, "<results --out >.csv"),
+    "uncertainty": (4, "<saltelli --workers 1 --out >"),
     "study jobs": (1, ""),
     "study schema": (1, "--out >.json"),
     "vision demo": (1, "--repeats 1 --steps 2 --out >"),
@@ -345,6 +349,10 @@ def make_originals(folder: Path) -> None:
     (folder / "elastic.yaml").write_text(ELASTIC)
     drawn = "sampling: {method: sobol, count: 50, seed: 1}\nchunk: 20\n"
     (folder / "study.yaml").write_text(STUDY + drawn)
+    (folder / "saltelli.yaml").write_text(
+        STUDY.replace("1 mm, 4.5", "3 mm, 4.5")
+        + "sampling: {method: saltelli, count: 16}\noutputs: [area]\n"
+    )
     least = "search: {minimise: [needed_pressure], evaluations: 60}\n"
     (folder / "search.yaml").write_text(STUDY + least)
     names = [*(f"T{k}_mm" for k in range(1, 7)), "D1_mm"]

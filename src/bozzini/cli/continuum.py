@@ -48,7 +48,7 @@ from .contact import contact_command, insert_command, load_option, parse_load
 from .fit import command as fit_command
 from .fit import parse_settings
 from .routing import design_command, rank_command
-from .tip import draw_options, give_tip_error, parse_deviations, tip_answer
+from .tip import Spread, draw_options, give_tip_error, parse_deviations, tip_answer
 
 if TYPE_CHECKING:
     from ..continuum import (
@@ -567,25 +567,31 @@ def jacobian_command(
 @robot_argument
 @option("--displacement NAME=LENGTH,...", DISPLACEMENT_HELP)
 @option("--tension NAME=FORCE,...", "Instead, tensions of tendons at the base; 0 if left out.")
-@option(
-    "--displacement-sd",
-    "Standard deviation of each displacement that is given.",
-    "length",
-    default="0mm",
-)
-@option("--tension-sd", "Standard deviation of each tension that is given.", "force", default="0N")
-@option(
-    "--sd deviations NAME=VALUE",
-    "Standard deviation of a number of the robot, as 'fit' names them: relative for those that it "
-    "changes by a factor, as in sections.1.bending_stiffness=0.05, else with its unit, as in "
-    "tendons.T1.zero=0.02mm. Can be repeated.",
-    multiple=True,
-)
-@option(
-    "--fit FIT.json",
-    "What 'bozzini continuum fit ROBOT.yaml DATA.csv --json' wrote: the "
-    "covariance of the numbers that were fitted.",
-    click.Path(path_type=Path),
+@gather(
+    "spread",
+    Spread,
+    option(
+        "--displacement-sd command_sd",
+        "Standard deviation of each displacement that is given.",
+        "length",
+        default="0mm",
+    ),
+    option(
+        "--tension-sd", "Standard deviation of each tension that is given.", "force", default="0N"
+    ),
+    option(
+        "--sd deviations NAME=VALUE",
+        "Standard deviation of a number of the robot, as 'fit' names them: relative for those that "
+        "it changes by a factor, as in sections.1.bending_stiffness=0.05, else with its unit, as "
+        "in tendons.T1.zero=0.02mm. Can be repeated.",
+        multiple=True,
+    ),
+    option(
+        "--fit FIT.json",
+        "What 'bozzini continuum fit ROBOT.yaml DATA.csv --json' wrote: the covariance of the "
+        "numbers that were fitted.",
+        click.Path(path_type=Path),
+    ),
 )
 @draw_options
 @tip_answer
@@ -593,9 +599,9 @@ def tip_error_command(
     robot_file: Path,
     displacement: str | None,
     tension: str | None,
+    spread: Spread,
     options: DrawOptions,
     answer: Answer,
-    **given: Any,
 ) -> None:
     """Tell how far the tip may be from where the model puts it.
 
@@ -611,7 +617,7 @@ def tip_error_command(
     if (displacement is None) == (tension is None):
         raise InputError("tip-error takes --displacement or --tension: give one of them")
     pulled = tension is not None
-    refuse_options(["displacement_sd" if pulled else "tension_sd"], "without its commands")
+    refuse_options(["command_sd" if pulled else "tension_sd"], "without its commands")
     robot = read_robot(robot_file)
     commands = parse_pairs(
         "--tension" if pulled else "--displacement",
@@ -628,18 +634,18 @@ def tip_error_command(
         return "" if is_factor(name) else units.get(name.rpartition(".")[2], "")
 
     deviations = parse_deviations(
-        given["deviations"],
+        spread.deviations,
         lambda name: kinds[find_unit(name)],
         example="sections.1.bending_stiffness=0.05",
     )
     errors = Errors.independent(deviations, {name: find_unit(name) for name in deviations})
-    if given["fit"] is not None:
-        errors = errors.join(read_robot_errors(given["fit"]))
+    if spread.fit is not None:
+        errors = errors.join(read_robot_errors(spread.fit))
     found = robot_tip_error(
         robot,
         commands,
         held="tensions" if pulled else "displacements",
-        command_sd=given["tension_sd" if pulled else "displacement_sd"],
+        command_sd=spread.tension_sd if pulled else spread.command_sd,
         parameters=errors,
         options=options,
     )

@@ -42,7 +42,7 @@ from .muscle_options import (
     model_options,
     take_muscle,
 )
-from .tip import draw_options, give_tip_error, parse_deviations, tip_answer
+from .tip import Spread, draw_options, give_tip_error, parse_deviations, tip_answer
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -392,33 +392,37 @@ def pose_command(
     required=True,
     multiple=True,
 )
-@option(
-    "--pressure-sd",
-    "Standard deviation of each pressure that is given, such as 5kPa.",
-    "pressure",
-    default="0kPa",
-)
-@option(
-    "--sd deviations NAME=VALUE",
-    "Standard deviation of a parameter, as 'study sweep' names them: muscle.modulus=28kPa, "
-    "offset=0.05mm. Can be repeated.",
-    multiple=True,
-)
-@option(
-    "--fit FIT.yaml",
-    "A fit of the muscles by 'bozzini muscle fit --out': they have its model, and the covariance "
-    "of what was fitted.",
-    click.Path(path_type=Path),
+@gather(
+    "spread",
+    Spread,
+    option(
+        "--pressure-sd command_sd",
+        "Standard deviation of each pressure that is given, such as 5kPa.",
+        "pressure",
+        default="0kPa",
+    ),
+    option(
+        "--sd deviations NAME=VALUE",
+        "Standard deviation of a parameter, as 'study sweep' names them: muscle.modulus=28kPa, "
+        "offset=0.05mm. Can be repeated.",
+        multiple=True,
+    ),
+    option(
+        "--fit FIT.yaml",
+        "A fit of the muscles by 'bozzini muscle fit --out': they have its model, and the "
+        "covariance of what was fitted.",
+        click.Path(path_type=Path),
+    ),
 )
 @draw_options
 @effector_options
 @tip_answer
 def tip_error_command(
     pressure: tuple[str, ...],
+    spread: Spread,
     asked: EffectorRequest,
     options: DrawOptions,
     answer: Answer,
-    **given: Any,
 ) -> None:
     """Tell how far the tip may be from where the model puts it, seen along the axis.
 
@@ -450,11 +454,9 @@ def tip_error_command(
     found = effector_tip_error(
         effector,
         pressures,
-        pressure_sd=given["pressure_sd"],
-        parameter_sd=parse_deviations(
-            given["deviations"], find_kind, example="muscle.modulus=28kPa"
-        ),
-        fit=None if given["fit"] is None else read_muscle(given["fit"]),
+        pressure_sd=spread.command_sd,
+        parameter_sd=parse_deviations(spread.deviations, find_kind, example="muscle.modulus=28kPa"),
+        fit=None if spread.fit is None else read_muscle(spread.fit),
         options=options,
     )
     give_tip_error(found, {"pressures_MPa": pressures, **asked.describe()}, answer)

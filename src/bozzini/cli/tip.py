@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ..errors import InputError
 from ..units import parse_quantity
@@ -24,10 +26,20 @@ if TYPE_CHECKING:
     from ..study.tip import DrawOptions, TipError
 
 
-def _make_options(**given: Any) -> DrawOptions:
+@dataclass(frozen=True, kw_only=True)
+class Spread:
+    """What is not known exactly, as the options ask for it: standard deviations, and a fit."""
+
+    command_sd: float
+    tension_sd: float = 0.0
+    deviations: tuple[str, ...] = ()
+    fit: Path | None = None
+
+
+def _make_options(**given: object) -> DrawOptions:
     from ..study.tip import DrawOptions
 
-    return DrawOptions(**given)
+    return DrawOptions(**given)  # type: ignore[arg-type]
 
 
 draw_options = gather(

@@ -16,9 +16,6 @@ if TYPE_CHECKING:
     import pandas
     from matplotlib.axes import Axes
 
-    from ..study.sensitivity import Indices
-    from ..study.tip import TipError
-
 T = TypeVar("T")
 
 MOST_LINES = 400
@@ -127,22 +124,38 @@ def draw_all(items: Mapping[str, T], draw: Callable[[str, T, Axes], Axes]) -> Fi
     return figure
 
 
-def draw_indices(name: str, found: Indices, ax: Axes | None = None) -> Axes:
-    """Draw Sobol indices of an output as bars with their intervals; return the axes."""
+def draw_indices(
+    name: str, table: Mapping[str, NDArray[np.generic]], ax: Axes | None = None
+) -> Axes:
+    """Draw Sobol indices of an output as bars with their intervals; return the axes.
+
+    Parameters
+    ----------
+    name : str
+        The output.
+    table : mapping
+        Columns with a row for each factor: ``factor``, ``first``, ``first_low``, ``first_high``,
+        and the same of ``total``.
+    ax : Axes, optional
+    """
     axes = take_panel(ax)
-    places = np.arange(len(found.factors))
+    places = np.arange(len(table["factor"]))
     kinds = (
-        (found.first, found.first_interval, BLUE, "alone (first order)"),
-        (found.total, found.total_interval, AMBER, "with all it takes part in (total)"),
+        ("first", BLUE, "alone (first order)"),
+        ("total", AMBER, "with all it takes part in (total)"),
     )
-    for k, (values, ends, color, label) in enumerate(kinds):
+    varies = False
+    for k, (kind, color, label) in enumerate(kinds):
+        values, low, high = (
+            np.asarray(table[f"{kind}{end}"], dtype=np.float64) for end in ("", "_low", "_high")
+        )
+        varies = bool(np.isfinite(values).any())
+        errors = np.nan_to_num(np.stack([values - low, high - values]))
         shown = np.nan_to_num(values)
-        errors = np.nan_to_num(np.abs(ends.T - shown))
         axes.barh(places + 0.4 * k - 0.2, shown, 0.38, xerr=errors, color=color, label=label)
-    axes.set_yticks(places, found.factors)
+    axes.set_yticks(places, [str(factor) for factor in table["factor"]])
     axes.invert_yaxis()
-    title = name if np.isfinite(found.total).any() else f"{name}: does not vary"
-    axes.set(xlabel="share of the variance", title=title)
+    axes.set(xlabel="share of the variance", title=name if varies else f"{name}: does not vary")
     axes.legend(fontsize=7)
     return axes
 
@@ -186,22 +199,42 @@ def draw_population(table: pandas.DataFrame, scopes: Sequence[str], ax: Axes | N
     return axes
 
 
-def draw_tip_error(found: TipError, plane: tuple[int, int], ax: Axes | None = None) -> Axes:
-    """Draw where a tip may be, in the plane of two axes, and its ellipse; return the axes."""
+def draw_tip_error(
+    drawn: NDArray[np.float64],
+    tip: NDArray[np.float64],
+    *,
+    covariance: NDArray[np.float64],
+    level: float,
+    names: Sequence[str] = ("x", "y"),
+    ax: Axes | None = None,
+) -> Axes:
+    """Draw where a tip may be, in a plane, and its ellipse to first order; return the axes.
+
+    Parameters
+    ----------
+    drawn : (n, 2) float
+        Exact places [mm]; at most 2,000 are shown.
+    tip : (2,) float
+        Without errors [mm].
+    covariance : (2, 2) float
+        To first order [mm^2].
+    level : float
+        Probability of the ellipse.
+    names : (x, y)
+        Of the axes.
+    ax : Axes, optional
+    """
     from scipy.stats import chi2
 
     axes = take_panel(ax)
-    pair = list(plane)
-    drawn, (x, y) = found.drawn[:MOST_POINTS, pair], found.tip[pair]
-    axes.plot(*drawn.T, ".", color=BLUE, alpha=0.25, markersize=3, label="drawn")
-    values, vectors = np.linalg.eigh(found.covariance[np.ix_(pair, pair)])
-    radii = np.sqrt(np.maximum(values, 0.0) * chi2.ppf(found.level, 2))
+    axes.plot(*drawn[:MOST_POINTS].T, ".", color=BLUE, alpha=0.25, markersize=3, label="drawn")
+    values, vectors = np.linalg.eigh(covariance)
+    radii = np.sqrt(np.maximum(values, 0.0) * chi2.ppf(level, 2))
     angle = np.linspace(0.0, 2.0 * np.pi, 181)
     ring = (vectors * radii) @ np.stack([np.cos(angle), np.sin(angle)])
-    label = f"{100.0 * found.level:g} %, first order"
-    axes.plot(x + ring[0], y + ring[1], color=AMBER, label=label)
-    axes.plot(x, y, "+", color=AMBER, markersize=10)
-    names = ["xyz"[k] for k in pair]
+    label = f"{100.0 * level:g} %, first order"
+    axes.plot(tip[0] + ring[0], tip[1] + ring[1], color=AMBER, label=label)
+    axes.plot(*tip, "+", color=AMBER, markersize=10)
     axes.set(xlabel=f"{names[0]} [mm]", ylabel=f"{names[1]} [mm]")
     axes.set_aspect("equal", adjustable="datalim")
     axes.legend(fontsize=7)

@@ -73,10 +73,10 @@ class Indices(ClosedForm):
     total_interval: Floats
     level: float
 
-    def list_columns(self) -> Mapping[str, object]:
+    def list_columns(self) -> dict[str, NDArray[np.generic]]:
         """Return a row for each factor."""
         return {
-            "factor": list(self.factors),
+            "factor": np.array(self.factors),
             "first": self.first,
             "first_low": self.first_interval[:, 0],
             "first_high": self.first_interval[:, 1],
@@ -172,13 +172,14 @@ class StudySpread(ClosedForm):
 
         if not self.indices:
             raise InputError(f"there are no indices to draw: {self.note}")
-        return draw_indices(*next(iter(self.indices.items())), ax)
+        name, found = next(iter(self.indices.items()))
+        return draw_indices(name, found.list_columns(), ax)
 
     def draw_indices(self) -> Figure:
         """Return bars of the indices, a panel for each output."""
         from ..plot.study import draw_all, draw_indices
 
-        return draw_all(self.indices, draw_indices)
+        return draw_all({k: v.list_columns() for k, v in self.indices.items()}, draw_indices)
 
     def draw_spreads(self) -> Figure:
         """Return histograms of the outputs."""

@@ -256,20 +256,30 @@ class TipError(Result):
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the draws and the ellipse, seen along z; return the axes."""
-        from ..plot.study import draw_tip_error
-
-        return draw_tip_error(self, (0, 1), ax)
+        return self._draw((0, 1), ax)
 
     def draw(self) -> Figure:
         """Return a figure, of three views in 3-D."""
-        from ..plot.study import draw_tip_error
         from ..plot.style import make_panels
 
         pairs = ((0, 1), (0, 2), (1, 2))[: 1 if len(self.tip) == 2 else 3]
         figure, panels = make_panels(1, len(pairs), size=(0.6 + 4.2 * len(pairs), 4.0))
         for pair, axes in zip(pairs, panels, strict=True):
-            draw_tip_error(self, pair, axes)
+            self._draw(pair, axes)
         return figure
+
+    def _draw(self, plane: tuple[int, int], ax: Axes | None) -> Axes:
+        from ..plot.study import draw_tip_error
+
+        pair = list(plane)
+        return draw_tip_error(
+            self.drawn[:, pair],
+            self.tip[pair],
+            covariance=self.covariance[np.ix_(pair, pair)],
+            level=self.level,
+            names=["xyz"[k] for k in pair],
+            ax=ax,
+        )
 
 
 def spread_tip(
