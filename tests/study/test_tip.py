@@ -170,6 +170,19 @@ def test_tensions_agree_with_the_derivatives_of_the_elastic_model() -> None:
     assert found.jacobian == pytest.approx(turned[:, columns], rel=0.02, abs=0.02)
 
 
+def test_errors_of_the_base_move_and_turn_the_tip() -> None:
+    robot, deviations = make_robot(), {"base.position.x": 0.5, "base.rotation.z": 0.01}
+    errors = Errors.independent(deviations, {"base.position.x": "mm", "base.rotation.z": "rad"})
+    found = robot_tip_error(robot, {"T1": 2.0}, parameters=errors)
+    tip = robot.forward({"T1": 2.0}).tip
+    assert found.tip == pytest.approx(tip)
+    assert found.jacobian[:, 0] == pytest.approx([1.0, 0.0, 0.0], abs=1e-6)
+    assert found.jacobian[:, 1] == pytest.approx(np.cross([0.0, 0.0, 1.0], tip), abs=1e-3)
+    still = Errors.independent({"tendons.T4.zero": 0.01}, {"tendons.T4.zero": "mm"})
+    with pytest.raises(InputError, match="do not move the tip"):
+        robot_tip_error(robot, {"T1": 2.0, "T4": -2.0}, parameters=still)
+
+
 def write_fit(path: Path, names: list[str]) -> Path:
     estimates = {name: {"value": 2.0, "unit": "mm", "standard_error": 0.1} for name in names}
     path.write_text(json.dumps({"estimates": estimates, "correlations": [[1.0, 0.3], [0.3, 1.0]]}))
@@ -229,3 +242,51 @@ def test_commands(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main([*run, "--fit", str(fit), "--draws", "100", "--json"]) in (0, 1)
     assert main([*run, "--tension-sd", "1N"]) == 2
     assert main([*run, "--tension", "T1=2N"]) == 2
+
+
+@pytest.mark.slow(30)
+def test_fits_as_the_commands_write_them(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    robot = make_robot()
+    random = np.random.default_rng(1)
+    names = robot.tendon_names
+    lines = [
+        ",".join([*(f"{n} displacement [mm]" for n in names), *(f"tip {a} [mm]" for a in "xyz")])
+    ]
+    for first, second in ((0, 0), (1, 2), (2, -1), (3, 3), (-2, 2), (-3, -3)):
+        given = np.asarray(robot.forward({"T1": max(first, 0.0), "T2": max(-first, 0.0),
+                                          "T4": 3.0 + second}).displacements)  # fmt: skip
+        tip = robot.forward(given).tip + random.normal(0.0, 0.3, 3)
+        lines.append(",".join(f"{value:.6f}" for value in (*given, *tip)))
+    (tmp_path / "rows.csv").write_text("\n".join(lines) + "\n")
+    source = str(EXAMPLES / "two_sections.yaml")
+    free = "sections.1.length,sections.2.length"
+    fitted = tmp_path / "fitted.yaml"
+    fit = ["continuum", "fit", source, str(tmp_path / "rows.csv"), "--free", free, "--only"]
+    capsys.readouterr()
+    assert main([*fit, "--model", "arc", "--out", str(fitted), "--json"]) in (0, 1)
+    text = capsys.readouterr().out
+    (tmp_path / "fit.json").write_text(text)
+    run = ["continuum", "tip-error", str(fitted), "--displacement", "T1=1mm,T4=3mm"]
+    assert main([*run, "--fit", str(tmp_path / "fit.json"), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    known = json.loads(text)["estimates"]
+    for name, one in found["errors"].items():
+        assert one["sd"] == pytest.approx(known[name]["standard_error"] / known[name]["value"])
+    # A length that is known by its error moves the tip by less than this much and its bend.
+    assert 0.01 < max(found["semi_axes_mm"]) < 3.0
+
+    pressure = np.linspace(0.1, 0.7, 12)
+    pulled = EFFECTOR.models[0].contraction(pressure) + random.normal(0.0, 0.05, 12)
+    rows = [f"{1000 * p:.1f},{x:.5f}" for p, x in zip(pressure, pulled, strict=True)]
+    table = tmp_path / "muscle.csv"
+    table.write_text("\n".join(["pressure [kPa],contraction [mm]", *rows]) + "\n")
+    place = tmp_path / "muscle.yaml"
+    fit = ["muscle", "fit", str(table), "--preset", "fitted-45", "--free", "modulus"]
+    assert main([*fit, "--out", str(place)]) in (0, 1)
+    capsys.readouterr()
+    run = ["effector", "tip-error", "--pressure", "R=500kPa", "--fit", str(place), "--json"]
+    assert main(run) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert list(found["errors"]) == ["modulus"] and found["semi_axes_mm"][0] > 0.0

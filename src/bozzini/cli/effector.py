@@ -447,7 +447,7 @@ def tip_error_command(
 
     def find_kind(name: str) -> str:
         known = find_quantity(name)
-        if known is None:
+        if known is None or known.whole:
             raise InputError(f"--sd names '{name}': give one such as offset or muscle.modulus")
         return known.kind
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from ..checks import check_number
 from ..errors import InputError, OutputError
 from .common import Answer, answer_options, format_csv, format_rows, option
 from .study import engine_options
@@ -54,6 +55,7 @@ def _of_study(
     from ..study.run import open_study, read_rows, run_study
     from ..study.sensitivity import analyse_rows, analyse_study
 
+    check_number("--level", level, low=0.5, high=0.9999)
     computed = source.is_dir()
     study = open_study(source) if computed else Study.load(source)
     if not computed and answer.out is None:

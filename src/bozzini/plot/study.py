@@ -156,7 +156,7 @@ def draw_indices(
     axes.set_yticks(places, [str(factor) for factor in table["factor"]])
     axes.invert_yaxis()
     axes.set(xlabel="share of the variance", title=name if varies else f"{name}: does not vary")
-    axes.legend(fontsize=7, ncols=2, loc="upper center", bbox_to_anchor=(0.5, -0.16))
+    axes.legend(fontsize=7, loc="upper center", bbox_to_anchor=(0.5, -0.16))
     return axes
 
 

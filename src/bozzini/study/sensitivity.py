@@ -341,6 +341,7 @@ def analyse_study(
         As `analyse_rows`; or no box is found.
     """
     check_word("failures", failures, FAILURE_RULES)
+    check_number("level", level, low=0.5, high=0.9999)
     run_study(study, folder, engine=engine, progress=progress)
     rows = read_rows(folder)
     if failures != "box":

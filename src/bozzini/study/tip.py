@@ -44,6 +44,9 @@ LIMIT = 0.1
 STEP = 0.1
 """Step of the differences, in standard deviations."""
 
+STILL_MM = 1e-9
+"""Motion that is none."""
+
 _FLAT = 1e-9
 """Variance, as a share of the largest, below which a direction has none."""
 
@@ -322,6 +325,8 @@ def spread_tip(
     good = np.isfinite(drawn).all(axis=1)
     if good.sum() < 3:
         raise InputError("the draws have no shape: the errors are too large")
+    if max(np.abs(slopes * spread).max(), np.abs(drawn[good] - tip).max()) < STILL_MM:
+        raise InputError("the errors do not move the tip")
     return TipError(
         tip=tip,
         errors=errors,
@@ -387,8 +392,8 @@ def effector_tip_error(
     own = dict(parameter_sd or {})
     for name, value in own.items():
         known = find_quantity(name)
-        if known is None:
-            raise InputError(f"'{name}' has no standard deviation: it is no number of a design")
+        if known is None or known.whole:
+            raise InputError(f"'{name}' has no standard deviation: give one such as offset")
         check_number(f"standard deviation of {name}", value, low=0.0, unit=known.unit)
     units = {name: (find_quantity(name) or Muscle).unit for name in own}  # type: ignore[union-attr]
     errors = errors.join(Errors.independent(own, units))
@@ -507,6 +512,7 @@ def robot_tip_error(
     commands : mapping of str to float
         Displacements [mm] or tensions [N] of tendons; displacements that are left out follow.
     held : {"displacements", "tensions"}
+        Places are in the frame of the robot's base where that has no error.
     command_sd : float
         Standard deviation of each command that is given [mm] or [N]. Draws of a tension below 0 are
         taken as 0.
@@ -539,11 +545,13 @@ def robot_tip_error(
     def find_tips_of(one: ContinuumRobot, rows: Floats) -> Floats:
         moved = np.repeat(given[None], len(rows), axis=0)
         moved[:, columns] += rows[:, : len(columns)]
+        turned = np.linalg.solve(robot.base_frame, one.base_frame)
         if pulled:
             shape = one.forward(tensions=np.maximum(moved, 0.0))
         else:
             shape = one.forward(moved)
-        return np.where(np.asarray(shape.converged)[:, None], shape.tip, np.nan)
+        tips = shape.tip @ turned[:3, :3].T + turned[:3, 3]
+        return np.where(np.asarray(shape.converged)[:, None], tips, np.nan)
 
     def find_tip(row: Floats) -> Floats:
         moved = change_setup(setup, unknowns, row[len(columns) :])
