@@ -10,7 +10,7 @@ import click
 
 from ..checks import check_number
 from ..errors import InputError, OutputError
-from .common import Answer, answer_options, format_csv, format_rows, option
+from .common import Answer, answer_options, format_csv, format_rows, option, refuse_options
 from .study import engine_options
 
 if TYPE_CHECKING:
@@ -61,9 +61,15 @@ def _of_study(
     if not computed and answer.out is None:
         raise InputError("--out is missing: the directory of the results")
     folder = source if computed else answer.target
+    sampling = study.spec.sampling
+    if is_population(study) or sampling is None or sampling.method != "saltelli":
+        refuse_options(["failures"], "without the sampling saltelli")
+    if computed and failures != "box":
+        refuse_options(["workers", "cluster"], "with results that are computed")
     if failures == "box" and computed and answer.out != source:
-        raise InputError("--failures box computes more rows: give the study file, or --out " +
-                         f"{source}")  # fmt: skip
+        raise InputError(
+            f"--failures box computes more rows: give the study file, or --out {source}"
+        )
     _check_out(answer.out, source)
     found: Population | StudySpread
     with answer.show_progress() as progress:

@@ -389,13 +389,13 @@ def effector_tip_error(
         {f"pressure {name}": "MPa" for name in names},
     )
     columns = [effector.design.index(name) for name in names if pressure_sd]
-    own = dict(parameter_sd or {})
+    own, units = dict(parameter_sd or {}), {}
     for name, value in own.items():
         known = find_quantity(name)
         if known is None or known.whole:
             raise InputError(f"'{name}' has no standard deviation: give one such as offset")
+        units[name] = known.unit
         check_number(f"standard deviation of {name}", value, low=0.0, unit=known.unit)
-    units = {name: (find_quantity(name) or Muscle).unit for name in own}  # type: ignore[union-attr]
     errors = errors.join(Errors.independent(own, units))
     build = _Muscles(effector, fit)
     errors = errors.join(build.errors)
