@@ -1,4 +1,4 @@
-"""Studies: a million end-effector designs, parallel efficiency, Dask, a feasibility map."""
+"""Studies: a million designs, parallel efficiency, Dask, maps, a population, Sobol indices."""
 
 from __future__ import annotations
 
@@ -14,7 +14,15 @@ import pytest
 from bozzini.effector import Effector, effector_preset
 from bozzini.effector.batch import measure_designs
 from bozzini.io.records import read_record
-from bozzini.study import Engine, Study, StudySpec, run_study
+from bozzini.study import (
+    Engine,
+    Study,
+    StudySpec,
+    analyse_study,
+    count_fits,
+    read_rows,
+    run_study,
+)
 
 DESIGNS: dict[str, Any] = {
     "format": "bozzini-study-1",
@@ -129,3 +137,48 @@ def bench_feasibility_map(benchmark: Any, upper_gi_dir: Path, tmp_path: Path, wo
     )
     assert np.isfinite(rows["clearance_mm"][rows["feasible"]]).all()
     assert wall < 30.0
+
+
+POPULATION: dict[str, Any] = {
+    "format": "bozzini-study-1",
+    "job": "insertion-feasibility",
+    "fixed": {"link_length": "10 mm", "head_step": "1 mm", "voxel": "1.5 mm"},
+    "factors": {
+        "phantom": {"integers": [1, 100]},
+        "diameter": {"values": [8, 10, 11, 12, 13, 14]},
+    },
+    "sampling": {"method": "grid"},
+    "chunk": 6,
+}
+
+
+def bench_population(benchmark: Any, tmp_path: Path) -> None:
+    study = Study(read_record(POPULATION, StudySpec))
+    _, used = benchmark.pedantic(
+        time_run, args=(study, tmp_path / "out", Engine(workers=1)), rounds=1
+    )
+    found = count_fits(study, read_rows(tmp_path / "out"))
+    fits = ", ".join(f"{row['fits']}" for row in found.table.to_dict("records"))
+    benchmark.extra_info.update(
+        what="which of 100 phantoms six scopes fit, 600 rows, one process",
+        measured=f"{used:.0f} s of the processor; {fits} fit",
+        required="600 s of the processor: 5 min on 2 cores",
+    )
+    assert used < 600.0 and not found.table["errors"].any()
+
+
+def bench_sobol(benchmark: Any, tmp_path: Path) -> None:
+    sampling = {"method": "saltelli", "count": 16_384, "seed": 7}
+    study = Study(read_record(DESIGNS | {"sampling": sampling}, StudySpec))
+    run_study(make_study(1000), tmp_path / "warm", engine=Engine(workers=1))
+
+    def analyse() -> float:
+        begin = measure_processor()
+        analyse_study(study, tmp_path / "out", failures="indicator", engine=Engine(workers=1))
+        return measure_processor() - begin
+
+    used = benchmark.pedantic(analyse, rounds=1)
+    benchmark.extra_info.update(
+        what="Sobol indices of five outputs of an end-effector over six factors, with intervals",
+        measured=f"{study.rows} rows: {used:.1f} s of the processor",
+    )

@@ -26,7 +26,7 @@ from bozzini.motion.actuate import actuate_plan
 # ## The robot as a file
 #
 # Three sections, three tendons each, which pass through the sections before theirs.
-# `bozzini continuum new` writes a file to begin with.
+# `bozzini new robot` writes a file to begin with.
 
 # %%
 SECTION = """

@@ -70,6 +70,7 @@ FILES = {
     "obstacle": ("shapes.json", "shapes.yaml"),
     "study": ("study.yaml", "search.yaml"),
     "options": ("options.yaml",),
+    "saltelli": ("saltelli.yaml", "study.yaml"),
     "results": ("results",),
 }
 LEGAL: dict[str, tuple[int, str]] = {
@@ -106,6 +107,7 @@ LEGAL: dict[str, tuple[int, str]] = {
     "effector reach": (3, "--to 5mm,-3mm"),
     "effector stick": (3, "--axes 700,400"),
     "effector workspace": (2, ""),
+    "effector tip-error": (2, "--pressure R=0.4MPa --pressure-sd 5kPa --draws 64"),
     "effector trace line": (2, "--from -2mm,0mm --to 5mm,3mm --points 5"),
     "effector trace circle": (2, "--radius 4mm --points 6"),
     "effector study sweep": (2, "--vary offset=3mm:5mm:3"),
@@ -121,6 +123,7 @@ LEGAL: dict[str, tuple[int, str]] = {
     "new robot": (2, "--sections 2 --tendons 3 --out >.yaml"),
     "new study": (1, "--out >.yaml"),
     "continuum pose": (8, "<robot --displacement T1=1mm"),
+    "continuum tip-error": (3, "<robot --displacement T1=1mm --displacement-sd 50um --draws 64"),
     "continuum jacobian": (2, "<robot --tension T1=1N"),
     "continuum reach": (4, "<robot --to 30mm,10mm,80mm --starts 4"),
     "continuum compare": (3, "<robot --displacement T1=1mm"),
@@ -138,6 +141,7 @@ LEGAL: dict[str, tuple[int, str]] = {
     "study status": (2, "<results"),
     "study show": (3, "<results --out >.png"),
     "study export": (1, "<results --out >.csv"),
+    "uncertainty": (4, "<saltelli --workers 1 --out >"),
     "study jobs": (1, ""),
     "schema": (1, "robot --out >.json"),
     "completion": (1, "bash"),
@@ -351,6 +355,10 @@ def make_originals(folder: Path) -> None:
     (folder / "elastic.yaml").write_text(ELASTIC)
     drawn = "sampling: {method: sobol, count: 50, seed: 1}\nchunk: 20\n"
     (folder / "study.yaml").write_text(STUDY + drawn)
+    (folder / "saltelli.yaml").write_text(
+        STUDY.replace("1 mm, 4.5", "3 mm, 4.5")
+        + "sampling: {method: saltelli, count: 16}\noutputs: [area]\n"
+    )
     least = "search: {minimise: [needed_pressure], evaluations: 60}\n"
     (folder / "search.yaml").write_text(STUDY + least)
     (folder / "options.yaml").write_text("{inflate: 0.5 mm, method: tube, angle_limit: 60 deg}\n")

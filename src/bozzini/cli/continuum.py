@@ -39,6 +39,7 @@ from .common import (
     option,
     options_of,
     parse_pairs,
+    refuse_options,
     run_exit,
     spell_option,
     step_option,
@@ -47,6 +48,7 @@ from .contact import contact_command, insert_command, load_option, parse_load
 from .fit import command as fit_command
 from .fit import parse_settings
 from .routing import design_command, rank_command
+from .tip import Spread, draw_options, give_tip_error, parse_deviations, tip_answer
 
 if TYPE_CHECKING:
     from ..continuum import (
@@ -60,6 +62,7 @@ if TYPE_CHECKING:
     from ..continuum.checks import Floats
     from ..continuum.gradients import ShapeJacobian
     from ..continuum.robot import RobotDesign
+    from ..study.tip import DrawOptions
 
 STRAIGHT_BEND_RAD = 1e-6
 """Bend that counts as none in words [rad]."""
@@ -539,6 +542,95 @@ def jacobian_command(
     if answer.out is not None:
         write_text(answer.out, format_csv(table))
     answer.give(result, "\n".join(lines))
+
+
+@command.command("tip-error")
+@robot_argument
+@option("--displacement NAME=LENGTH,...", DISPLACEMENT_HELP)
+@option("--tension NAME=FORCE,...", "Instead, tensions of tendons at the base; 0 if left out.")
+@gather(
+    "spread",
+    Spread,
+    option(
+        "--displacement-sd command_sd",
+        "Standard deviation of each displacement that is given.",
+        "length",
+        default="0mm",
+    ),
+    option(
+        "--tension-sd", "Standard deviation of each tension that is given.", "force", default="0N"
+    ),
+    option(
+        "--sd deviations NAME=VALUE",
+        "Standard deviation of a number of the robot, as 'fit' names them: relative for those that "
+        "it changes by a factor, as in sections.1.bending_stiffness=0.05, else with its unit, as "
+        "in tendons.T1.zero=0.02mm. Can be repeated.",
+        multiple=True,
+    ),
+    option(
+        "--fit FIT.json",
+        "What 'bozzini continuum fit ROBOT.yaml DATA.csv --json' wrote: the covariance of the "
+        "numbers that were fitted.",
+        click.Path(path_type=Path),
+    ),
+)
+@draw_options
+@tip_answer
+def tip_error_command(
+    robot_file: Path,
+    displacement: str | None,
+    tension: str | None,
+    spread: Spread,
+    options: DrawOptions,
+    answer: Answer,
+) -> None:
+    """Tell how far the tip may be from where the model puts it.
+
+    Errors of commands and of numbers of the robot are propagated to first order, as an ellipsoid,
+    and drawn and computed exactly beside it. Tendons that are left out follow the others.
+
+    Exit code 0: done; 1: the two differ by more than 10 %, take the draws; 2: bad input.
+    """
+    from ..continuum.unknowns import FIELDS
+    from ..study.tip import Errors, is_factor, read_robot_errors, robot_tip_error
+    from ..units import INTERNAL_UNITS
+
+    if (displacement is None) == (tension is None):
+        raise InputError("tip-error takes --displacement or --tension: give one of them")
+    pulled = tension is not None
+    refuse_options(["command_sd" if pulled else "tension_sd"], "without its commands")
+    robot = read_robot(robot_file)
+    commands = parse_pairs(
+        "--tension" if pulled else "--displacement",
+        str(tension if pulled else displacement),
+        "force" if pulled else "length",
+        example="T1=2N" if pulled else "T1=2mm",
+        names=robot.tendon_names,
+        owner=f"the tendons of robot '{robot.name}'",
+    )
+    kinds = {unit: kind for kind, unit in INTERNAL_UNITS.items()} | {"": "dimensionless"}
+    units = {name: known.unit for fields in FIELDS.values() for name, known in fields.items()}
+
+    def find_unit(name: str) -> str:
+        return "" if is_factor(name) else units.get(name.rpartition(".")[2], "")
+
+    deviations = parse_deviations(
+        spread.deviations,
+        lambda name: kinds[find_unit(name)],
+        example="sections.1.bending_stiffness=0.05",
+    )
+    errors = Errors.independent(deviations, {name: find_unit(name) for name in deviations})
+    if spread.fit is not None:
+        errors = errors.join(read_robot_errors(spread.fit))
+    found = robot_tip_error(
+        robot,
+        commands,
+        held="tensions" if pulled else "displacements",
+        command_sd=spread.tension_sd if pulled else spread.command_sd,
+        parameters=errors,
+        options=options,
+    )
+    give_tip_error(found, {"commands": commands, "robot": describe_robot(robot)}, answer)
 
 
 def _list_derivatives(

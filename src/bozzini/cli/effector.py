@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
@@ -41,6 +42,7 @@ from .muscle_options import (
     model_options,
     take_muscle,
 )
+from .tip import Spread, draw_options, give_tip_error, parse_deviations, tip_answer
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -48,6 +50,7 @@ if TYPE_CHECKING:
     from ..effector import Balance, CubicFit, Effector, EffectorInverse, EffectorPose, Trace
     from ..effector.pose import PoseMethod
     from ..results import Json, Result
+    from ..study.tip import DrawOptions
 
 _Value = TypeVar("_Value")
 
@@ -380,6 +383,83 @@ def pose_command(
     parts += [_format_table(name, pressures[name], table) for name, table in tables.items()]
     done = bool(found.converged)
     _give(result, answer=answer, text="\n\n".join(parts), notes=list(notes.values()), done=done)
+
+
+@command.command("tip-error")
+@option(
+    "--pressure NAME=PRESSURE,...",
+    "Gauge pressures, as of pose. Can be repeated.",
+    required=True,
+    multiple=True,
+)
+@gather(
+    "spread",
+    Spread,
+    option(
+        "--pressure-sd command_sd",
+        "Standard deviation of each pressure that is given, such as 5kPa.",
+        "pressure",
+        default="0kPa",
+    ),
+    option(
+        "--sd deviations NAME=VALUE",
+        "Standard deviation of a parameter, as 'study sweep' names them: muscle.modulus=28kPa, "
+        "offset=0.05mm. Can be repeated.",
+        multiple=True,
+    ),
+    option(
+        "--fit FIT.yaml",
+        "A fit of the muscles by 'bozzini muscle fit --out': they have its model, and the "
+        "covariance of what was fitted.",
+        click.Path(path_type=Path),
+    ),
+)
+@draw_options
+@effector_options
+@tip_answer
+def tip_error_command(
+    pressure: tuple[str, ...],
+    spread: Spread,
+    asked: EffectorRequest,
+    options: DrawOptions,
+    answer: Answer,
+) -> None:
+    """Tell how far the tip may be from where the model puts it, seen along the axis.
+
+    Errors of pressures and parameters are propagated to first order, as an ellipse, and drawn and
+    computed exactly beside it.
+
+    Exit code 0: done; 1: the two differ by more than 10 %, take the draws; 2: bad input.
+    """
+    from ..effector.study import find_quantity
+    from ..muscle.files import read_muscle
+    from ..study.tip import effector_tip_error
+
+    effector = asked.effector
+    pressures = parse_pairs(
+        "--pressure",
+        pressure,
+        "pressure",
+        example="R=689.4kPa,G=413.6kPa",
+        names=effector.design.names,
+        owner="the muscles of this design",
+    )
+
+    def find_kind(name: str) -> str:
+        known = find_quantity(name)
+        if known is None or known.whole:
+            raise InputError(f"--sd names '{name}': give one such as offset or muscle.modulus")
+        return known.kind
+
+    found = effector_tip_error(
+        effector,
+        pressures,
+        pressure_sd=spread.command_sd,
+        parameter_sd=parse_deviations(spread.deviations, find_kind, example="muscle.modulus=28kPa"),
+        fit=None if spread.fit is None else read_muscle(spread.fit),
+        options=options,
+    )
+    give_tip_error(found, {"pressures_MPa": pressures, **asked.describe()}, answer)
 
 
 @command.command("reach")

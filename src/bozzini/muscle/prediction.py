@@ -212,7 +212,7 @@ def predict(
         found, good = try_response(model, rows, fit.response)
         predicted[part.rows], held[part.rows] = found, good
         if fit.names and good.any():
-            at = _read_values(model, fit.names)
+            at = read_values(model, fit.names)
             steps = [
                 DIFFERENCE_STEP * max(choose_scale(n, x, own=True), abs(x)) for n, x in at.items()
             ]
@@ -306,7 +306,7 @@ def _change(
     return change_model(move_model(base, muscle), {**change, **values}, anchor=anchor)
 
 
-def _read_values(model: MuscleModel, names: tuple[str, ...]) -> dict[str, float]:
+def read_values(model: MuscleModel, names: tuple[str, ...]) -> dict[str, float]:
     """Return the fitted numbers of a model."""
     ends = getattr(model, "ends", None)
     inner = getattr(model, "model", model)

@@ -1,22 +1,25 @@
-"""Figures of a study's rows: a map of two factors, parallel coordinates, a Pareto front."""
+"""Figures of a study: maps, parallel coordinates, fronts, indices, spreads, populations."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from .style import AMBER, BLUE, GRID
+from .style import AMBER, BLUE, COLORS, DASHES, GRID, make_panels, take_panel
 
 if TYPE_CHECKING:
     import pandas
     from matplotlib.axes import Axes
 
+T = TypeVar("T")
+
 MOST_LINES = 400
+MOST_POINTS = 2000
 MOST_CELLS = 60
 """Values of a factor up to which each is a column of a map; of more, this many bins."""
 
@@ -106,6 +109,136 @@ def find_front(points: NDArray[np.float64]) -> NDArray[np.int64]:
     second = points[order, 1]
     before = np.minimum.accumulate(np.concatenate([[np.inf], second[:-1]]))
     return np.asarray(order[second < before])
+
+
+def draw_all(items: Mapping[str, T], draw: Callable[[str, T, Axes], Axes]) -> Figure:
+    """Draw each of some named things in a panel of its own, at most nine."""
+    shown = list(items.items())[:9]
+    columns = min(len(shown), 3) or 1
+    height = -(-len(shown) // columns) or 1
+    figure, panels = make_panels(height, columns, size=(1.0 + 4.0 * columns, 0.4 + 3.4 * height))
+    for axes, (name, item) in zip(panels, shown, strict=False):
+        draw(name, item, axes)
+    for axes in panels[len(shown) :]:
+        axes.set_visible(False)
+    return figure
+
+
+def draw_indices(
+    name: str, table: Mapping[str, NDArray[np.generic]], ax: Axes | None = None
+) -> Axes:
+    """Draw Sobol indices of an output as bars with their intervals; return the axes.
+
+    Parameters
+    ----------
+    name : str
+        The output.
+    table : mapping
+        Columns with a row for each factor: ``factor``, ``first``, ``first_low``, ``first_high``,
+        and the same of ``total``.
+    ax : Axes, optional
+    """
+    axes = take_panel(ax)
+    places = np.arange(len(table["factor"]))
+    kinds = (
+        ("first", BLUE, "alone (first order)"),
+        ("total", AMBER, "with all it takes part in (total)"),
+    )
+    varies = False
+    for k, (kind, color, label) in enumerate(kinds):
+        values, low, high = (
+            np.asarray(table[f"{kind}{end}"], dtype=np.float64) for end in ("", "_low", "_high")
+        )
+        varies = bool(np.isfinite(values).any())
+        errors = np.nan_to_num(np.stack([values - low, high - values]))
+        shown = np.nan_to_num(values)
+        axes.barh(places + 0.4 * k - 0.2, shown, 0.38, xerr=errors, color=color, label=label)
+    axes.set_yticks(places, [str(factor) for factor in table["factor"]])
+    axes.invert_yaxis()
+    axes.set(xlabel="share of the variance", title=name if varies else f"{name}: does not vary")
+    axes.legend(fontsize=7, loc="upper center", bbox_to_anchor=(0.5, -0.16))
+    return axes
+
+
+def draw_spread(name: str, values: NDArray[np.float64], ax: Axes | None = None) -> Axes:
+    """Draw a histogram of an output with its mean and its middle 95 %; return the axes."""
+    axes = take_panel(ax)
+    if len(values):
+        axes.hist(values, bins=min(60, max(10, len(values) // 50)), color=BLUE, alpha=0.8)
+        axes.axvline(float(values.mean()), color=AMBER, label="mean")
+        low, high = np.quantile(values, [0.025, 0.975])
+        axes.axvspan(float(low), float(high), color=GRID, zorder=0, label="95 % of the rows")
+        axes.legend(fontsize=7)
+    axes.set(xlabel=name, ylabel="rows")
+    return axes
+
+
+def draw_population(table: pandas.DataFrame, scopes: Sequence[str], ax: Axes | None = None) -> Axes:
+    """Draw the share of patients that scopes fit, over the diameter, with the interval.
+
+    Dashed is the share of which it is not proved that they do not fit.
+    """
+    axes = take_panel(ax)
+    numbers = [name for name in scopes if table[name].dtype.kind in "if"]
+    along = next((name for name in numbers if name.startswith("diameter")), next(iter(numbers), ""))
+    others = [name for name in scopes if name != along]
+    groups = table.groupby(others, sort=True) if others else [((), table)]
+    for k, (key, group) in enumerate(groups):
+        x = group[along].to_numpy(dtype=float) if along else np.zeros(len(group))
+        words = [f"{name} {value:g}" if isinstance(value, float) else f"{name} {value}"
+                 for name, value in zip(others, key, strict=True)]  # fmt: skip
+        color = COLORS[k % len(COLORS)]
+        axes.plot(x, group["share"], "o-", color=color, label=", ".join(words) or "fits, proved")
+        axes.fill_between(
+            x, group["share_low"], group["share_high"], color=color, alpha=0.15, linewidth=0
+        )
+        axes.plot(x, 1.0 - group["share_not"], color=color, linestyle=DASHES[1], linewidth=1.0)
+    axes.set(xlabel=along, ylabel="share of patients that it fits", ylim=(-0.03, 1.03))
+    axes.set_title("dashed: not proved that it does not fit", fontsize=9, loc="left")
+    axes.legend(fontsize=7)
+    return axes
+
+
+def draw_tip_error(
+    drawn: NDArray[np.float64],
+    tip: NDArray[np.float64],
+    *,
+    covariance: NDArray[np.float64],
+    level: float,
+    names: Sequence[str] = ("x", "y"),
+    ax: Axes | None = None,
+) -> Axes:
+    """Draw where a tip may be, in a plane, and its ellipse to first order; return the axes.
+
+    Parameters
+    ----------
+    drawn : (n, 2) float
+        Exact places [mm]; at most 2,000 are shown.
+    tip : (2,) float
+        Without errors [mm].
+    covariance : (2, 2) float
+        To first order [mm^2].
+    level : float
+        Probability of the ellipse.
+    names : (x, y)
+        Of the axes.
+    ax : Axes, optional
+    """
+    from scipy.stats import chi2
+
+    axes = take_panel(ax)
+    axes.plot(*drawn[:MOST_POINTS].T, ".", color=BLUE, alpha=0.25, markersize=3, label="drawn")
+    values, vectors = np.linalg.eigh(covariance)
+    radii = np.sqrt(np.maximum(values, 0.0) * chi2.ppf(level, 2))
+    angle = np.linspace(0.0, 2.0 * np.pi, 181)
+    ring = (vectors * radii) @ np.stack([np.cos(angle), np.sin(angle)])
+    label = f"{100.0 * level:g} %, first order"
+    axes.plot(tip[0] + ring[0], tip[1] + ring[1], color=AMBER, label=label)
+    axes.plot(*tip, "+", color=AMBER, markersize=10)
+    axes.set(xlabel=f"{names[0]} [mm]", ylabel=f"{names[1]} [mm]")
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.legend(fontsize=7)
+    return axes
 
 
 def _start(x: str, y: str) -> tuple[Figure, Axes]:

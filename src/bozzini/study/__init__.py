@@ -11,8 +11,11 @@ if TYPE_CHECKING:
     from .insertion import InsertionStudy, run_insertion
     from .jobs import JOBS, Job, RowJob, Rows
     from .options import InsertionOptions, PathOptions, ReadOptions, TractFitOptions
+    from .population import Population, count_fits
     from .run import Engine, StudyResult, read_rows, run_study
+    from .sensitivity import StudySpread, analyse_rows, analyse_study
     from .shapes import FitStudy, SectionStudy, run_fit, run_sections
+    from .tip import TipError, effector_tip_error, robot_tip_error
     from .traverse import LimitsStudy, run_limits
 
 __all__ = [
@@ -34,8 +37,16 @@ __all__ = [
     "InsertionStudy",
     "LimitsStudy",
     "PathOptions",
+    "Population",
     "ReadOptions",
     "SectionStudy",
+    "StudySpread",
+    "TipError",
+    "analyse_rows",
+    "analyse_study",
+    "count_fits",
+    "effector_tip_error",
+    "robot_tip_error",
     "run_fit",
     "run_insertion",
     "run_limits",
@@ -50,8 +61,11 @@ _MODULES = {
     "insertion": ("InsertionStudy", "run_insertion"),
     "jobs": ("JOBS", "Job", "RowJob", "Rows"),
     "options": ("TractFitOptions", "InsertionOptions", "PathOptions", "ReadOptions"),
+    "population": ("Population", "count_fits"),
     "run": ("Engine", "StudyResult", "read_rows", "run_study"),
+    "sensitivity": ("StudySpread", "analyse_rows", "analyse_study"),
     "shapes": ("FitStudy", "SectionStudy", "run_fit", "run_sections"),
+    "tip": ("TipError", "effector_tip_error", "robot_tip_error"),
     "traverse": ("LimitsStudy", "run_limits"),
 }
 

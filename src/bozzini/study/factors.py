@@ -19,7 +19,6 @@ Floats = NDArray[np.float64]
 Value = float | str
 """A number, a quantity as text with its unit, or a word."""
 
-METHODS = ("grid", "sobol", "random")
 FORMAT = "bozzini-study-1"
 MOST_ROWS = 10**9
 _KINDS = ("range", "integers", "normal", "values", "files")
@@ -83,14 +82,17 @@ class Sampling:
 
     Parameters
     ----------
-    method : {"grid", "sobol", "random"}
-        Every combination, the last factor fastest; a scrambled Sobol sequence; or at random.
+    method : {"grid", "sobol", "random", "saltelli"}
+        Every combination, the last factor fastest; a scrambled Sobol sequence; at random; or the
+        design of Sobol indices: each draw of a scrambled Sobol sequence gives two rows A and B, and
+        for each factor the row A with that factor of B.
     count : int, optional
-        Rows, not for a grid.
+        Rows, not for a grid; of ``saltelli`` the draws, a power of two, each of which is as many
+        rows as there are factors, and two more.
     seed : int
     """
 
-    method: Literal["grid", "sobol", "random"] = "grid"
+    method: Literal["grid", "sobol", "random", "saltelli"] = "grid"
     count: int | None = quantity(default=None, low=1, high=MOST_ROWS, whole=True)
     seed: int = quantity(default=0, low=0, high=2**32 - 1, whole=True)
 
@@ -99,6 +101,11 @@ class Sampling:
         if (self.count is None) != (self.method == "grid"):
             wrong = "has no count" if self.count is None else "has a count"
             raise InputError(f" {wrong} with method {self.method}: a grid has none, others need it")
+        if self.method == "saltelli" and self.count is not None and self.count.bit_count() != 1:
+            raise InputError(
+                f".count is {self.count}: of saltelli it must be a power of two, such as "
+                f"{2 ** self.count.bit_length()}"
+            )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -317,16 +324,22 @@ def draw_rows(
             axis.name: axis.pick(np.asarray(index))
             for axis, index in zip(axes, indices, strict=True)
         }
-    if sampling.method == "sobol":
-        shares = _draw_sobol(len(axes), sampling.seed, first, count)
-    else:
-        # A step of the generator gives four numbers.
-        begin = first * len(axes)
-        bits = np.random.Philox(key=sampling.seed).advance(begin // 4)
-        skipped = begin % 4
-        drawn = np.random.Generator(bits).random(skipped + count * len(axes))
-        shares = drawn[skipped:].reshape(count, len(axes))
+    shares = draw_shares(len(axes), sampling, first, count)
     return {axis.name: axis.place(shares[:, k]) for k, axis in enumerate(axes)}
+
+
+def draw_shares(dim: int, sampling: Sampling, first: int, count: int) -> Floats:
+    """Return shares in [0, 1) of `dim` factors in some rows, (count, dim); not of a grid."""
+    if sampling.method == "sobol":
+        return _draw_sobol(dim, sampling.seed, first, count)
+    if sampling.method == "saltelli":
+        return _draw_saltelli(dim, sampling.seed, first, count)
+    # A step of the generator gives four numbers.
+    begin = first * dim
+    bits = np.random.Philox(key=sampling.seed).advance(begin // 4)
+    skipped = begin % 4
+    drawn = np.random.Generator(bits).random(skipped + count * dim)
+    return np.asarray(drawn[skipped:].reshape(count, dim))
 
 
 def _draw_sobol(dim: int, seed: int, first: int, count: int) -> Floats:
@@ -341,17 +354,25 @@ def _draw_sobol(dim: int, seed: int, first: int, count: int) -> Floats:
         return np.asarray(engine.random(count))
 
 
+def _draw_saltelli(dim: int, seed: int, first: int, count: int) -> Floats:
+    """Return rows of the design: of each draw A, B, and A with one factor of B in turn."""
+    draw, place = np.divmod(np.arange(first, first + count), dim + 2)
+    drawn = _draw_sobol(2 * dim, seed, int(draw[0]), int(draw[-1] - draw[0]) + 1)[draw - draw[0]]
+    of_b = (place == 1)[:, None] | (place[:, None] - 2 == np.arange(dim))
+    return np.asarray(np.where(of_b, drawn[:, dim:], drawn[:, :dim]))
+
+
 def count_rows(axes: list[Axis], sampling: Sampling) -> int:
     """Return how many rows a sampling has.
 
     Raises
     ------
     InputError
-        If a grid has more than `MOST_ROWS`.
+        If there are more than `MOST_ROWS`.
     """
-    if sampling.count is not None:
-        return sampling.count
-    total = math.prod(axis.levels for axis in axes)
+    total = sampling.count or math.prod(axis.levels for axis in axes)
+    if sampling.method == "saltelli":
+        total *= len(axes) + 2
     if total > MOST_ROWS:
-        raise InputError(f"the grid has {total} rows: at most {MOST_ROWS} are legal")
+        raise InputError(f"{sampling.method} has {total} rows: at most {MOST_ROWS} are legal")
     return total

@@ -29,7 +29,7 @@ from .factors import FREE, Value
 from .options import INFLATION_MAX, ORGANS
 
 if TYPE_CHECKING:
-    from ..motion import FreeSpace
+    from ..motion import FreeSpace, Plan
 
 Columns = Mapping[str, NDArray[np.generic]]
 Floats = NDArray[np.float64]
@@ -247,32 +247,84 @@ class MuscleJob(RowJob):
         }
 
 
+def list_tract_inputs() -> dict[str, Quantity]:
+    """Return the inputs of a job that plans a scope's motion through a tract."""
+    scope = list_quantities(Scope)
+    return {
+        "tract": Quantity(kind="file", help="The tract, a file."),
+        "phantom": Quantity(low=0, high=2**31, whole=True, label="phantom"),
+        "labels": _list_words("Labels that are lumen, with commas."),
+        "organ": _list_words("Which organ it is.", ORGANS),
+        "voxel": Quantity(kind="length", low=0.01, high=100.0, label="voxel"),
+        "inflate": Quantity(kind="length", low=0.0, high=INFLATION_MAX, label="inflate"),
+        "diameter": scope["diameter"],
+        "link_length": scope["link_length"],
+        "head_step": list_quantities(PlannerOptions)["head_step"],
+    }
+
+
+def open_row(row: Mapping[str, Value]) -> tuple[FreeSpace, Scope, PlannerOptions]:
+    """Return the tract of a row of `list_tract_inputs`, its scope and the planner's options.
+
+    Raises
+    ------
+    InputError
+        If the scope or the tract is not given.
+    """
+    for name in ("diameter", "link_length"):
+        if name not in row:
+            raise InputError(f"a scope needs {name}: fix it or vary it")
+    space = open_tract(
+        str(row.get("tract", "")),
+        float(row.get("phantom", -1.0)),
+        str(row.get("labels", "")),
+        str(row.get("organ", "")),
+        float(row.get("voxel", 0.0)),
+        float(row.get("inflate", 0.0)),
+    )
+    scope = Scope(diameter=float(row["diameter"]), link_length=float(row["link_length"]))
+    return space, scope, PlannerOptions(head_step=float(row.get("head_step", 1.0)), advise=False)
+
+
+def plan_row(row: Mapping[str, Value]) -> tuple[FreeSpace, Plan]:
+    """Return the tract of a row and the certified motion through it; the last few are kept.
+
+    Raises
+    ------
+    InputError
+        If none of the whole way was found.
+    """
+    given = tuple(sorted((name, row[name]) for name in list_tract_inputs() if name in row))
+    return _plan(given)
+
+
+@lru_cache(maxsize=4)
+def _plan(given: tuple[tuple[str, Value], ...]) -> tuple[FreeSpace, Plan]:
+    from ..motion import plan_insertion
+
+    space, scope, options = open_row(dict(given))
+    plan = plan_insertion(space.duct, space.centreline, scope=scope, options=options)
+    if plan.status != "complete" or not plan.certified:
+        raise InputError("no certified motion of the whole way was found")
+    return space, plan
+
+
 class InsertionJob(RowJob):
     """Whether scopes fit through tracts, certified; of those that do not, no reason is sought."""
 
     name = "insertion-feasibility"
+    TOO_WIDE, NOT_FOUND = 2, 3
     reasons = {
         1: "the inputs are not legal together",
-        2: "no way through is so wide (proved)",
-        3: "no certified motion of the whole way was found",
+        TOO_WIDE: "no way through is so wide (proved)",
+        NOT_FOUND: "no certified motion of the whole way was found",
     }
     chunk = 7
 
     @classmethod
     def list_inputs(cls, names: tuple[str, ...]) -> Mapping[str, Quantity]:
         """Return what a scope, its tract and the planner take."""
-        scope = list_quantities(Scope)
-        return {
-            "tract": Quantity(kind="file", help="The tract, a file."),
-            "phantom": Quantity(low=0, high=2**31, whole=True, label="phantom"),
-            "labels": _list_words("Labels that are lumen, with commas."),
-            "organ": _list_words("Which organ it is.", ORGANS),
-            "voxel": Quantity(kind="length", low=0.01, high=100.0, label="voxel"),
-            "inflate": Quantity(kind="length", low=0.0, high=INFLATION_MAX, label="inflate"),
-            "diameter": scope["diameter"],
-            "link_length": scope["link_length"],
-            "head_step": list_quantities(PlannerOptions)["head_step"],
-        }
+        return list_tract_inputs()
 
     @property
     def outputs(self) -> Mapping[str, str]:
@@ -283,19 +335,7 @@ class InsertionJob(RowJob):
         """Return what is known of a scope in a tract."""
         from ..motion.largest import certify_scope
 
-        for name in ("diameter", "link_length"):
-            if name not in row:
-                raise InputError(f"a scope needs {name}: fix it or vary it")
-        space = open_tract(
-            str(row.get("tract", "")),
-            float(row.get("phantom", -1.0)),
-            str(row.get("labels", "")),
-            str(row.get("organ", "")),
-            float(row.get("voxel", 0.0)),
-            float(row.get("inflate", 0.0)),
-        )
-        scope = Scope(diameter=float(row["diameter"]), link_length=float(row["link_length"]))
-        options = PlannerOptions(head_step=float(row.get("head_step", 1.0)), advise=False)
+        space, scope, options = open_row(row)
         bound = space.passages.passage.bound
         found = {"passage": 2.0 * bound, "way": space.centreline.length, "clearance": math.nan}
         if scope.radius <= bound:
@@ -309,8 +349,8 @@ class InsertionJob(RowJob):
         lacks = (rows.code == 0) & np.isnan(rows.outputs["clearance"])
         diameter = np.asarray(columns.get("diameter", self.fixed.get("diameter")), dtype=float)
         proved = diameter > rows.outputs["passage"]
-        rows.code[lacks] = 3
-        rows.code[lacks & proved] = 2
+        rows.code[lacks] = self.NOT_FOUND
+        rows.code[lacks & proved] = self.TOO_WIDE
         return rows
 
 
@@ -327,16 +367,84 @@ def open_tract(
 
     if bool(source) == (phantom >= 0.0):
         raise InputError("give either a tract, a file, or the seed of a phantom")
+    start = end = None
     if source:
         parts = tuple(part.strip() for part in labels.split(",") if part.strip())
         listed = tuple(int(part) if part.isdigit() else part for part in parts)
         tract = ReadOptions(labels=listed or None, organ=organ or None).read(source)
     else:
-        tract = make_phantom(seed=int(phantom)).to_labels(max(voxel, 1.0))
+        made = make_phantom(seed=int(phantom))
+        tract = made.to_labels(max(voxel, 1.0))
+        start, end = made.centreline[0], made.centreline[-1]  # to find them takes seconds
     field = build_field(tract, voxel=voxel or None, inflate=inflate)
-    places = resolve_places(tract, None, None, ())
+    places = resolve_places(tract, start, end, ())
     ends = orient_centreline(tract, field, places)
     return FreeSpace(field, ends.line)
+
+
+class RoutingJob(RowJob):
+    """Tendons routed so that a robot holds the path of a scope's motion into a tract."""
+
+    name = "routing"
+    chunk = 4
+
+    @classmethod
+    def list_inputs(cls, names: tuple[str, ...]) -> Mapping[str, Quantity]:
+        """Return those of the tract and the scope, of the routing, and of the backbone."""
+        from ..continuum.routing import RoutingLimits
+
+        return {
+            **list_tract_inputs(),
+            "tendons": Quantity(low=1, high=4, whole=True, label="tendons"),
+            "bending_stiffness": Quantity(
+                kind="rigidity", low=1e-9, high=1e15, label="bending stiffness"
+            ),
+            **list_quantities(RoutingLimits),
+        }
+
+    @property
+    def outputs(self) -> Mapping[str, str]:
+        """Distance from the path, tensions, the routing's slope, and what is certified."""
+        return {
+            "error_rms": "mm",
+            "error_max": "mm",
+            "tension_sum": "N",
+            "slope": "",
+            "length": "mm",
+            "clearance": "mm",
+        }
+
+    def measure(self, row: Mapping[str, Value]) -> Mapping[str, float]:
+        """Return how well a routing holds the path, as thick as the scope."""
+        from ..continuum import RobotDesign, Section
+        from ..continuum.routing import RoutingLimits
+        from ..motion.routing import design_routing
+
+        space, plan = plan_row(row)
+        limits = {name: float(row[name]) for name in list_quantities(RoutingLimits) if name in row}
+        section = Section(
+            length=1.0,
+            radius=plan.get_scope().radius,
+            bending_stiffness=float(row.get("bending_stiffness", 200.0)),
+        )
+        found = design_routing(
+            plan,
+            tendons=int(float(row.get("tendons", 2))),
+            limits=RoutingLimits(**limits),
+            robot=RobotDesign((section,)),
+            duct=space.duct,
+        )
+        if not found.converged:
+            raise InputError(found.reason)
+        clearance = found.clearance
+        return {
+            "error_rms": found.error_rms,
+            "error_max": found.error_max,
+            "tension_sum": float(found.tensions.sum()),
+            "slope": found.slope,
+            "length": found.robot.length,
+            "clearance": math.nan if clearance is None else clearance,
+        }
 
 
 class RobotJob(RowJob):
@@ -434,7 +542,9 @@ def _put(plain: object, path: str, value: object) -> None:
 JOBS: Registry[Job] = Registry(
     "bozzini.studies",
     lambda: Job,
-    lambda: {kind.name: kind for kind in (EffectorJob, MuscleJob, InsertionJob, RobotJob)},
+    lambda: {
+        kind.name: kind for kind in (EffectorJob, MuscleJob, InsertionJob, RoutingJob, RobotJob)
+    },
     noun="study job",
     arguments=1,
 )
