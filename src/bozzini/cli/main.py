@@ -32,6 +32,7 @@ COMMANDS = {
     "demo": "Run the main job on a phantom tract: plan, report, 3-D scene.",
     "plan": "Plan a scope's motion through your own scan or surface.",
     "certify": "Check a saved plan, and prove its clearance again.",
+    "uncertainty": "State how likely a plan touches a wall that is not quite known.",
     "execute": "Drive a motion with contact: forces, errors, loops.",
     "export": "Write a plan for simulators and robots: MJCF, URDF, ROS 2.",
     "live": "Keep a scope clear in a tract that moves, frame by frame.",

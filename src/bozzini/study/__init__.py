@@ -10,13 +10,22 @@ if TYPE_CHECKING:
     from .factors import Factor, Limit, Sampling, Search, StudySpec
     from .insertion import InsertionStudy, run_insertion
     from .jobs import JOBS, Job, RowJob, Rows
-    from .options import InsertionOptions, PathOptions, ReadOptions, TractFitOptions
+    from .options import (
+        ContactOptions,
+        InsertionOptions,
+        PathOptions,
+        ReadOptions,
+        TractFitOptions,
+    )
     from .run import Engine, StudyResult, read_rows, run_study
     from .shapes import FitStudy, SectionStudy, run_fit, run_sections
     from .traverse import LimitsStudy, run_limits
+    from .wall import ContactRisk, WallError, bound_contact, study_contact
 
 __all__ = [
     "JOBS",
+    "ContactOptions",
+    "ContactRisk",
     "Engine",
     "Factor",
     "Job",
@@ -36,12 +45,15 @@ __all__ = [
     "PathOptions",
     "ReadOptions",
     "SectionStudy",
+    "WallError",
+    "bound_contact",
     "run_fit",
     "run_insertion",
     "run_limits",
     "run_sections",
     "run_study",
     "read_rows",
+    "study_contact",
 ]
 
 _MODULES = {
@@ -49,10 +61,17 @@ _MODULES = {
     "factors": ("Factor", "Limit", "Sampling", "Search", "StudySpec"),
     "insertion": ("InsertionStudy", "run_insertion"),
     "jobs": ("JOBS", "Job", "RowJob", "Rows"),
-    "options": ("TractFitOptions", "InsertionOptions", "PathOptions", "ReadOptions"),
+    "options": (
+        "ContactOptions",
+        "InsertionOptions",
+        "PathOptions",
+        "ReadOptions",
+        "TractFitOptions",
+    ),
     "run": ("Engine", "StudyResult", "read_rows", "run_study"),
     "shapes": ("FitStudy", "SectionStudy", "run_fit", "run_sections"),
     "traverse": ("LimitsStudy", "run_limits"),
+    "wall": ("ContactRisk", "WallError", "bound_contact", "study_contact"),
 }
 
 
