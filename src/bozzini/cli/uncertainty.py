@@ -56,7 +56,7 @@ def command(
 def _run_contact(source: Path, path: Path | None, options: ContactOptions, answer: Answer) -> None:
     """Find and write how likely a plan touches its wall."""
     from ..io.files import new_directory
-    from ..study.wall import study_contact
+    from ..study.contact import study_contact
     from .routing import read_plan, reread_tract
 
     plan = read_plan(source)
@@ -70,9 +70,7 @@ def _run_contact(source: Path, path: Path | None, options: ContactOptions, answe
         summary = found.write(folder)
     for note in found.notes:
         click.echo(f"bozzini: warning: {note}", err=True)
-    answer.give(
-        summary,
-        f"{format_rows(['', 'P', '95 %'], found.list_answers())}\nReport: {answer.target / 'report.html'}",
-    )
+    table = format_rows(["", "P", "95 %"], found.list_answers())
+    answer.give(summary, f"{table}\nReport: {answer.target / 'report.html'}")
     if not found.converged:
         run_exit(EXIT_NEGATIVE)

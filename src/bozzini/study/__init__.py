@@ -6,6 +6,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from .contact import ContactRisk, study_contact
     from .definition import Study
     from .factors import Factor, Limit, Sampling, Search, StudySpec
     from .insertion import InsertionStudy, run_insertion
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
     from .run import Engine, StudyResult, read_rows, run_study
     from .shapes import FitStudy, SectionStudy, run_fit, run_sections
     from .traverse import LimitsStudy, run_limits
-    from .wall import ContactRisk, WallError, bound_contact, study_contact
+    from .wall import WallError, bound_contact
 
 __all__ = [
     "JOBS",
@@ -57,6 +58,7 @@ __all__ = [
 ]
 
 _MODULES = {
+    "contact": ("ContactRisk", "study_contact"),
     "definition": ("Study",),
     "factors": ("Factor", "Limit", "Sampling", "Search", "StudySpec"),
     "insertion": ("InsertionStudy", "run_insertion"),
@@ -71,7 +73,7 @@ _MODULES = {
     "run": ("Engine", "StudyResult", "read_rows", "run_study"),
     "shapes": ("FitStudy", "SectionStudy", "run_fit", "run_sections"),
     "traverse": ("LimitsStudy", "run_limits"),
-    "wall": ("ContactRisk", "WallError", "bound_contact", "study_contact"),
+    "wall": ("WallError", "bound_contact"),
 }
 
 
