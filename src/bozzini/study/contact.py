@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ..anatomy.tract import LabelTract, SurfaceTract
 from ..checks import check_kind
 from ..duct.base import Duct
-from ..duct.field import SampledField, build_field
+from ..duct.field import SampledField, build_field, refine_field
 from ..duct.moving import MovingField
 from ..errors import BozziniError, InputError
 from ..motion.certify import Certificate
@@ -68,7 +68,7 @@ class Replannings:
     kept : (n,) bool
         Whether the head's path served as it was.
     rebuilt : (n,) bool
-        Whether the whole field was built anew, and all planners tried.
+        Whether the whole field was built anew, with finer nodes along the path.
     reasons : tuple of str
         Why there is none; "" where there is one.
     """
@@ -162,8 +162,9 @@ def replan_draws(
     The vertices of the wall are moved along their normals. Near the path the distances to the moved
     triangles are measured, each exactly: of a displacement of the wall alone nothing is known
     inside, so that there is no bound to take. The path is bent where it lacks clearance, and what
-    is certified decides. Where that fails, the whole field is built anew and the insertion planned
-    in full. That no plan is found then is no proof that there is none.
+    is certified decides. Where that fails, the whole field is built anew, with finer nodes along
+    the path, and the insertion planned in full. That no plan is found then is no proof that there
+    is none.
 
     Raises
     ------
@@ -190,7 +191,8 @@ def replan_draws(
             if rebuilt[number]:
                 moved = replace(wall.surface, vertices=vertices)
                 anew = build_field(moved, voxel=float(wall.field.spacing.max()))
-                found = replan(plan, anew, options=ReplanOptions(measure=False))
+                finer = refine_field(anew, moved, line_points_world=plan.path)
+                found = replan(plan, finer, options=ReplanOptions(measure=False))
         except BozziniError as problem:
             reasons.append(str(problem))
             continue
@@ -229,7 +231,7 @@ class ContactRisk(Result):
     place, insertion : (n,) ndarray
         Where that is: arc length of the centreline, and of the head then [mm].
     samples, deciding : int
-        Samples of the body, and those that a draw evaluates.
+        Pairs of a place of the body and one of the wall, and those that a draw evaluates.
     nearest : float
         Smallest exact distance of a sample, less the radius: the clearance is at most this [mm].
     stations : Stations

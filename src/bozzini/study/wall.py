@@ -42,9 +42,9 @@ PITCH_MM, CUBE_MM = 0.25, 0.5
 STEPS = 64
 """Steps that are sampled at a time."""
 
-CELL, CELL_ALONG = 0.05, 0.2
-"""Samples whose nearest places of the wall lie in one cell, of this times the correlation length,
-count as one: for contact, and along the way."""
+CELL, CELL_ALONG = 0.1, 0.2
+"""Of samples with their places of the wall in one cell, of this times the correlation length, the
+nearest counts: for contact, and along the way."""
 
 REACH, SPARE_MM = 4.0, 0.3
 """A sample may decide if it is nearer to the wall than so many deviations and so much more."""
@@ -159,16 +159,20 @@ def count_interval(hits: int, count: int) -> Interval:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BodySamples:
-    """Points of a body's axis in a motion, the nearest to the wall of each small cube.
+    """Places of a body's axis in a motion, and of the wall, that are near to each other.
+
+    They are places of the axis, each with the nearest place of the wall; and corners of the wall,
+    each with the nearest of these. Without the second a body in the middle of a round tube, which
+    is near to the wall all round, would touch it on one side only.
 
     Parameters
     ----------
     points : (n, 3) float
-        World frame [mm].
+        Of the axis, world frame [mm].
     distance : (n,) float
-        To the wall, exact; negative outside [mm].
+        From there to the wall, negative outside [mm].
     foot : (n, 3) float
-        The nearest place of the wall [mm].
+        The place of the wall [mm].
     place : (n,) float
         Arc length of the centreline beside it [mm].
     insertion : (n,) float
@@ -204,7 +208,8 @@ def _find_least(groups: NDArray[np.int64], values: Floats) -> NDArray[np.int64]:
 def sample_body(plan: Plan, duct: Duct, wall: Wall) -> BodySamples:
     """Sample a body over a motion, and measure the exact distances to the wall.
 
-    What stands in the introducer is left out, as by the certificate.
+    Of each cube of 0.5 mm the place of the axis that is nearest to the wall is taken. What stands
+    in the introducer is left out, as by the certificate.
 
     Parameters
     ----------
@@ -256,12 +261,17 @@ def sample_body(plan: Plan, duct: Duct, wall: Wall) -> BodySamples:
     from scipy.spatial import KDTree
 
     line = read_centreline(plan)
+    place = line.arc_length[KDTree(line.points).query(points)[1]]
+    # The other way round: of each corner of the wall the nearest of these.
+    corners = wall.vertices[np.unique(wall.faces)]
+    away, near = KDTree(points).query(corners)
+    every = np.concatenate([np.arange(len(points)), near])
     return BodySamples(
-        points=points,
-        distance=distance,
-        foot=foot,
-        place=line.arc_length[KDTree(line.points).query(points)[1]],
-        insertion=plan.head_arc_length[steps],
+        points=points[every],
+        distance=np.concatenate([distance, away + plan.inflation]),
+        foot=np.concatenate([foot, corners]),
+        place=place[every],
+        insertion=plan.head_arc_length[steps[every]],
     )
 
 
