@@ -75,6 +75,7 @@ LEGAL: dict[str, tuple[int, str]] = {
     # How often, and a command line that works; <kind is a file, >suffix an output.
     "plan": (14, "<tract --diameter 5mm --link 8mm --head-step 1mm --out >"),
     "certify": (8, "<plan <plan's_tract"),
+    "uncertainty": (2, "<plan <plan's_tract --sd 0.3mm --draws 20 --out >"),
     "execute": (1, "<plan <plan's_tract --speed 500mm/s --step 5ms --out >"),
     "export": (4, "ros2 <plan --out >.yaml"),
     "segment": (8, "<ct --out >.nii.gz"),
