@@ -20,7 +20,7 @@ from bozzini.study.contact import displace_wall, replan_draws
 from bozzini.study.wall import BodySamples, choose_deciding, draw_reaches, sample_body
 
 DIAMETER = 6.5
-DRAWS, BRUTE = 1000, 40
+DRAWS, BRUTE = 1000, 20
 CASES = ((0.5, 10.0), (0.25, 10.0), (0.5, 30.0), (0.3, 15.0))
 
 Rest = tuple[SurfaceTract, SampledField, Plan, BodySamples]
