@@ -74,9 +74,13 @@ FILES = {
     "results": ("results",),
 }
 LEGAL: dict[str, tuple[int, str]] = {
-    # How often, and a command line that works; <kind is a file, >suffix an output.
+    # How often, and command lines that work, with | between; <kind is a file, >suffix an output.
     "plan": (14, "<tract --options <options --diameter 5mm --link 8mm --head-step 1mm --out >"),
     "certify": (8, "<plan <plan's_tract"),
+    "uncertainty": (
+        6,
+        "<plan <plan's_tract --sd 0.3mm --draws 20 --out >|<saltelli --workers 1 --out >",
+    ),
     "execute": (1, "<plan <plan's_tract --speed 500mm/s --step 5ms --out >"),
     "export": (4, "ros2 <plan --out >.yaml"),
     "segment": (8, "<ct --out >.nii.gz"),
@@ -141,7 +145,6 @@ LEGAL: dict[str, tuple[int, str]] = {
     "study status": (2, "<results"),
     "study show": (3, "<results --out >.png"),
     "study export": (1, "<results --out >.csv"),
-    "uncertainty": (4, "<saltelli --workers 1 --out >"),
     "study jobs": (1, ""),
     "schema": (1, "robot --out >.json"),
     "completion": (1, "bash"),
@@ -389,9 +392,12 @@ def run_sound(folder: Path, commands: dict[str, click.Command]) -> list[str]:
     from bozzini.cli.main import main
 
     wrong = []
-    for name in (name for name in commands if name in LEGAL):
+    lines = [
+        (name, line) for name in commands if name in LEGAL for line in LEGAL[name][1].split("|")
+    ]
+    for name, line in lines:
         words = []
-        for word in _split(LEGAL[name][1]):
+        for word in _split(line):
             if word.startswith("<"):
                 word = str(folder / FILES[word[1:].replace("_", " ")][0])
             words.append("out" + word[1:] if word.startswith(">") else word)
@@ -416,7 +422,7 @@ def make_case(
     damages: list[str] = []
     words = []
     wrecked = rng.random() < 0.7  # a file is damaged, or else it is only the options
-    for word in _split(LEGAL[name][1]):
+    for word in _split(rng.choice(LEGAL[name][1].split("|"))):
         if word.startswith("<"):
             word = _take(word[1:], rng, originals, folder, damages, damaged=wrecked)
         elif word.startswith(">"):

@@ -50,7 +50,7 @@ COMMANDS = {
     "rig": "Drive the pneumatic rig, emulated or on the bench.",
     "effector": "Bend a catheter tip by pneumatic muscles: pose, reach, trace.",
     "study": "Compute many rows from one file: sweeps, tolerances, maps.",
-    "uncertainty": "Tell how sure an answer is, and of what that comes.",
+    "uncertainty": "State how sure a plan or a study is, and what that comes of.",
     "vision": "Measure lengths, shapes and points in pictures: boards, cameras.",
     "new": "Write a file to start from: a plan, muscle, robot or study.",
     "schema": "Write the JSON Schema of a plan, muscle, robot, shapes or study.",

@@ -1,8 +1,9 @@
-"""``bozzini uncertainty``: how sure an answer is, and what that comes of."""
+"""``bozzini uncertainty``: how sure a plan or a study is, and what that comes of."""
 
 from __future__ import annotations
 
 import json
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,7 +11,21 @@ import click
 
 from ..checks import check_number
 from ..errors import InputError, OutputError
-from .common import Answer, answer_options, format_csv, format_rows, option, refuse_options
+from ..study.options import ContactOptions
+from ..units import parse_quantity
+from .common import (
+    EXIT_NEGATIVE,
+    Answer,
+    answer_options,
+    format_csv,
+    format_rows,
+    gather,
+    option,
+    options_of,
+    refuse_options,
+    run_exit,
+)
+from .plan import reserve_target
 from .study import engine_options
 
 if TYPE_CHECKING:
@@ -19,31 +34,95 @@ if TYPE_CHECKING:
     from ..study.run import Engine
     from ..study.sensitivity import FailureRule, StudySpread
 
+OUT = Path("bozzini-uncertainty")
+
+
+@dataclass(frozen=True)
+class _More:
+    diameters: str | None
+    failures: FailureRule
+    level: float
+
 
 @click.command("uncertainty")
-@click.argument("source", metavar="STUDY", type=click.Path(path_type=Path))
-@option(
-    "--failures",
-    "Of Sobol indices, what rows without an answer are: an error; an output of its own; or left "
-    "out by narrowing the factors to a box in which none fails.",
-    ("refuse", "indicator", "box"),
-    default="refuse",
+@click.argument("source", metavar="PLAN|STUDY", type=click.Path(path_type=Path))
+@click.argument("tract", metavar="[INPUT]", required=False, type=click.Path(path_type=Path))
+@options_of(ContactOptions, "options")
+@gather(
+    "more",
+    _More,
+    option(
+        "--diameters LENGTH,LENGTH,...",
+        "Other diameters of the same motion (default: 0.6 to 1.2 times the scope's).",
+        str,
+    ),
+    option(
+        "--failures",
+        "Of Sobol indices, what rows without an answer are: an error; an output of its own; or "
+        "left out by narrowing the factors to a box in which none fails.",
+        ("refuse", "indicator", "box"),
+        default="refuse",
+    ),
+    option("--level", "Probability of the intervals of a study.", float, default=0.95),
 )
-@option("--level", "Probability of the intervals.", float, default=0.95)
 @engine_options
-@answer_options(metavar="DIRECTORY", help="Directory for summary, tables and figures.")
+@answer_options(
+    metavar="DIRECTORY",
+    help=f"Directory for summary, tables and figures (default of a plan: {OUT}).",
+)
 def command(
-    source: Path, failures: FailureRule, level: float, engine: Engine, answer: Answer
+    source: Path,
+    tract: Path | None,
+    options: ContactOptions,
+    more: _More,
+    engine: Engine,
+    answer: Answer,
 ) -> None:
-    """Tell how the outputs of a study are distributed, and by which factors.
+    """State how likely PLAN touches its wall, or how the outputs of STUDY are distributed.
+
+    PLAN is a plan's .npz and INPUT the file that it was made from. The wall is moved along its
+    normal: by the same everywhere, and by a random field with an error of its own every correlation
+    length. With --replan it is also planned anew in the first random walls.
 
     STUDY is a study file, whose rows are computed into the directory of --out, or a directory of
     results. With the sampling saltelli it gives Sobol indices. Where tracts or phantoms are a
     factor of insertion-feasibility, it gives the share of them that each scope fits.
 
-    Exit code 0: done; 2: bad input.
+    Exit code 0: done; 1: the plan is not even proved clear of the wall as it is given; 2: bad
+    input.
     """
-    _of_study(source, failures, level, engine, answer)
+    if tract is not None or source.suffix.lower() == ".npz":
+        refuse_options(["failures", "level", "workers", "cluster"], "with a plan")
+        if more.diameters is not None:
+            sizes = tuple(parse_quantity(part, "length") for part in more.diameters.split(","))
+            options = replace(options, diameters=sizes)
+        _of_plan(source, tract, options, replace(answer, out=answer.out or OUT))
+    else:
+        refuse_options([item.name for item in fields(ContactOptions)], "with a study")
+        _of_study(source, more.failures, more.level, engine, answer)
+
+
+def _of_plan(source: Path, path: Path | None, options: ContactOptions, answer: Answer) -> None:
+    """Find and write how likely a plan touches its wall."""
+    from ..io.files import new_directory
+    from ..study.contact import study_contact
+    from .routing import read_plan, reread_tract
+
+    plan = read_plan(source)
+    if path is None:
+        raise InputError(f"{source} is a plan: give the file that it was made from too")
+    reserve_target(answer)
+    tract, duct = reread_tract(plan, path, answer)
+    with answer.show_progress() as progress:
+        found = study_contact(plan, tract, options=options, duct=duct, progress=progress)
+    with new_directory(answer.target, force=answer.force) as folder:
+        summary = found.write(folder)
+    for note in found.notes:
+        click.echo(f"bozzini: warning: {note}", err=True)
+    table = format_rows(["", "P", "95 %"], found.list_answers())
+    answer.give(summary, f"{table}\nReport: {answer.target / 'report.html'}")
+    if not found.converged:
+        run_exit(EXIT_NEGATIVE)
 
 
 def _of_study(

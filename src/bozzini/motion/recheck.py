@@ -66,10 +66,14 @@ class Wall:
 
     def measure_distance(self, points: Floats) -> Floats:
         """Return the exact distances (n,) of points (n, 3) to the nearest triangle [mm]."""
-        squared = self._boxes.squared_distance(
+        return self.find_nearest(points)[0]
+
+    def find_nearest(self, points: Floats) -> tuple[Floats, Floats]:
+        """Return the distances (n,) of points (n, 3) [mm], and the places (n, 3) of the wall."""
+        squared, _, places = self._boxes.squared_distance(
             self.vertices, self.faces, np.ascontiguousarray(points)
-        )[0]
-        return np.asarray(np.sqrt(squared))
+        )
+        return np.asarray(np.sqrt(squared)), np.asarray(places)
 
     def is_inside(self, points: Floats) -> NDArray[np.bool_]:
         """Return whether points (n, 3) lie in the lumen."""

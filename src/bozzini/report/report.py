@@ -161,9 +161,9 @@ def write_report(
     depths = min(5, plan.steps)
     title = _find_title(plan)
     view = view_plan(plan, field, title=title)
-    style, script = _read_package_text("report.css") + read_web("view.css"), bundle_scripts()
+    style, script = read_package_text("report.css") + read_web("view.css"), bundle_scripts()
     page = _fill(
-        _read_package_text("report_template.html"),
+        read_package_text("report_template.html"),
         {
             "title": escape(title),
             "policy": allow_only((script,), (style,)),
@@ -290,5 +290,6 @@ def _fill(template: str, values: Mapping[str, str]) -> str:
 
 
 @cache
-def _read_package_text(name: str) -> str:
+def read_package_text(name: str) -> str:
+    """Return a text that lies beside this module."""
     return package_files(__package__).joinpath(name).read_text(encoding="utf-8")

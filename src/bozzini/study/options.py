@@ -14,7 +14,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..checks import check_fields, quantity
+from ..checks import check_fields, check_number, quantity
+from ..errors import InputError
 from ..motion.planners import PLANNERS, PlannerOptions, check_route
 from ..results import Json
 
@@ -325,3 +326,72 @@ def explain_scale(tract: LabelTract | SurfaceTract) -> Iterator[None]:
             raise
         kind = GeometryError if isinstance(error, GeometryError) else InputError
         raise kind(f"{error}; {scale[0]}") from error
+
+
+@dataclass(frozen=True, kw_only=True)
+class ContactOptions:
+    """How far the wall may be from where it is said to be, and what is drawn of it.
+
+    Parameters
+    ----------
+    sd : float, optional
+        Standard deviation of the wall's place, along its normal [mm]. Of labels by default that of
+        rounding to voxels alone: the largest side of a voxel over the root of 12.
+    mean : float
+        By how much the wall is farther inwards than it is said to be, on average [mm].
+    correlation : float
+        Errors at places that are h apart have the correlation ``exp(-h^2 / 2 correlation^2)``
+        [mm].
+    draws : int
+        Random walls in which the plan is kept.
+    seed : int
+        Draw `i` depends on this and on `i` alone.
+    replan : int
+        The first so many of them are planned anew.
+    diameters : tuple of float
+        Other diameters of the same motion that the probability is given for [mm]; by default from
+        0.6 to 1.2 times the scope's.
+
+    Raises
+    ------
+    InputError
+        If a number is not legal, or more is to be planned anew than is drawn.
+    """
+
+    sd: float | None = quantity(
+        "length",
+        "Standard deviation of the wall's place (default for labels: voxel / sqrt(12)).",
+        default=None,
+        low=0.0,
+        low_open=True,
+        high=20.0,
+    )
+    mean: float = quantity(
+        "length", "How far inwards the wall is on average.", default=0.0, low=-20.0, high=20.0
+    )
+    correlation: float = quantity(
+        "length", "Correlation length of that.", default=10.0, low=0.1, high=1e4
+    )
+    draws: int = quantity(
+        help="Random walls in which the plan is kept.",
+        default=10_000,
+        low=1,
+        high=10_000_000,
+        whole=True,
+    )
+    seed: int = quantity(help="Of the draws.", default=1, low=0, high=2**31, whole=True)
+    replan: int = quantity(
+        help="Plan anew in the first so many of them.", default=0, low=0, high=100_000, whole=True
+    )
+    diameters: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        for k, diameter in enumerate(self.diameters):
+            check_number(
+                f"diameters[{k}]", diameter, low=0.0, high=1000.0, low_open=True, unit="mm"
+            )
+        if self.replan > self.draws:
+            raise InputError(
+                f"replan is {self.replan}: it must be at most the number of draws, {self.draws}"
+            )
