@@ -76,15 +76,13 @@ class Dynamics:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Route:
-    """A tendon: places on the links that it passes, base first.
+    """A tendon along a chain: by how much each joint makes it longer.
 
     Parameters
     ----------
     name : str
-    links : (k,) int
-        Which link each place is fixed to; -1 is the base itself.
-    places : (k, 3) float
-        In the link's own frame, whose z is its axis [mm].
+    arms : (n, 2) float
+        Change of its length by the angle of each joint about x and y [mm/rad].
     stiffness : float
         Force by stretch of the whole tendon [N/mm].
     pushes : bool
@@ -92,8 +90,7 @@ class Route:
     """
 
     name: str
-    links: NDArray[np.int64]
-    places: Floats
+    arms: Floats
     stiffness: float
     pushes: bool = False
 
@@ -176,7 +173,9 @@ class Chain:
         for k, length in enumerate(self.lengths):
             pos = [0.0, 0.0, self.lengths[k - 1] if k else 0.0]
             body = parent.add_body(name=f"link{k}", pos=pos)
-            for axis, direction in (("x", [1.0, 0.0, 0.0]), ("y", [0.0, 1.0, 0.0])):
+            hinges = [("x", [1.0, 0.0, 0.0]), ("y", [0.0, 1.0, 0.0])]
+            # One after the other they twist a little, the other way in the other order.
+            for axis, direction in hinges[:: -1 if self.tendons and k % 2 else 1]:
                 name = f"bend{k}{axis}"
                 spring = NEWTON * self.springs[k]
                 joint = body.add_joint(
@@ -213,12 +212,9 @@ def _add_servo(spec: MjSpec, joint: str, gain: float, damping: float) -> None:
 
 def _add_tendon(spec: MjSpec, route: Route, dynamics: Dynamics) -> None:
     tendon = spec.add_tendon(name=route.name)
-    for k, (link, place) in enumerate(zip(route.links, route.places, strict=True)):
-        site = f"{route.name}.{k}"
-        spec.body("base" if link < 0 else f"link{link}").add_site(
-            name=site, pos=place, size=[0.2] * 3
-        )
-        tendon.wrap_site(site)
+    for k in np.flatnonzero(route.arms.any(axis=1)):
+        for axis, arm in zip("xy", route.arms[k], strict=True):
+            tendon.wrap_joint(f"bend{k}{axis}", float(arm))
     gain = NEWTON * route.stiffness
     servo = spec.add_actuator(
         name=route.name, target=route.name, trntype=mujoco.mjtTrn.mjTRN_TENDON
@@ -337,7 +333,6 @@ class Simulation:
         self.model.geom_margin[bodies] = -_UNUSED_MM
         self.model.geom_gap[bodies] = _UNUSED_MM + 4.0 * MARGIN_MM
         mujoco.mj_forward(self.model, self.data)
-        self.tendon_lengths: Floats = self.data.ten_length.copy()
         self._index = np.zeros(MOST_CONTACTS, dtype=np.int64)
         self._depth = np.zeros(MOST_CONTACTS)
         self._normal = np.zeros((MOST_CONTACTS, 3))
@@ -392,8 +387,8 @@ class Simulation:
         Parameters
         ----------
         control : (u,) float
-            Where each drive is to be at the end of the step: slide [mm], hinges [rad], tendons'
-            lengths [mm].
+            Where each drive is to be at the end of the step: slide [mm], hinges [rad], by how much
+            tendons are longer than in the straight chain [mm].
         rates : (u,) float, optional
             How fast it moves then, against which the servo's damping acts.
         """
