@@ -28,8 +28,6 @@ if TYPE_CHECKING:
 SAMPLE_MM = 2.5
 """Distance between the places of a link's axis that may touch the penalty wall, at most."""
 
-MOST_CONTACTS = 256
-
 BASE_KG = 1e-3
 """Mass of what the slide moves itself; assumed."""
 
@@ -333,13 +331,17 @@ class Simulation:
         self.model.geom_margin[bodies] = -_UNUSED_MM
         self.model.geom_gap[bodies] = _UNUSED_MM + 4.0 * MARGIN_MM
         mujoco.mj_forward(self.model, self.data)
-        self._index = np.zeros(MOST_CONTACTS, dtype=np.int64)
-        self._depth = np.zeros(MOST_CONTACTS)
-        self._normal = np.zeros((MOST_CONTACTS, 3))
         self._bodies = self._samples[0] + 2
-        self._before = np.zeros((len(self._bodies), 3))
-        self._points = np.empty((len(self._bodies), 3))
+        count = len(self._bodies)
+        self._index = np.zeros(count, dtype=np.int64)
+        self._depth = np.zeros(count)
+        self._normal = np.zeros((count, 3))
+        self._points = np.empty((count, 3))
+        self._used = np.zeros(0, dtype=np.int64)
+        pairs = len(self.chain.lengths) * self.model.ngeom if bodies.any() else count
+        self._before = np.zeros((pairs, 3))
         self._mass = np.zeros((self.model.nv, self.model.nv))
+        self._find_damping()
 
     @cached_property
     def _samples(self) -> tuple[NDArray[np.int64], Floats]:
@@ -377,7 +379,7 @@ class Simulation:
         """Put the slide and the hinges (v,) somewhere, at rest, and begin anew."""
         mujoco.mj_resetData(self.model, self.data)
         self.touch, self.least, self.work = _NONE, math.inf, 0.0
-        self._before[:] = 0.0
+        self._before[self._used] = 0.0
         self.data.qpos[:] = positions
         mujoco.mj_forward(self.model, self.data)
 
@@ -427,30 +429,32 @@ class Simulation:
             self._balance(*self._list_contacts())
         elif count:
             normals = self._normal[:count] @ self._frame[:3].T
-            index = self._index[:count]
+            index = self._index[:count].copy()
             self._balance(
                 self._points[index] - self.chain.radius * normals,
                 normals,
                 self._depth[:count].copy(),
                 self._samples[0][index],
-                index.copy(),
+                index,
             )
 
-    def _list_contacts(self) -> tuple[Floats, Floats, Floats, NDArray[np.int64]]:
-        """Return the contacts with bodies of the wall: places, normals, depths, links."""
+    def _list_contacts(self) -> tuple[Floats, Floats, Floats, NDArray[np.int64], NDArray[np.int64]]:
+        """Return the contacts with bodies of the wall: places, normals, depths, links, keys."""
         from .kernels.contact import merge_contacts
 
-        contact = self.data.contact
-        bodies = self.model.geom_bodyid[np.asarray(contact.geom).reshape(-1, 2)]
+        contact, model = self.data.contact, self.model
+        geoms = np.asarray(contact.geom).reshape(-1, 2)
+        bodies = model.geom_bodyid[geoms]
         ahead = np.where(bodies[:, 1] > 0, 1.0, -1.0)  # normals are towards the second body
         places = np.asarray(contact.pos).reshape(-1, 3)
         normals = ahead[:, None] * np.asarray(contact.frame).reshape(-1, 9)[:, :3]
         depths = -np.asarray(contact.dist)
         links = bodies.max(axis=1).astype(np.int64) - 2
+        keys = links * model.ngeom + np.where(bodies[:, 1] > 0, geoms[:, 0], geoms[:, 1])
         kept = np.zeros(len(links), dtype=np.bool_)
         order = np.argsort(-depths, kind="stable")
         merge_contacts(order, places, normals, links, 0.5 * SAMPLE_MM, kept)
-        return places[kept], normals[kept], depths[kept], links[kept]
+        return places[kept], normals[kept], depths[kept], links[kept], keys[kept]
 
     @cached_property
     def _packed(self) -> object:
@@ -468,69 +472,69 @@ class Simulation:
         self,
         places: Floats,
         normals: Floats,
-        depth: Floats,
+        depths: Floats,
         links: NDArray[np.int64],
-        samples: NDArray[np.int64] | None = None,
+        keys: NDArray[np.int64],
     ) -> None:
         """Find the forces of the wall at the end of the step, and apply them.
 
-        Those of `samples` begin as they were in the step before.
+        Those of a contact begin as they were in the step before: `keys` say which is which.
         """
-        from .kernels.contact import balance_contacts, fill_jacobian
+        from .kernels.contact import press_contacts
 
         model, data, wall = self.model, self.data, self.wall
-        if wall is None:
-            return
-        options, step = wall.options, self.dynamics.step
         count = len(links)
-        if not count:
+        if wall is None or not count:
             return
-        frames = np.zeros((count, 3, 3))
-        frames[:, 0] = normals
-        rows = np.empty((3 * count, model.nv))
-        fill_jacobian(data.xaxis, data.xanchor, places, 3 + 2 * links, frames, rows)
+        options = wall.options
+        force, frames = self._before[keys], np.empty((count, 3, 3))
         mujoco.mj_fwdActuation(model, data)
         mujoco.mj_fwdAcceleration(model, data)
-        solved = np.linalg.solve(self._weigh(), np.column_stack([data.qfrc_smooth, rows.T]))
-        velocity = rows @ (data.qvel + step * solved[:, 0])
         stiffness = NEWTON * options.stiffness
-        law = (stiffness, stiffness * options.damping, options.friction, step)
-        force = np.zeros(3 * count)
-        if samples is not None:
-            force[:] = self._before[samples].ravel()
-        effect = np.ascontiguousarray(solved[:, 1:].T)
-        balance_contacts(rows, effect, velocity, depth, law, force)
-        data.qfrc_applied[:] = rows.T @ force
-        if samples is not None:
-            self._before[:] = 0.0
-            self._before[samples] = force.reshape(-1, 3)
-        force = force.reshape(-1, 3) / NEWTON
-        touch = Touch(
-            places=places,
-            forces=np.einsum("ck,ckx->cx", force, frames),
-            normals=force[:, 0],
-            depths=depth,
-            links=links,
-        )
+        data.qfrc_applied[:] = press_contacts(
+            self._weigh(), (data.qvel, data.qfrc_smooth), (data.xaxis, data.xanchor),
+            (places, normals, depths, 3 + 2 * links),
+            (stiffness, stiffness * options.damping, options.friction, self.dynamics.step),
+            force, frames,
+        )  # fmt: skip
+        self._before[self._used] = 0.0
+        self._before[keys], self._used = force, keys
         on = force[:, 0] > 0.0
         if wall.introducer is not None:
             tube = wall.introducer
             on &= (places - tube.entry) @ tube.outward < 0.0
-        self.touch = touch.pick(on)
+        if not on.any():
+            return
+        force = force[on] / NEWTON
+        self.touch = Touch(
+            places=places[on],
+            forces=np.einsum("ck,ckx->cx", force, frames[on]),
+            normals=force[:, 0],
+            depths=depths[on],
+            links=links[on],
+        )
 
     def _weigh(self) -> Floats:
         """Return the mass matrix with what damping adds over a step: what MuJoCo inverts."""
-        model, data, step = self.model, self.data, self.dynamics.step
-        mass = self._mass
+        model, data, mass = self.model, self.data, self._mass
         mujoco.mj_fullM(model, data, mass)
-        added = model.dof_damping.copy()
+        mass.ravel()[:: model.nv + 1] += self._damping
+        if len(self.chain.tendons):
+            taut = data.actuator_force[-len(self._arms) :] != 0.0
+            arms = self._arms[taut]
+            mass += arms.T @ (self._sheath[taut, None] * arms)
+        return mass
+
+    def _find_damping(self) -> None:
+        """Find what joints, servos and tendons add to the mass over a step."""
+        model, step = self.model, self.dynamics.step
         damping = -model.actuator_biasprm[:, 2]
         joints = model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT
-        added[model.actuator_trnid[joints, 0]] += damping[joints]
-        np.einsum("ii->i", mass)[:] += step * added
-        for k in np.flatnonzero(~joints):
-            first, number = data.moment_rowadr[k], data.moment_rownnz[k]
-            columns = data.moment_colind[first : first + number]
-            row = data.actuator_moment[first : first + number]
-            mass[np.ix_(columns, columns)] += step * damping[k] * np.outer(row, row)
-        return mass
+        self._damping = step * model.dof_damping
+        self._damping[model.actuator_trnid[joints, 0]] += step * damping[joints]
+        self._sheath = step * damping[~joints]
+        self._arms = np.zeros((len(self.chain.tendons), model.nv))
+        for k, route in enumerate(self.chain.tendons):
+            for axis, arms in zip("xy", route.arms.T, strict=True):
+                for j, arm in enumerate(arms):
+                    self._arms[k, model.joint(f"bend{j}{axis}").dofadr[0]] = arm
