@@ -37,13 +37,15 @@ def test_gymnasium_takes_it(lumen: Lumen, robot: str) -> None:
         check_env(env.unwrapped, skip_render_check=True)
 
 
-def test_two_at_once(lumen: Lumen) -> None:
-    envs = gymnasium.make_vec(NAME, num_envs=2, vectorization_mode="sync", lumen=lumen)
+@pytest.mark.parametrize("mode", ["sync", "async"])
+def test_two_at_once(lumen: Lumen, mode: str) -> None:
+    envs = gymnasium.make_vec(NAME, num_envs=2, vectorization_mode=mode, lumen=lumen)
     observed, _ = envs.reset(seed=3)
     assert observed.shape == (2, environment.OBSERVED)
     assert not np.array_equal(observed[0], observed[1])
     _, rewards, *_ = envs.step(np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 0.0]]))
     assert rewards[0] > rewards[1]
+    envs.close()
 
 
 def test_those_who_look_ahead_come_through_and_chance_does_not(lumen: Lumen) -> None:

@@ -37,8 +37,11 @@ if TYPE_CHECKING:
 NAME = "bozzini/Insertion-v0"
 MOST_STEPS = 1500
 
-CONTROL_S, STEP_S = 0.1, 0.01
-"""Time between actions, and step of the integration [s]."""
+CONTROL_S = 0.1
+"""Time between actions [s]."""
+
+DYNAMICS = Dynamics(step=0.01, spacing=5.0, tolerance=1e-3)
+"""Coarser than a motion that is executed."""
 
 SPEED, TURN_RATE = 20.0, 1.0
 """Of a full action: the push [mm/s], and the tip [rad/s]."""
@@ -207,7 +210,7 @@ class Insertion(gymnasium.Env[Floats, Floats]):
             guide=0.5 * DIAMETER + SLACK if self.robot == "pushed" else None,
             options=self.options,
         )
-        return Simulation(chain, wall, Dynamics(step=STEP_S))
+        return Simulation(chain, wall, DYNAMICS)
 
     def _steer(self, turn: Floats) -> None:
         """Turn the leader's heading about its own x and y, or bend the tip of an elastic scope."""
@@ -232,7 +235,7 @@ class Insertion(gymnasium.Env[Floats, Floats]):
         advance, self.inserted = after - self.inserted, after
         self._steer(CONTROL_S * TURN_RATE * given[:2])
         start, goal = self._held, self._command(advance)
-        rates, count = (goal - start) / CONTROL_S, round(CONTROL_S / STEP_S)
+        rates, count = (goal - start) / CONTROL_S, round(CONTROL_S / DYNAMICS.step)
         for k in range(1, count + 1):
             simulation.step(start + k / count * (goal - start), rates)
         self._held = goal

@@ -25,8 +25,8 @@ except ImportError as error:
 if TYPE_CHECKING:
     from mujoco import MjData, MjModel, MjSpec
 
-SAMPLE_MM = 2.5
-"""Distance between the places of a link's axis that may touch the penalty wall, at most."""
+MERGED_MM = 1.25
+"""Contacts of a link with prisms that are nearer to each other count once."""
 
 BASE_KG = 1e-3
 """Mass of what the slide moves itself; assumed."""
@@ -52,6 +52,10 @@ class Dynamics:
         Of each joint [N mm s/rad].
     slide_gain, slide_damping : float
         Of the drive that pushes the base in [N/mm], [N s/mm].
+    spacing : float
+        Between the places of a link's axis that may touch the penalty wall, at most [mm].
+    tolerance : float
+        Change of the contact forces over the largest of them, at which they are found.
 
     Raises
     ------
@@ -67,6 +71,12 @@ class Dynamics:
     damping: float = field(default=0.02)
     slide_gain: float = quantity("stiffness", "Of the base's drive.", default=50.0, low=1e-3)
     slide_damping: float = field(default=0.1)
+    spacing: float = quantity(
+        "length", "Between places that may touch.", default=2.5, low=0.1, high=100.0
+    )
+    tolerance: float = quantity(
+        "dimensionless", "Change of forces when found.", default=1e-5, low=1e-12, high=0.1
+    )
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -348,7 +358,7 @@ class Simulation:
         """Link and place along it of the samples of the body's axis, tip last."""
         links, along = [], []
         for k, length in enumerate(self.chain.lengths):
-            count = max(1, math.ceil(length / SAMPLE_MM))
+            count = max(1, math.ceil(length / self.dynamics.spacing))
             links += [k] * count
             along += (length * np.arange(count) / count).tolist()
         links.append(len(self.chain.lengths) - 1)
@@ -453,7 +463,7 @@ class Simulation:
         keys = links * model.ngeom + np.where(bodies[:, 1] > 0, geoms[:, 0], geoms[:, 1])
         kept = np.zeros(len(links), dtype=np.bool_)
         order = np.argsort(-depths, kind="stable")
-        merge_contacts(order, places, normals, links, 0.5 * SAMPLE_MM, kept)
+        merge_contacts(order, places, normals, links, MERGED_MM, kept)
         return places[kept], normals[kept], depths[kept], links[kept], keys[kept]
 
     @cached_property
@@ -490,12 +500,12 @@ class Simulation:
         force, frames = self._before[keys], np.empty((count, 3, 3))
         mujoco.mj_fwdActuation(model, data)
         mujoco.mj_fwdAcceleration(model, data)
-        stiffness = NEWTON * options.stiffness
+        stiffness, dynamics = NEWTON * options.stiffness, self.dynamics
+        law = stiffness, stiffness * options.damping, options.friction, dynamics.step
         data.qfrc_applied[:] = press_contacts(
             self._weigh(), (data.qvel, data.qfrc_smooth), (data.xaxis, data.xanchor),
             (places, normals, depths, 3 + 2 * links),
-            (stiffness, stiffness * options.damping, options.friction, self.dynamics.step),
-            force, frames,
+            (*law, dynamics.tolerance), force, frames,
         )  # fmt: skip
         self._before[self._used] = 0.0
         self._before[keys], self._used = force, keys

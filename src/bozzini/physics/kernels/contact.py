@@ -14,8 +14,7 @@ from numba import njit
 
 from ...duct.kernels.clearance import clearance_slope
 
-SWEEPS, TOLERANCE = 200, 1e-5
-ROUNDS = 10
+SWEEPS, ROUNDS = 200, 10
 
 
 @njit(cache=True)
@@ -217,7 +216,7 @@ def press_contacts(mass, state, joints, contacts, law, force, frames):
     contacts : (n, 3) float, (n, 3) float, (n,) float, (n,) int
         Places, normals, depths at the beginning, and how many joints move each.
     law : tuple
-        Stiffness, damping, friction and the length of the step.
+        Stiffness, damping, friction, the length of the step and the tolerance.
     force : (n, 3) float
         Along the normal and two tangents; as in the step before, is changed.
     frames : (n, 3, 3) float
@@ -225,7 +224,7 @@ def press_contacts(mass, state, joints, contacts, law, force, frames):
     """
     axes, anchors = joints
     places, normals, depth, owners = contacts
-    stiffness, damping, friction, step = law
+    stiffness, damping, friction, step, _ = law
     gain = stiffness * step + damping
     n = depth.shape[0]
     factor_mass(mass)
@@ -279,11 +278,11 @@ def balance_contacts(effect, velocity, depth, law, force):
     depth : (n,) float
         At the beginning of the step.
     law : tuple
-        Stiffness, damping, friction and the length of the step.
+        Stiffness, damping, friction, the length of the step and the tolerance.
     force : (3 n,) float
         Is changed.
     """
-    stiffness, damping, friction, step = law
+    stiffness, damping, friction, step, tolerance = law
     n = depth.shape[0]
     gain = stiffness * step + damping
     moved = velocity + np.dot(effect, force)
@@ -317,5 +316,5 @@ def balance_contacts(effect, velocity, depth, law, force):
                 )
             force[i + 1], force[i + 2] = along, across
             change = max(change, abs(along - was_t), abs(across - was_s))
-        if change < TOLERANCE * largest:
+        if change < tolerance * largest:
             break
