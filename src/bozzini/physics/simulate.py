@@ -478,6 +478,35 @@ class Simulation:
         origin = self.wall.duct.to_grid(np.zeros(3))
         return np.vstack([self.wall.duct.to_grid(np.eye(3)) - origin, origin])
 
+    def look(self, axes: Floats, *, pixels: int, lens: tuple[float, float, float]) -> Floats:
+        """Return what a camera at the tip sees of the wall, lit from there, (n, n) in [0, 1].
+
+        Parameters
+        ----------
+        axes : (3, 3) float
+            Right, down and ahead as columns, world.
+        pixels : int
+        lens : tuple
+            Half the angle of view [rad], and the distances up to which the light is full and at
+            which it ends [mm].
+
+        Raises
+        ------
+        InputError
+            If there is no wall.
+        """
+        from .kernels.contact import look_ahead
+
+        if self.wall is None:
+            raise InputError("there is no wall to see")
+        image = np.empty((pixels, pixels))
+        lens = math.tan(lens[0]), *lens[1:]
+        look_ahead(
+            self._packed, self.wall.tube, self._frame, self.joints[0], np.ascontiguousarray(axes),
+            lens, image,
+        )  # fmt: skip
+        return image
+
     def _balance(
         self,
         places: Floats,

@@ -15,6 +15,7 @@ from numba import njit
 from ...duct.kernels.clearance import clearance_slope
 
 SWEEPS, ROUNDS = 200, 10
+SEEN = 0.1  # a ray that is this near to the wall meets it [mm]
 
 
 @njit(cache=True)
@@ -33,6 +34,50 @@ def measure_gap(duct, tube, x, y, z):
                 scale = -1.0 / max(off, 1e-9)
                 return tube[6] - off, scale * dx, scale * dy, scale * dz
     return clear, gx, gy, gz
+
+
+@njit(cache=True)
+def look_ahead(duct, tube, frame, eye, axes, lens, image):
+    """Fill an image (n, n) with the light of the tip that the wall throws back, 0 to 1.
+
+    `frame` (4, 3) takes the world to the duct's own frame; `eye` (3,) and `axes` (3, 3) are the
+    camera in the world, whose columns go right, down and ahead; `lens` has the tangent of half the
+    angle of view, where the light saturates, and how far it reaches [mm].
+
+    A place at a distance d is seen as bright as the root of its cosine times its part of the light,
+    which falls with d squared: a camera of gamma 2.
+    """
+    half, near, far = lens
+    n = image.shape[0]
+    start, way = np.empty(3), np.empty(3)
+    for k in range(3):
+        start[k] = frame[3, k]
+        for j in range(3):
+            start[k] += frame[j, k] * eye[j]
+    for row in range(n):
+        for column in range(n):
+            across = half * (2.0 * (column + 0.5) / n - 1.0)
+            down = half * (2.0 * (row + 0.5) / n - 1.0)
+            size = math.sqrt(across**2 + down**2 + 1.0)
+            for k in range(3):
+                way[k] = 0.0
+                for j in range(3):
+                    ray = (axes[j, 0] * across + axes[j, 1] * down + axes[j, 2]) / size
+                    way[k] += frame[j, k] * ray
+            gone = 0.0
+            image[row, column] = 0.0
+            while gone < far:
+                clear, gx, gy, gz = measure_gap(
+                    duct, tube, start[0] + gone * way[0], start[1] + gone * way[1],
+                    start[2] + gone * way[2],
+                )  # fmt: skip
+                if clear < SEEN:
+                    slope = math.sqrt(gx * gx + gy * gy + gz * gz)
+                    cosine = -(gx * way[0] + gy * way[1] + gz * way[2]) / max(slope, 1e-9)
+                    light = min(1.0, near / max(gone, 1e-9))
+                    image[row, column] = light * math.sqrt(min(max(cosine, 0.0), 1.0))
+                    break
+                gone += max(clear, SEEN)
 
 
 @njit(cache=True)
@@ -311,9 +356,7 @@ def balance_contacts(effect, velocity, depth, law, force):
                 along *= most / size
                 across *= most / size
             for k in range(3 * n):
-                moved[k] += (
-                    effect[i + 1, k] * (along - was_t) + effect[i + 2, k] * (across - was_s)
-                )
+                moved[k] += effect[i + 1, k] * (along - was_t) + effect[i + 2, k] * (across - was_s)
             force[i + 1], force[i + 2] = along, across
             change = max(change, abs(along - was_t), abs(across - was_s))
         if change < tolerance * largest:
