@@ -51,11 +51,19 @@ def test_a_body_that_is_too_thick_touches_as_deep_as_it_must(touching: Scenery) 
     assert (found.normal_sum * math.hypot(1.0, 0.1) >= found.resultant - 1e-9).all()
 
 
-def test_half_the_step_changes_little(touching: Scenery) -> None:
+def test_half_the_step_changes_little_and_friction_is_looked_at(touching: Scenery) -> None:
     study = study_execution(touching, FAST, check=True)
     assert study.convergence is not None
-    change = study.convergence.describe()["normal_sum_N"]
-    assert abs(change["change"]) < 0.25 * change["step"]
+    checked = study.convergence.describe()
+    assert set(checked) == {"half_step", "friction_0", "friction_0.3"}
+    change = checked["half_step"]["normal_sum_N"]
+    assert abs(change["change"]) < 0.25 * change["value"]
+    assert change["value"] == pytest.approx(study.executions[0].normal_sum.max())
+    smooth = checked["friction_0"]
+    direct = dataclasses.replace(touching, wall=WallOptions(friction=0.0)).run(FAST)
+    assert smooth["normal_sum_N"]["there"] == pytest.approx(direct.normal_sum.max())
+    assert smooth["resultant_N"]["there"] <= smooth["normal_sum_N"]["there"]
+    assert checked["friction_0.3"]["normal_sum_N"]["change"] != 0.0
 
 
 def test_a_run_is_repeated_exactly(touching: Scenery) -> None:
