@@ -10,7 +10,7 @@ import pytest
 
 from bozzini.continuum import ContinuumRobot, EnergyModel, Helix, Section, Tendon
 from bozzini.errors import InputError
-from bozzini.motion import Plan
+from bozzini.motion import Plan, Scope
 from bozzini.numeric.polylines import carry_frames
 from bozzini.physics.execute import execute
 from bozzini.physics.options import ExecuteOptions, ScopeOptions, WallOptions
@@ -64,6 +64,19 @@ def test_half_the_step_changes_little_and_friction_is_looked_at(touching: Scener
     assert smooth["normal_sum_N"]["there"] == pytest.approx(direct.normal_sum.max())
     assert smooth["resultant_N"]["there"] <= smooth["normal_sum_N"]["there"]
     assert checked["friction_0.3"]["normal_sum_N"]["change"] != 0.0
+
+
+def test_both_walls_press_about_as_hard_at_the_same_moments(clear: Scenery) -> None:
+    thick = dataclasses.replace(clear.plan, scope=Scope(diameter=8.0, link_length=8.0))
+    dragged = dataclasses.replace(FAST, drive="tractrix")
+    ball, prism = (
+        dataclasses.replace(clear, plan=thick, wall=WallOptions(kind=kind, stiffness=1.0))
+        .run(dragged).normal_sum for kind in ("penalty", "prism")
+    )  # fmt: skip
+    pressed = ball > 0.05
+    assert np.count_nonzero(pressed) > 8
+    assert 0.8 < np.median(prism[pressed] / ball[pressed]) < 1.25
+    assert prism.max() == pytest.approx(ball.max(), rel=0.3)
 
 
 def test_a_run_is_repeated_exactly(touching: Scenery) -> None:

@@ -25,7 +25,7 @@ except ImportError as error:
 if TYPE_CHECKING:
     from mujoco import MjData, MjModel, MjSpec
 
-MERGED_MM = 1.25
+MERGED_MM = 2.5
 """Contacts of a link with prisms that are nearer to each other count once."""
 
 BASE_KG = 1e-3
@@ -159,6 +159,7 @@ class Chain:
         spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
         spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
         spec.option.impratio = 10.0
+        spec.option.ccd_tolerance = 1e-4
         spec.compiler.degree = False
         base = spec.worldbody.add_body(name="base", pos=self.frame[:3, 3], quat=_turn(self.frame))
         self._add_links(spec, base, dynamics)

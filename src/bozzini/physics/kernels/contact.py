@@ -144,7 +144,7 @@ def merge_contacts(order, places, normals, links, near, kept):
             for k in range(3):
                 off += (places[i, k] - places[j, k]) ** 2
                 same += normals[i, k] * normals[j, k]
-            if off < near * near and same > 0.9:
+            if off < near * near and same > 0.5:
                 kept[i] = False
                 break
 
