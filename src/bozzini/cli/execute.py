@@ -39,7 +39,9 @@ _path = click.Path(path_type=Path)
 @options_of(ScopeOptions, "scope")
 @click.option("--compare", is_flag=True, help="Also drive the pushed scope, side by side.")
 @click.option(
-    "--check", is_flag=True, help="Also drive with half the step and friction 0 and 0.3: the change."
+    "--check",
+    is_flag=True,
+    help="Also drive with half the step and friction 0 and 0.3: the change.",
 )
 @click.option(
     "--seeds", type=click.IntRange(1, 10_000), help="Drive in so many phantoms, from --seed on."
