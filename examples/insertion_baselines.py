@@ -27,7 +27,7 @@ def main(arguments=None):
         for name, policy in POLICIES.items():
             rated[name].append(rate_policy(env, policy, episodes=1, seed=seed))
     print(
-        "policy   comes through  reward, mean and least  steps, mean  largest force, median, most"
+        "policy   comes through  reward: mean, least  steps, mean  largest force: median, most"
     )
     for name, rows in rated.items():
         complete, reward, force, steps = (

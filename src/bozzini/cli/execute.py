@@ -41,7 +41,7 @@ _path = click.Path(path_type=Path)
 @click.option(
     "--check",
     is_flag=True,
-    help="Also drive with half the step and friction 0 and 0.3: the change.",
+    help="Also drive with half the step, friction 0 and 0.3: the change.",
 )
 @click.option(
     "--seeds", type=click.IntRange(1, 10_000), help="Drive in so many phantoms, from --seed on."

@@ -136,10 +136,8 @@ class Insertion(gymnasium.Env[Observation, Floats]):
         Seed of the phantom; without it, and without a plan, each reset draws one of `phantoms`.
     phantoms : int
         How many there are.
-    files : (path-like, path-like), optional
-        A plan and the file that it was made from: any tract.
-    lumen : Lumen, optional
-        The same in memory.
+    lumen : Lumen or (path-like, path-like), optional
+        Any tract, or a plan and the file that it was made from.
     robot : {"leader", "pushed"}
         A chain whose links follow the tip's way, or an elastic scope that is bent at its tip.
     observe : {"clearance", "camera"}
@@ -153,19 +151,18 @@ class Insertion(gymnasium.Env[Observation, Floats]):
         phantom: int | None = None,
         *,
         phantoms: int = 1,
-        files: tuple[str | os.PathLike[str], str | os.PathLike[str]] | None = None,
-        lumen: Lumen | None = None,
+        lumen: Lumen | tuple[str | os.PathLike[str], str | os.PathLike[str]] | None = None,
         robot: Robot = "leader",
         observe: Observe = "clearance",
         wall: WallOptions | None = None,
     ) -> None:
         check_word("robot", robot, get_args(Robot))
         check_word("observe", observe, get_args(Observe))
-        if phantom is not None and (files or lumen):
-            raise InputError(f"phantom is {phantom}: leave it out with files or a lumen")
+        if phantom is not None and lumen is not None:
+            raise InputError(f"phantom is {phantom}: leave it out with a lumen")
         self.robot, self.phantom, self.phantoms = robot, phantom, phantoms
         self.options = wall or WallOptions(stiffness=1.0)
-        self.files, self.given = files, lumen
+        self.given = lumen
         self.observe = observe
         self.observation_space: gymnasium.Space[Any] = gymnasium.spaces.Box(
             -100.0, 100.0, (OBSERVED,), np.float64
@@ -180,10 +177,11 @@ class Insertion(gymnasium.Env[Observation, Floats]):
         self._built: tuple[Lumen, Simulation] | None = None
 
     def _choose(self) -> Lumen:
-        if self.given is not None:
+        if isinstance(self.given, Lumen):
             return self.given
-        if self.files is not None:
-            return _read_lumen(os.fspath(self.files[0]), os.fspath(self.files[1]))
+        if self.given is not None:
+            plan, tract = self.given
+            return _read_lumen(os.fspath(plan), os.fspath(tract))
         seed = self.phantom
         if seed is None:
             seed = int(self.np_random.integers(self.phantoms))
