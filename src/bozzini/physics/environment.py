@@ -10,7 +10,7 @@ import math
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,7 +75,7 @@ PUSHED_SHARE = 1.2
 
 Robot = Literal["leader", "pushed"]
 Observe = Literal["clearance", "camera"]
-Observation = Floats | dict[str, NDArray[np.generic]]
+Observation = Floats | Json
 Policy = Callable[["Insertion"], Floats]
 
 
@@ -164,9 +164,7 @@ class Insertion(gymnasium.Env[Observation, Floats]):
         self.options = wall or WallOptions(stiffness=1.0)
         self.given = lumen
         self.observe = observe
-        self.observation_space: gymnasium.Space[Any] = gymnasium.spaces.Box(
-            -100.0, 100.0, (OBSERVED,), np.float64
-        )
+        self.observation_space = gymnasium.spaces.Box(-100.0, 100.0, (OBSERVED,), np.float64)
         if observe == "camera":
             self.observation_space = gymnasium.spaces.Dict(
                 image=gymnasium.spaces.Box(0, 255, (PIXELS, PIXELS, 1), np.uint8),
