@@ -31,6 +31,7 @@ def test_every_example_is_tested():
         "continuum_compare",
         "effector_stick",
         "fabricate",
+        "insertion_baselines",
         "muscle_calibration",
         "routed_tendons",
     }
@@ -201,3 +202,12 @@ def test_a_soft_rod_coils_up_in_a_bulb_and_a_stiff_one_passes(tmp_path, capsys):
             np.testing.assert_allclose(shape.forces.sum(axis=0), shape.resultant, atol=1e-12)
     assert len(capsys.readouterr().out.splitlines()) == 3
     assert out.read_bytes()[:4] == PNG
+
+
+@pytest.mark.slow
+def test_baselines_that_look_ahead_do_better_than_chance(capsys):
+    rated = load("insertion_baselines").main(["1"])
+    random, centre, plan = (rated[name][0] for name in ("random", "centre", "plan"))
+    assert centre["complete"] == plan["complete"] == 1.0
+    assert min(centre["reward"], plan["reward"]) > random["reward"]
+    assert len(capsys.readouterr().out.splitlines()) == 4

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 
 import gymnasium
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
+from scipy.spatial.transform import Rotation
 
 from bozzini.errors import InputError
 from bozzini.physics import environment
@@ -20,8 +22,6 @@ from tests.shapes import bend_curve, tube_lumen
 @pytest.fixture(scope="module")
 def lumen(clear: Scenery) -> Lumen:
     """The bend, wide enough for the environment's scope."""
-    import math
-
     from bozzini.motion import FreeSpace
 
     field, line = tube_lumen(bend_curve(60.0, 0.5 * math.pi, 40.0), 12.0)
@@ -29,21 +29,25 @@ def lumen(clear: Scenery) -> Lumen:
     return Lumen(duct=field, line=line.points, path=line.points, introducer=space.tube)
 
 
-@pytest.mark.parametrize("robot", ["leader", "pushed"])
-def test_gymnasium_takes_it(lumen: Lumen, robot: str) -> None:
-    env = gymnasium.make(NAME, lumen=lumen, robot=robot)
+@pytest.mark.parametrize(
+    ("robot", "observe"), [("leader", "clearance"), ("leader", "camera"), ("pushed", "clearance")]
+)
+def test_gymnasium_takes_it(lumen: Lumen, robot: str, observe: str) -> None:
+    env = gymnasium.make(NAME, lumen=lumen, robot=robot, observe=observe)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         check_env(env.unwrapped, skip_render_check=True)
 
 
-def test_two_at_once(lumen: Lumen) -> None:
-    envs = gymnasium.make_vec(NAME, num_envs=2, vectorization_mode="sync", lumen=lumen)
+@pytest.mark.parametrize("mode", ["sync", "async"])
+def test_two_at_once(lumen: Lumen, mode: str) -> None:
+    envs = gymnasium.make_vec(NAME, num_envs=2, vectorization_mode=mode, lumen=lumen)
     observed, _ = envs.reset(seed=3)
     assert observed.shape == (2, environment.OBSERVED)
     assert not np.array_equal(observed[0], observed[1])
     _, rewards, *_ = envs.step(np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 0.0]]))
     assert rewards[0] > rewards[1]
+    envs.close()
 
 
 def test_those_who_look_ahead_come_through_and_chance_does_not(lumen: Lumen) -> None:
@@ -58,6 +62,49 @@ def test_those_who_look_ahead_come_through_and_chance_does_not(lumen: Lumen) -> 
     for _ in range(int(max(each["steps"] for each in rated.values()))):
         *_, info = env.step(POLICIES["random"](env))
     assert not info["complete"]
+
+
+def test_the_camera_sees_the_lumen_go_on_where_it_does(lumen: Lumen) -> None:
+    env = Insertion(lumen=lumen, observe="camera")
+    env.reset(seed=0)
+    for _ in range(15):
+        observed, *_ = env.step(POLICIES["centre"](env))
+    assert np.array_equal(observed["image"][..., 0], env.see())
+    rays = math.tan(environment.LENS[0]) * (2.0 * (np.arange(64) + 0.5) / 64 - 1.0)
+    before, seen, there = env.heading, [], []
+    for turn in ([0.0, 0.0], [0.3, 0.0], [-0.3, 0.0], [0.0, 0.3], [0.2, -0.2]):
+        env.heading = before @ Rotation.from_rotvec([*turn, 0.0]).as_matrix()
+        image = env.see()
+        rows, columns = np.nonzero(image <= np.percentile(image, 5.0))
+        seen.append([rays[columns].mean(), rays[rows].mean()])
+        ahead = env.aim(lumen.line, 40.0)
+        there.append(ahead[:2] / ahead[2])
+    # A bend ahead is darkest where it goes on beyond the place 40 mm ahead, to the bend's side.
+    angles = np.arctan(np.hypot(*np.subtract(seen, there).T))
+    assert angles.max() < math.radians(10.0)
+    assert np.diff(seen, axis=0)[:, 1] == pytest.approx(np.diff(there, axis=0)[:, 1], abs=0.1)
+
+
+def test_a_camera_in_a_ball_sees_its_wall_as_bright_all_round() -> None:
+    from bozzini.motion.scope import Introducer
+    from bozzini.physics.simulate import Chain, Simulation
+    from bozzini.physics.walls import LumenWall
+    from tests.shapes import ball_distance, sample_field
+
+    field = sample_field(ball_distance([0.0, 0.0, 0.0], 20.0), [-24.0] * 3, [24.0] * 3, 1.0)
+    tube = Introducer(
+        entry=np.array([0.0, 0.0, -20.0]), outward=np.array([0.0, 0.0, -1.0]), bore=3.0
+    )
+    frame = np.eye(4)
+    frame[2, 3] = -10.0
+    chain = Chain(
+        lengths=np.array([10.0]), radius=2.0, frame=frame, springs=np.zeros(1), servos=np.ones(1)
+    )
+    simulation = Simulation(chain, LumenWall(duct=field, introducer=tube))
+    image = simulation.look(np.eye(3), pixels=16, lens=(0.5, 5.0, 100.0))
+    assert image == pytest.approx(5.0 / 20.0, abs=0.01)  # by one over the distance
+    dark = simulation.look(np.eye(3), pixels=16, lens=(0.5, 5.0, 15.0))
+    assert not dark.any()  # its light does not reach the wall
 
 
 def test_the_reward_is_what_is_documented(lumen: Lumen) -> None:

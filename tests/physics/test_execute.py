@@ -8,14 +8,16 @@ import math
 import numpy as np
 import pytest
 
+from bozzini.continuum import ContinuumRobot, EnergyModel, Helix, Section, Tendon
 from bozzini.errors import InputError
-from bozzini.motion import Plan
+from bozzini.motion import Plan, Scope
 from bozzini.numeric.polylines import carry_frames
 from bozzini.physics.execute import execute
 from bozzini.physics.options import ExecuteOptions, ScopeOptions, WallOptions
 from bozzini.physics.robots import (
     PlanDrive,
     PushDrive,
+    build_tendon_chain,
     drag_chain,
     find_bends,
     spread_rigidity,
@@ -23,6 +25,7 @@ from bozzini.physics.robots import (
 )
 from bozzini.physics.simulate import Chain, Dynamics, Simulation
 from bozzini.physics.study import Scenery, study_execution
+from bozzini.physics.walls import Floats
 
 FAST = ExecuteOptions(speed=60.0)
 
@@ -48,11 +51,32 @@ def test_a_body_that_is_too_thick_touches_as_deep_as_it_must(touching: Scenery) 
     assert (found.normal_sum * math.hypot(1.0, 0.1) >= found.resultant - 1e-9).all()
 
 
-def test_half_the_step_changes_little(touching: Scenery) -> None:
+def test_half_the_step_changes_little_and_friction_is_looked_at(touching: Scenery) -> None:
     study = study_execution(touching, FAST, check=True)
     assert study.convergence is not None
-    change = study.convergence.describe()["normal_sum_N"]
-    assert abs(change["change"]) < 0.25 * change["step"]
+    checked = study.convergence.describe()
+    assert set(checked) == {"half_step", "friction_0", "friction_0.3"}
+    change = checked["half_step"]["normal_sum_N"]
+    assert abs(change["change"]) < 0.25 * change["value"]
+    assert change["value"] == pytest.approx(study.executions[0].normal_sum.max())
+    smooth = checked["friction_0"]
+    direct = dataclasses.replace(touching, wall=WallOptions(friction=0.0)).run(FAST)
+    assert smooth["normal_sum_N"]["there"] == pytest.approx(direct.normal_sum.max())
+    assert smooth["resultant_N"]["there"] <= smooth["normal_sum_N"]["there"]
+    assert checked["friction_0.3"]["normal_sum_N"]["change"] != 0.0
+
+
+def test_both_walls_press_about_as_hard_at_the_same_moments(clear: Scenery) -> None:
+    thick = dataclasses.replace(clear.plan, scope=Scope(diameter=8.0, link_length=8.0))
+    dragged = dataclasses.replace(FAST, drive="tractrix")
+    ball, prism = (
+        dataclasses.replace(clear, plan=thick, wall=WallOptions(kind=kind, stiffness=1.0))
+        .run(dragged).normal_sum for kind in ("penalty", "prism")
+    )  # fmt: skip
+    pressed = ball > 0.05
+    assert np.count_nonzero(pressed) > 8
+    assert 0.8 < np.median(prism[pressed] / ball[pressed]) < 1.25
+    assert prism.max() == pytest.approx(ball.max(), rel=0.3)
 
 
 def test_a_run_is_repeated_exactly(touching: Scenery) -> None:
@@ -234,10 +258,52 @@ def test_a_wall_gives_way_by_force_over_stiffness_and_is_smooth(touching: Scener
     assert np.count_nonzero(smooth > 1e-6) > np.count_nonzero(moved > 1e-6)
 
 
-def test_tendons_of_stated_length_bend_a_free_robot_as_arcs_do() -> None:
-    from bozzini.continuum import ContinuumRobot, Section, Tendon
-    from bozzini.physics.robots import build_tendon_chain
+def settle_tendons(robot: ContinuumRobot, pulls: Floats, most: float) -> Floats:
+    """Return the tip of a free robot whose tendons are pulled slowly."""
+    simulation = Simulation(
+        build_tendon_chain(robot, np.eye(4), most=most), dynamics=Dynamics(damping=1.0)
+    )
+    for k in range(2000):
+        simulation.step(np.append(0.0, -min(1.0, k / 1000.0) * pulls))
+    assert np.abs(simulation.data.qvel).max() < 1e-3
+    return simulation.joints[0]
 
+
+@pytest.mark.parametrize("turns", [0.0, 0.2])
+def test_tendons_bend_a_free_robot_as_its_least_energy_does(turns: float) -> None:
+    """Several sections, bent across both hinges, whose tendons stretch; straight and helical."""
+    sections = tuple(
+        Section(
+            length=20.0,
+            tendons=tuple(
+                Tendon(
+                    name=f"s{j}t{k}", offset=2.5, stiffness=5000.0,
+                    angle=Helix(start=0.3 * j + k * 2.0 * math.pi / 3.0, turns=turns),
+                )
+                for k in range(3)
+            ),
+            radius=3.0,
+            bending_stiffness=200.0,
+            torsional_stiffness=2e4,
+        )
+        for j in range(3)
+    )  # fmt: skip
+    robot = ContinuumRobot(sections)
+    places = np.array([tendon.place_at(0.0) for tendon in robot.tendons])
+    bends = np.array([[0.5, 0.5], [-0.2, 0.7], [0.6, -0.5]])
+    reached = np.arange(3) <= np.repeat(np.arange(3), 3)[:, None]
+    pulls = (reached * (places @ bends.T)).sum(axis=1)
+    wanted = EnergyModel(robot, segment="channel", between=7).shape(pulls)
+    assert wanted.converged
+    off = [
+        float(np.linalg.norm(settle_tendons(robot, pulls, most) - wanted.points[-1]))
+        for most in (10.0, 5.0)
+    ]
+    assert off[1] < 0.005 * robot.length
+    assert off[1] < 0.4 * off[0]
+
+
+def test_tendons_of_stated_length_bend_a_free_robot_as_arcs_do() -> None:
     tendons = tuple(
         Tendon(name=f"t{k}", offset=3.0, angle=k * 2.0 * math.pi / 3.0, stiffness=1e5)
         for k in range(3)
@@ -249,10 +315,9 @@ def test_tendons_of_stated_length_bend_a_free_robot_as_arcs_do() -> None:
     bend = 0.6
     pulls = np.array([3.0 * bend * math.cos(k * 2.0 * math.pi / 3.0) for k in range(3)])
     for k in range(2000):
-        lengths = simulation.tendon_lengths - min(1.0, k / 1000.0) * pulls
-        simulation.step(np.append(0.0, lengths))
+        simulation.step(np.append(0.0, -min(1.0, k / 1000.0) * pulls))
     angle = math.acos(float(simulation.tip_frame[2, 2]))
-    assert angle == pytest.approx(bend, rel=0.05)
+    assert angle == pytest.approx(bend, rel=0.01)
     arc = 60.0 / bend
-    assert simulation.joints[0, 0] == pytest.approx(arc * (1.0 - math.cos(bend)), rel=0.05)
-    assert simulation.joints[0, 2] == pytest.approx(arc * math.sin(bend), rel=0.02)
+    assert simulation.joints[0, 0] == pytest.approx(arc * (1.0 - math.cos(bend)), rel=0.01)
+    assert simulation.joints[0, 2] == pytest.approx(arc * math.sin(bend), rel=0.01)

@@ -38,7 +38,11 @@ _path = click.Path(path_type=Path)
 @options_of(WallOptions, "wall")
 @options_of(ScopeOptions, "scope")
 @click.option("--compare", is_flag=True, help="Also drive the pushed scope, side by side.")
-@click.option("--check", is_flag=True, help="Also drive with half the step, and state the change.")
+@click.option(
+    "--check",
+    is_flag=True,
+    help="Also drive with half the step, friction 0 and 0.3: the change.",
+)
 @click.option(
     "--seeds", type=click.IntRange(1, 10_000), help="Drive in so many phantoms, from --seed on."
 )
@@ -211,8 +215,11 @@ def _describe(study: ExecutionStudy, out: Path) -> str:
     lines = [format_rows(["", *(row["drive"] for row in rows)], table)]
     lines += [f"{row['drive']}: {row['reason']}." for row in rows if row["reason"]]
     if study.convergence is not None:
-        for name, item in study.convergence.describe().items():
-            lines.append(f"With half the step {name} changes by {item['change']:.3g}.")
+        checked = study.convergence.describe()
+        names = list(study.convergence.values)
+        changes = [[name, *(f"{each[name]['change']:+.2g}" for each in checked.values())]
+                   for name in names]  # fmt: skip
+        lines.append(format_rows(["changes with", *checked], changes))
     lines.append(f"Forces: {out / 'force.png'}, page: {out / 'view.html'}")
     return "\n".join(lines)
 

@@ -10,9 +10,10 @@ import math
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..checks import check_word
 from ..errors import InputError, MissingExtraError
@@ -37,8 +38,11 @@ if TYPE_CHECKING:
 NAME = "bozzini/Insertion-v0"
 MOST_STEPS = 1500
 
-CONTROL_S, STEP_S = 0.1, 0.01
-"""Time between actions, and step of the integration [s]."""
+CONTROL_S = 0.1
+"""Time between actions [s]."""
+
+DYNAMICS = Dynamics(step=0.01, spacing=5.0, tolerance=1e-3)
+"""Coarser than a motion that is executed."""
 
 SPEED, TURN_RATE = 20.0, 1.0
 """Of a full action: the push [mm/s], and the tip [rad/s]."""
@@ -55,6 +59,9 @@ and negative for a link that leaves the lumen."""
 
 OBSERVED = 13
 
+PIXELS, LENS = 64, (math.radians(50.0), 5.0, 100.0)
+"""Of the camera: half its angle of view [rad], and up to where its light is full and reaches at all
+[mm]."""
 
 START_RAD = 0.02
 """Standard deviation of the tip's direction at the start [rad]."""
@@ -67,6 +74,8 @@ PUSHED_SHARE = 1.2
 """Of an elastic scope, and its length over the way's."""
 
 Robot = Literal["leader", "pushed"]
+Observe = Literal["clearance", "camera"]
+Observation = Floats | Json
 Policy = Callable[["Insertion"], Floats]
 
 
@@ -105,7 +114,7 @@ def find_phantom(seed: int) -> Lumen:
     return Lumen.of_plan(plan, duct)
 
 
-class Insertion(gymnasium.Env[Floats, Floats]):
+class Insertion(gymnasium.Env[Observation, Floats]):
     """Bring a scope to the end of a lumen.
 
     **Action** (3,), each in [-1, 1]: turn the tip about its x and its y, push.
@@ -113,6 +122,10 @@ class Insertion(gymnasium.Env[Floats, Floats]):
     **Observation** (13,): clearance of the tip over 10 mm; directions in the tip's frame to the
     middle of the lumen 15 and 40 mm ahead (3 each); the tip's bend about x and y [rad]; share of
     the way; what is pushed in over the way; normal force [N] as tanh; least clearance over 10 mm.
+
+    With a camera it is a dict instead: `image` (64, 64, 1), what is seen from the tip, lit from
+    there, x to the right and y down, 100 degrees wide; `body` (3,), the tip's bend and what is
+    pushed in over the way. Nothing in it says where the lumen goes on but the image.
 
     **Reward**: 0.1 for each mm that the tip goes on along the way, -0.02 for each N that presses on
     the wall, 10 at the end of the way, -10 where a link leaves the lumen. It ends there too.
@@ -123,12 +136,11 @@ class Insertion(gymnasium.Env[Floats, Floats]):
         Seed of the phantom; without it, and without a plan, each reset draws one of `phantoms`.
     phantoms : int
         How many there are.
-    files : (path-like, path-like), optional
-        A plan and the file that it was made from: any tract.
-    lumen : Lumen, optional
-        The same in memory.
+    lumen : Lumen or (path-like, path-like), optional
+        Any tract, or a plan and the file that it was made from.
     robot : {"leader", "pushed"}
         A chain whose links follow the tip's way, or an elastic scope that is bent at its tip.
+    observe : {"clearance", "camera"}
     wall : WallOptions, optional
     """
 
@@ -139,33 +151,43 @@ class Insertion(gymnasium.Env[Floats, Floats]):
         phantom: int | None = None,
         *,
         phantoms: int = 1,
-        files: tuple[str | os.PathLike[str], str | os.PathLike[str]] | None = None,
-        lumen: Lumen | None = None,
+        lumen: Lumen | tuple[str | os.PathLike[str], str | os.PathLike[str]] | None = None,
         robot: Robot = "leader",
+        observe: Observe = "clearance",
         wall: WallOptions | None = None,
     ) -> None:
-        check_word("robot", robot, ("leader", "pushed"))
-        if phantom is not None and (files or lumen):
-            raise InputError(f"phantom is {phantom}: leave it out with files or a lumen")
+        check_word("robot", robot, get_args(Robot))
+        check_word("observe", observe, get_args(Observe))
+        if phantom is not None and lumen is not None:
+            raise InputError(f"phantom is {phantom}: leave it out with a lumen")
         self.robot, self.phantom, self.phantoms = robot, phantom, phantoms
         self.options = wall or WallOptions(stiffness=1.0)
-        self.files, self.given = files, lumen
+        self.given = lumen
+        self.observe = observe
         self.observation_space = gymnasium.spaces.Box(-100.0, 100.0, (OBSERVED,), np.float64)
+        if observe == "camera":
+            self.observation_space = gymnasium.spaces.Dict(
+                image=gymnasium.spaces.Box(0, 255, (PIXELS, PIXELS, 1), np.uint8),
+                body=gymnasium.spaces.Box(-100.0, 100.0, (3,), np.float64),
+            )
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (3,), np.float64)
         self.lumen: Lumen | None = None
         self._built: tuple[Lumen, Simulation] | None = None
 
     def _choose(self) -> Lumen:
-        if self.given is not None:
+        if isinstance(self.given, Lumen):
             return self.given
-        if self.files is not None:
-            return _read_lumen(os.fspath(self.files[0]), os.fspath(self.files[1]))
+        if self.given is not None:
+            plan, tract = self.given
+            return _read_lumen(os.fspath(plan), os.fspath(tract))
         seed = self.phantom
         if seed is None:
             seed = int(self.np_random.integers(self.phantoms))
         return find_phantom(seed)
 
-    def reset(self, *, seed: int | None = None, options: Json | None = None) -> tuple[Floats, Json]:
+    def reset(
+        self, *, seed: int | None = None, options: Json | None = None
+    ) -> tuple[Observation, Json]:
         """Begin anew: the tip stands at the entry, a little off its axis."""
         super().reset(seed=seed)
         lumen = self._choose()
@@ -207,7 +229,7 @@ class Insertion(gymnasium.Env[Floats, Floats]):
             guide=0.5 * DIAMETER + SLACK if self.robot == "pushed" else None,
             options=self.options,
         )
-        return Simulation(chain, wall, Dynamics(step=STEP_S))
+        return Simulation(chain, wall, DYNAMICS)
 
     def _steer(self, turn: Floats) -> None:
         """Turn the leader's heading about its own x and y, or bend the tip of an elastic scope."""
@@ -220,7 +242,7 @@ class Insertion(gymnasium.Env[Floats, Floats]):
         size = float(np.linalg.norm(self.turn))
         self.turn *= min(1.0, PUSHED.tip_bend / max(size, 1e-9))
 
-    def step(self, action: Floats) -> tuple[Floats, float, bool, bool, Json]:
+    def step(self, action: Floats) -> tuple[Observation, float, bool, bool, Json]:
         """Turn and push for a tenth of a second."""
         lumen = self.lumen
         if lumen is None:
@@ -232,7 +254,7 @@ class Insertion(gymnasium.Env[Floats, Floats]):
         advance, self.inserted = after - self.inserted, after
         self._steer(CONTROL_S * TURN_RATE * given[:2])
         start, goal = self._held, self._command(advance)
-        rates, count = (goal - start) / CONTROL_S, round(CONTROL_S / STEP_S)
+        rates, count = (goal - start) / CONTROL_S, round(CONTROL_S / DYNAMICS.step)
         for k in range(1, count + 1):
             simulation.step(start + k / count * (goal - start), rates)
         self._held = goal
@@ -261,13 +283,25 @@ class Insertion(gymnasium.Env[Floats, Floats]):
         tip = self.simulation.joints[0]
         place = follow_way(way, arcs, tip, before=self.progress)
         target = interpolate_polyline(way, arcs, np.array([place + ahead]))[0]
-        frame = self.heading if self.robot == "leader" else self.simulation.tip_frame
-        local = frame.T @ (target - tip)
+        local = self.axes.T @ (target - tip)
         return np.asarray(local / max(float(np.linalg.norm(local)), 1e-9))
 
-    def _observe(self, lumen: Lumen) -> Floats:
+    @property
+    def axes(self) -> Floats:
+        """The tip's x, y and way ahead as columns (3, 3)."""
+        return self.heading if self.robot == "leader" else self.simulation.tip_frame
+
+    def see(self) -> NDArray[np.uint8]:
+        """Return what the camera at the tip sees, (64, 64)."""
+        image = self.simulation.look(self.axes, pixels=PIXELS, lens=LENS)
+        return np.round(255.0 * image).astype(np.uint8)
+
+    def _observe(self, lumen: Lumen) -> Observation:
         simulation = self.simulation
         length = float(self.arc[-1])
+        if self.observe == "camera":
+            body = np.append(self.turn, self.inserted / length)
+            return {"image": self.see()[..., None], "body": body}
         clear = float(self.wall.measure(simulation.joints[:1])[0]) - 0.5 * DIAMETER
         least = min(simulation.least, clear)
         force = float(simulation.touch.normals.sum())
@@ -285,7 +319,7 @@ class Insertion(gymnasium.Env[Floats, Floats]):
             raise InputError("the environment has no wall")
         return wall
 
-    def _judge(self, lumen: Lumen) -> tuple[Floats, float, bool, bool, Json]:
+    def _judge(self, lumen: Lumen) -> tuple[Observation, float, bool, bool, Json]:
         simulation = self.simulation
         tip = simulation.joints[0]
         before = self.progress

@@ -22,9 +22,6 @@ from .walls import Floats
 SERVO_DAMPING_S = 0.0045
 """Damping of a joint's servo over its gain [s]; assumed."""
 
-HOLES = np.array([0.2, 0.8])
-"""Where a tendon passes a link, over its length: near its ends, or a bend would make it slack."""
-
 RAMP_S = 0.5
 """Time in which a drive comes up to speed."""
 
@@ -310,9 +307,12 @@ class PushDrive:
 
 
 def build_tendon_chain(robot: RobotDesign, frame: Floats, *, most: float = 5.0) -> Chain:
-    """Return a tendon robot as even links in each section, elastic in bending, with its tendons.
+    """Return a tendon robot as even parts of each section, elastic in bending, with its tendons.
 
-    A tendon passes two holes of each link where its routing does, and ends where that ends.
+    A joint stands in the middle of each part, so that a section's joints bend as far as its arc
+    does and its end is turned as that of the arc. What a tendon is pulled by a joint is the lever
+    arm of its routing there times the angle, as in the middle of a backbone that bends evenly.
+    The half part behind the first joint belongs to the base.
 
     Twist, shear and stretch of the backbone, weight and friction of tendons are left out.
 
@@ -322,40 +322,36 @@ def build_tendon_chain(robot: RobotDesign, frame: Floats, *, most: float = 5.0) 
     frame : (4, 4) float
         Its base where the slide is at 0, world [mm].
     most : float
-        Longest link [mm].
+        Longest part [mm].
     """
     stations = np.append(0.0, robot.section_ends)
-    cut = [
-        np.linspace(a, b, max(1, math.ceil((b - a) / most)) + 1)[:-1]
+    cuts = [
+        np.linspace(a, b, max(1, math.ceil((b - a) / most)) + 1)
         for a, b in zip(stations[:-1], stations[1:], strict=True)
     ]
-    ends = np.append(np.concatenate(cut), stations[-1])
-    lengths = np.diff(ends)
-    rigidity = robot.stiffness_at(ends[:-1] + 1e-6)[:, 3]
-    holes = (ends[:-1, None] + lengths[:, None] * HOLES).ravel()
-    owners = np.repeat(np.arange(len(lengths)), len(HOLES))
+    places = np.concatenate([0.5 * (cut[1:] + cut[:-1]) for cut in cuts])
+    parts = np.concatenate([np.diff(cut) for cut in cuts])
     routes = []
     for tendon, end, stiffness in zip(
         robot.tendons, robot.tendon_ends, robot.tendon_stiffness, strict=True
     ):
-        on = np.flatnonzero(holes < end)
-        arcs = np.concatenate([[0.0], holes[on], [end]])
-        links = np.concatenate([[-1], owners[on], [owners[on[-1]]]])
-        starts = np.where(links < 0, 0.0, ends[np.maximum(links, 0)])
-        places = np.column_stack([tendon.place_at(arcs)[:, :2], arcs - starts])
+        on = places < end
+        there = tendon.place_at(places[on])
+        slope = np.linalg.norm(tendon.slope_at(places[on]), axis=1)
+        arms = np.zeros((len(places), 2))
+        arms[on] = np.column_stack([there[:, 1], -there[:, 0]]) / np.hypot(1.0, slope)[:, None]
         whole = TENDON_STIFFNESS_N if math.isinf(stiffness) else float(stiffness)
         routes.append(
-            Route(
-                name=tendon.name, links=links, places=places, stiffness=whole / float(end),
-                pushes=tendon.pushes,
-            )
-        )  # fmt: skip
+            Route(name=tendon.name, arms=arms, stiffness=whole / float(end), pushes=tendon.pushes)
+        )
+    base = frame.copy()
+    base[:3, 3] += places[0] * base[:3, 2]
     return Chain(
-        lengths=lengths,
+        lengths=np.diff(np.append(places, robot.length)),
         radius=robot.radius,
-        frame=frame,
-        springs=spread_rigidity(rigidity, lengths),
-        servos=np.zeros(len(lengths)),
+        frame=base,
+        springs=robot.stiffness_at(places)[:, 3] / parts,
+        servos=np.zeros(len(parts)),
         tendons=tuple(routes),
     )
 
@@ -396,11 +392,10 @@ class TendonDrive:
         self._pretension = robot.pretensions
 
     def command(self, time: float, simulation: Simulation) -> tuple[Floats, Floats]:
-        """Return the base's advance and the tendons' lengths at a time."""
+        """Return the base's advance and how much longer tendons are to be than at the start."""
         row, rates = read_table(self.table, self.times, time)
         stretch = self._pretension / np.array([r.stiffness for r in self.chain.tendons])
-        lengths = simulation.tendon_lengths + row[1:] - stretch
-        return np.append(row[0], lengths), rates
+        return np.append(row[0], row[1:] - stretch), rates
 
     def find_goal(self, time: float) -> Floats | None:
         """Return the tip of the plan at a time."""

@@ -25,10 +25,8 @@ except ImportError as error:
 if TYPE_CHECKING:
     from mujoco import MjData, MjModel, MjSpec
 
-SAMPLE_MM = 2.5
-"""Distance between the places of a link's axis that may touch the penalty wall, at most."""
-
-MOST_CONTACTS = 256
+MERGED_MM = 2.5
+"""Contacts of a link with prisms that are nearer to each other count once."""
 
 BASE_KG = 1e-3
 """Mass of what the slide moves itself; assumed."""
@@ -54,6 +52,10 @@ class Dynamics:
         Of each joint [N mm s/rad].
     slide_gain, slide_damping : float
         Of the drive that pushes the base in [N/mm], [N s/mm].
+    spacing : float
+        Between the places of a link's axis that may touch the penalty wall, at most [mm].
+    tolerance : float
+        Change of the contact forces over the largest of them, at which they are found.
 
     Raises
     ------
@@ -69,6 +71,12 @@ class Dynamics:
     damping: float = field(default=0.02)
     slide_gain: float = quantity("stiffness", "Of the base's drive.", default=50.0, low=1e-3)
     slide_damping: float = field(default=0.1)
+    spacing: float = quantity(
+        "length", "Between places that may touch.", default=2.5, low=0.1, high=100.0
+    )
+    tolerance: float = quantity(
+        "dimensionless", "Change of forces when found.", default=1e-5, low=1e-12, high=0.1
+    )
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -76,15 +84,13 @@ class Dynamics:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Route:
-    """A tendon: places on the links that it passes, base first.
+    """A tendon along a chain: by how much each joint makes it longer.
 
     Parameters
     ----------
     name : str
-    links : (k,) int
-        Which link each place is fixed to; -1 is the base itself.
-    places : (k, 3) float
-        In the link's own frame, whose z is its axis [mm].
+    arms : (n, 2) float
+        Change of its length by the angle of each joint about x and y [mm/rad].
     stiffness : float
         Force by stretch of the whole tendon [N/mm].
     pushes : bool
@@ -92,8 +98,7 @@ class Route:
     """
 
     name: str
-    links: NDArray[np.int64]
-    places: Floats
+    arms: Floats
     stiffness: float
     pushes: bool = False
 
@@ -154,6 +159,7 @@ class Chain:
         spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
         spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
         spec.option.impratio = 10.0
+        spec.option.ccd_tolerance = 1e-4
         spec.compiler.degree = False
         base = spec.worldbody.add_body(name="base", pos=self.frame[:3, 3], quat=_turn(self.frame))
         self._add_links(spec, base, dynamics)
@@ -176,7 +182,9 @@ class Chain:
         for k, length in enumerate(self.lengths):
             pos = [0.0, 0.0, self.lengths[k - 1] if k else 0.0]
             body = parent.add_body(name=f"link{k}", pos=pos)
-            for axis, direction in (("x", [1.0, 0.0, 0.0]), ("y", [0.0, 1.0, 0.0])):
+            hinges = [("x", [1.0, 0.0, 0.0]), ("y", [0.0, 1.0, 0.0])]
+            # One after the other they twist a little, the other way in the other order.
+            for axis, direction in hinges[:: -1 if self.tendons and k % 2 else 1]:
                 name = f"bend{k}{axis}"
                 spring = NEWTON * self.springs[k]
                 joint = body.add_joint(
@@ -213,12 +221,9 @@ def _add_servo(spec: MjSpec, joint: str, gain: float, damping: float) -> None:
 
 def _add_tendon(spec: MjSpec, route: Route, dynamics: Dynamics) -> None:
     tendon = spec.add_tendon(name=route.name)
-    for k, (link, place) in enumerate(zip(route.links, route.places, strict=True)):
-        site = f"{route.name}.{k}"
-        spec.body("base" if link < 0 else f"link{link}").add_site(
-            name=site, pos=place, size=[0.2] * 3
-        )
-        tendon.wrap_site(site)
+    for k in np.flatnonzero(route.arms.any(axis=1)):
+        for axis, arm in zip("xy", route.arms[k], strict=True):
+            tendon.wrap_joint(f"bend{k}{axis}", float(arm))
     gain = NEWTON * route.stiffness
     servo = spec.add_actuator(
         name=route.name, target=route.name, trntype=mujoco.mjtTrn.mjTRN_TENDON
@@ -337,21 +342,24 @@ class Simulation:
         self.model.geom_margin[bodies] = -_UNUSED_MM
         self.model.geom_gap[bodies] = _UNUSED_MM + 4.0 * MARGIN_MM
         mujoco.mj_forward(self.model, self.data)
-        self.tendon_lengths: Floats = self.data.ten_length.copy()
-        self._index = np.zeros(MOST_CONTACTS, dtype=np.int64)
-        self._depth = np.zeros(MOST_CONTACTS)
-        self._normal = np.zeros((MOST_CONTACTS, 3))
         self._bodies = self._samples[0] + 2
-        self._before = np.zeros((len(self._bodies), 3))
-        self._points = np.empty((len(self._bodies), 3))
+        count = len(self._bodies)
+        self._index = np.zeros(count, dtype=np.int64)
+        self._depth = np.zeros(count)
+        self._normal = np.zeros((count, 3))
+        self._points = np.empty((count, 3))
+        self._used = np.zeros(0, dtype=np.int64)
+        pairs = len(self.chain.lengths) * self.model.ngeom if bodies.any() else count
+        self._before = np.zeros((pairs, 3))
         self._mass = np.zeros((self.model.nv, self.model.nv))
+        self._find_damping()
 
     @cached_property
     def _samples(self) -> tuple[NDArray[np.int64], Floats]:
         """Link and place along it of the samples of the body's axis, tip last."""
         links, along = [], []
         for k, length in enumerate(self.chain.lengths):
-            count = max(1, math.ceil(length / SAMPLE_MM))
+            count = max(1, math.ceil(length / self.dynamics.spacing))
             links += [k] * count
             along += (length * np.arange(count) / count).tolist()
         links.append(len(self.chain.lengths) - 1)
@@ -382,7 +390,7 @@ class Simulation:
         """Put the slide and the hinges (v,) somewhere, at rest, and begin anew."""
         mujoco.mj_resetData(self.model, self.data)
         self.touch, self.least, self.work = _NONE, math.inf, 0.0
-        self._before[:] = 0.0
+        self._before[self._used] = 0.0
         self.data.qpos[:] = positions
         mujoco.mj_forward(self.model, self.data)
 
@@ -392,8 +400,8 @@ class Simulation:
         Parameters
         ----------
         control : (u,) float
-            Where each drive is to be at the end of the step: slide [mm], hinges [rad], tendons'
-            lengths [mm].
+            Where each drive is to be at the end of the step: slide [mm], hinges [rad], by how much
+            tendons are longer than in the straight chain [mm].
         rates : (u,) float, optional
             How fast it moves then, against which the servo's damping acts.
         """
@@ -432,30 +440,32 @@ class Simulation:
             self._balance(*self._list_contacts())
         elif count:
             normals = self._normal[:count] @ self._frame[:3].T
-            index = self._index[:count]
+            index = self._index[:count].copy()
             self._balance(
                 self._points[index] - self.chain.radius * normals,
                 normals,
                 self._depth[:count].copy(),
                 self._samples[0][index],
-                index.copy(),
+                index,
             )
 
-    def _list_contacts(self) -> tuple[Floats, Floats, Floats, NDArray[np.int64]]:
-        """Return the contacts with bodies of the wall: places, normals, depths, links."""
+    def _list_contacts(self) -> tuple[Floats, Floats, Floats, NDArray[np.int64], NDArray[np.int64]]:
+        """Return the contacts with bodies of the wall: places, normals, depths, links, keys."""
         from .kernels.contact import merge_contacts
 
-        contact = self.data.contact
-        bodies = self.model.geom_bodyid[np.asarray(contact.geom).reshape(-1, 2)]
+        contact, model = self.data.contact, self.model
+        geoms = np.asarray(contact.geom).reshape(-1, 2)
+        bodies = model.geom_bodyid[geoms]
         ahead = np.where(bodies[:, 1] > 0, 1.0, -1.0)  # normals are towards the second body
         places = np.asarray(contact.pos).reshape(-1, 3)
         normals = ahead[:, None] * np.asarray(contact.frame).reshape(-1, 9)[:, :3]
         depths = -np.asarray(contact.dist)
         links = bodies.max(axis=1).astype(np.int64) - 2
+        keys = links * model.ngeom + np.where(bodies[:, 1] > 0, geoms[:, 0], geoms[:, 1])
         kept = np.zeros(len(links), dtype=np.bool_)
         order = np.argsort(-depths, kind="stable")
-        merge_contacts(order, places, normals, links, 0.5 * SAMPLE_MM, kept)
-        return places[kept], normals[kept], depths[kept], links[kept]
+        merge_contacts(order, places, normals, links, MERGED_MM, kept)
+        return places[kept], normals[kept], depths[kept], links[kept], keys[kept]
 
     @cached_property
     def _packed(self) -> object:
@@ -469,73 +479,102 @@ class Simulation:
         origin = self.wall.duct.to_grid(np.zeros(3))
         return np.vstack([self.wall.duct.to_grid(np.eye(3)) - origin, origin])
 
+    def look(self, axes: Floats, *, pixels: int, lens: tuple[float, float, float]) -> Floats:
+        """Return what a camera at the tip sees of the wall, lit from there, (n, n) in [0, 1].
+
+        Parameters
+        ----------
+        axes : (3, 3) float
+            Right, down and ahead as columns, world.
+        pixels : int
+        lens : tuple
+            Half the angle of view [rad], and the distances up to which the light is full and at
+            which it ends [mm].
+
+        Raises
+        ------
+        InputError
+            If there is no wall.
+        """
+        from .kernels.contact import look_ahead
+
+        if self.wall is None:
+            raise InputError("there is no wall to see")
+        image = np.empty((pixels, pixels))
+        lens = math.tan(lens[0]), *lens[1:]
+        look_ahead(
+            self._packed, self.wall.tube, self._frame, self.joints[0], np.ascontiguousarray(axes),
+            lens, image,
+        )  # fmt: skip
+        return image
+
     def _balance(
         self,
         places: Floats,
         normals: Floats,
-        depth: Floats,
+        depths: Floats,
         links: NDArray[np.int64],
-        samples: NDArray[np.int64] | None = None,
+        keys: NDArray[np.int64],
     ) -> None:
         """Find the forces of the wall at the end of the step, and apply them.
 
-        Those of `samples` begin as they were in the step before.
+        Those of a contact begin as they were in the step before: `keys` say which is which.
         """
-        from .kernels.contact import balance_contacts, fill_jacobian
+        from .kernels.contact import press_contacts
 
         model, data, wall = self.model, self.data, self.wall
-        if wall is None:
-            return
-        options, step = wall.options, self.dynamics.step
         count = len(links)
-        if not count:
+        if wall is None or not count:
             return
-        frames = np.zeros((count, 3, 3))
-        frames[:, 0] = normals
-        rows = np.empty((3 * count, model.nv))
-        fill_jacobian(data.xaxis, data.xanchor, places, 3 + 2 * links, frames, rows)
+        options = wall.options
+        force, frames = self._before[keys], np.empty((count, 3, 3))
         mujoco.mj_fwdActuation(model, data)
         mujoco.mj_fwdAcceleration(model, data)
-        solved = np.linalg.solve(self._weigh(), np.column_stack([data.qfrc_smooth, rows.T]))
-        velocity = rows @ (data.qvel + step * solved[:, 0])
-        stiffness = NEWTON * options.stiffness
-        law = (stiffness, stiffness * options.damping, options.friction, step)
-        force = np.zeros(3 * count)
-        if samples is not None:
-            force[:] = self._before[samples].ravel()
-        effect = np.ascontiguousarray(solved[:, 1:].T)
-        balance_contacts(rows, effect, velocity, depth, law, force)
-        data.qfrc_applied[:] = rows.T @ force
-        if samples is not None:
-            self._before[:] = 0.0
-            self._before[samples] = force.reshape(-1, 3)
-        force = force.reshape(-1, 3) / NEWTON
-        touch = Touch(
-            places=places,
-            forces=np.einsum("ck,ckx->cx", force, frames),
-            normals=force[:, 0],
-            depths=depth,
-            links=links,
-        )
+        stiffness, dynamics = NEWTON * options.stiffness, self.dynamics
+        law = stiffness, stiffness * options.damping, options.friction, dynamics.step
+        data.qfrc_applied[:] = press_contacts(
+            self._weigh(), (data.qvel, data.qfrc_smooth), (data.xaxis, data.xanchor),
+            (places, normals, depths, 3 + 2 * links),
+            (*law, dynamics.tolerance), force, frames,
+        )  # fmt: skip
+        self._before[self._used] = 0.0
+        self._before[keys], self._used = force, keys
         on = force[:, 0] > 0.0
         if wall.introducer is not None:
             tube = wall.introducer
             on &= (places - tube.entry) @ tube.outward < 0.0
-        self.touch = touch.pick(on)
+        if not on.any():
+            return
+        force = force[on] / NEWTON
+        self.touch = Touch(
+            places=places[on],
+            forces=np.einsum("ck,ckx->cx", force, frames[on]),
+            normals=force[:, 0],
+            depths=depths[on],
+            links=links[on],
+        )
 
     def _weigh(self) -> Floats:
         """Return the mass matrix with what damping adds over a step: what MuJoCo inverts."""
-        model, data, step = self.model, self.data, self.dynamics.step
-        mass = self._mass
+        model, data, mass = self.model, self.data, self._mass
         mujoco.mj_fullM(model, data, mass)
-        added = model.dof_damping.copy()
+        mass.ravel()[:: model.nv + 1] += self._damping
+        if len(self.chain.tendons):
+            taut = data.actuator_force[-len(self._arms) :] != 0.0
+            arms = self._arms[taut]
+            mass += arms.T @ (self._sheath[taut, None] * arms)
+        return mass
+
+    def _find_damping(self) -> None:
+        """Find what joints, servos and tendons add to the mass over a step."""
+        model, step = self.model, self.dynamics.step
         damping = -model.actuator_biasprm[:, 2]
         joints = model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT
-        added[model.actuator_trnid[joints, 0]] += damping[joints]
-        np.einsum("ii->i", mass)[:] += step * added
-        for k in np.flatnonzero(~joints):
-            first, number = data.moment_rowadr[k], data.moment_rownnz[k]
-            columns = data.moment_colind[first : first + number]
-            row = data.actuator_moment[first : first + number]
-            mass[np.ix_(columns, columns)] += step * damping[k] * np.outer(row, row)
-        return mass
+        self._damping = step * model.dof_damping
+        self._damping[model.actuator_trnid[joints, 0]] += step * damping[joints]
+        self._sheath = step * damping[~joints]
+        self._arms = np.zeros((len(self.chain.tendons), model.nv))
+        for k, route in enumerate(self.chain.tendons):
+            for axis, arms in zip("xy", route.arms.T, strict=True):
+                for j, arm in enumerate(arms):
+                    self._arms[k, model.joint(f"bend{j}{axis}").dofadr[0]] = arm

@@ -184,43 +184,53 @@ class Scenery:
         )
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Convergence:
-    """What half the step changes.
-
-    Parameters
-    ----------
-    values, halved : mapping
-        Largest forces [N] and errors [mm], with the step and with half of it.
-    """
-
-    values: Mapping[str, float]
-    halved: Mapping[str, float]
-
-    def describe(self) -> Json:
-        """Return both, and by how much they differ."""
-        return {
-            name: {
-                "step": value,
-                "half_step": self.halved[name],
-                "change": self.halved[name] - value,
-            }
-            for name, value in self.values.items()
-        }
-
-
 CHECKED = (
     "normal_peak_N", "normal_sum_N", "resultant_N", "push_force_N", "tip_error_mm", "clearance_mm"
 )  # fmt: skip
+FRICTIONS = (0.0, 0.3)
 
 
-def check_step(scenery: Scenery, options: ExecuteOptions, found: Execution) -> Convergence:
-    """Drive again with half the step, and compare."""
-    half = scenery.run(dataclasses.replace(options, step=0.5 * options.step)).summarise()
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Convergence:
+    """What half the step changes, and other coefficients of friction.
+
+    Parameters
+    ----------
+    values : mapping
+        Largest forces [N] and errors [mm].
+    others : mapping of str to mapping
+        The same with ``half_step``, and with ``friction_0`` and ``friction_0.3``.
+    """
+
+    values: Mapping[str, float]
+    others: Mapping[str, Mapping[str, float]]
+
+    def describe(self) -> Json:
+        """Return both and by how much they differ, for each setting."""
+        return {
+            setting: {
+                name: {"value": value, "there": found[name], "change": found[name] - value}
+                for name, value in self.values.items()
+            }
+            for setting, found in self.others.items()
+        }
+
+
+def check_setting(scenery: Scenery, options: ExecuteOptions, found: Execution) -> Convergence:
+    """Drive again with half the step, and with other friction, and compare."""
+    halved = dataclasses.replace(options, step=0.5 * options.step)
+    others = {"half_step": scenery.run(halved)}
+    for friction in FRICTIONS:
+        wall = dataclasses.replace(scenery.wall, friction=friction)
+        others[f"friction_{friction:g}"] = dataclasses.replace(scenery, wall=wall).run(options)
     first = found.summarise()
     names = [name for name in CHECKED if first[name] is not None]
     return Convergence(
-        values={name: first[name] for name in names}, halved={name: half[name] for name in names}
+        values={name: first[name] for name in names},
+        others={
+            setting: {name: row[name] for name in names}
+            for setting, row in ((key, each.summarise()) for key, each in others.items())
+        },
     )
 
 
@@ -286,7 +296,7 @@ class ExecutionStudy(Result):
         if others:
             summary["compared"] = [other.summarise() for other in others]
         if self.convergence is not None:
-            summary["half_step"] = self.convergence.describe()
+            summary["checked"] = self.convergence.describe()
         return dict(to_plain(summary))
 
     def list_columns(self) -> Mapping[str, object]:
@@ -417,11 +427,11 @@ def study_execution(
     check: bool = False,
     progress: Progress = no_progress,
 ) -> ExecutionStudy:
-    """Drive a plan, and if asked the pushed scope beside it, and again with half the step."""
+    """Drive a plan; if asked the pushed scope beside it, and again with other step and friction."""
     found = [scenery.run(options, progress=progress)]
     if compare and options.drive != "push":
         found.append(scenery.run(dataclasses.replace(options, drive="push"), progress=progress))
-    convergence = check_step(scenery, options, found[0]) if check else None
+    convergence = check_setting(scenery, options, found[0]) if check else None
     return ExecutionStudy(
         scenery=scenery, options=options, executions=tuple(found), convergence=convergence
     )

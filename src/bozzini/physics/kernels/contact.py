@@ -14,8 +14,8 @@ from numba import njit
 
 from ...duct.kernels.clearance import clearance_slope
 
-SWEEPS = 200
-TOLERANCE = 1e-6
+SWEEPS, ROUNDS = 200, 10
+SEEN = 0.1  # a ray that is this near to the wall meets it [mm]
 
 
 @njit(cache=True)
@@ -34,6 +34,50 @@ def measure_gap(duct, tube, x, y, z):
                 scale = -1.0 / max(off, 1e-9)
                 return tube[6] - off, scale * dx, scale * dy, scale * dz
     return clear, gx, gy, gz
+
+
+@njit(cache=True)
+def look_ahead(duct, tube, frame, eye, axes, lens, image):
+    """Fill an image (n, n) with the light of the tip that the wall throws back, 0 to 1.
+
+    `frame` (4, 3) takes the world to the duct's own frame; `eye` (3,) and `axes` (3, 3) are the
+    camera in the world, whose columns go right, down and ahead; `lens` has the tangent of half the
+    angle of view, where the light saturates, and how far it reaches [mm].
+
+    A place at a distance d is seen as bright as the root of its cosine times its part of the light,
+    which falls with d squared: a camera of gamma 2.
+    """
+    half, near, far = lens
+    n = image.shape[0]
+    start, way = np.empty(3), np.empty(3)
+    for k in range(3):
+        start[k] = frame[3, k]
+        for j in range(3):
+            start[k] += frame[j, k] * eye[j]
+    for row in range(n):
+        for column in range(n):
+            across = half * (2.0 * (column + 0.5) / n - 1.0)
+            down = half * (2.0 * (row + 0.5) / n - 1.0)
+            size = math.sqrt(across**2 + down**2 + 1.0)
+            for k in range(3):
+                way[k] = 0.0
+                for j in range(3):
+                    ray = (axes[j, 0] * across + axes[j, 1] * down + axes[j, 2]) / size
+                    way[k] += frame[j, k] * ray
+            gone = 0.0
+            image[row, column] = 0.0
+            while gone < far:
+                clear, gx, gy, gz = measure_gap(
+                    duct, tube, start[0] + gone * way[0], start[1] + gone * way[1],
+                    start[2] + gone * way[2],
+                )  # fmt: skip
+                if clear < SEEN:
+                    slope = math.sqrt(gx * gx + gy * gy + gz * gz)
+                    cosine = -(gx * way[0] + gy * way[1] + gz * way[2]) / max(slope, 1e-9)
+                    light = min(1.0, near / max(gone, 1e-9))
+                    image[row, column] = light * math.sqrt(min(max(cosine, 0.0), 1.0))
+                    break
+                gone += max(clear, SEEN)
 
 
 @njit(cache=True)
@@ -100,7 +144,7 @@ def merge_contacts(order, places, normals, links, near, kept):
             for k in range(3):
                 off += (places[i, k] - places[j, k]) ** 2
                 same += normals[i, k] * normals[j, k]
-            if off < near * near and same > 0.9:
+            if off < near * near and same > 0.5:
                 kept[i] = False
                 break
 
@@ -143,75 +187,177 @@ def fill_jacobian(axes, anchors, places, owners, frames, jacobian):
 
 
 @njit(cache=True)
-def balance_contacts(rows, effect, velocity, depth, law, force):
-    """Find the contact forces (3 n,) at the end of a step, and return the last change [mN].
+def factor_mass(mass):
+    """Replace a symmetric positive matrix (v, v) by its lower Cholesky factor."""
+    n = mass.shape[0]
+    for i in range(n):
+        for j in range(i + 1):
+            value = mass[i, j]
+            for k in range(j):
+                value -= mass[i, k] * mass[j, k]
+            mass[i, j] = math.sqrt(value) if i == j else value / mass[j, j]
+
+
+@njit(cache=True)
+def solve_lower(factor, rows):
+    """Replace rows (r, v) by what solves the lower triangle for each of them."""
+    for i in range(factor.shape[0]):
+        for r in range(rows.shape[0]):
+            value = rows[r, i]
+            for k in range(i):
+                value -= factor[i, k] * rows[r, k]
+            rows[r, i] = value / factor[i, i]
+
+
+@njit(cache=True)
+def solve_mass(factor, force):
+    """Return the acceleration (v,) by a force (v,)."""
+    n = factor.shape[0]
+    rows = force.copy().reshape(1, n)
+    solve_lower(factor, rows)
+    found = rows[0]
+    for i in range(n - 1, -1, -1):
+        found[i] /= factor[i, i]
+        for k in range(i):
+            found[k] -= factor[i, k] * found[i]
+    return found
+
+
+@njit(cache=True)
+def fill_speeds(axes, anchors, places, owners, normals, rates, speeds):
+    """Fill (n,): velocity of places along their normals by the rates of the joints (v,)."""
+    count = rates.shape[0]
+    turn, shift = np.zeros((count + 1, 3)), np.zeros((count + 1, 3))
+    for v in range(count):
+        move = rates[v] * axes[v]
+        turn[v + 1], shift[v + 1] = turn[v], shift[v]
+        if v == 0:
+            shift[1] += move
+        else:
+            turn[v + 1] += move
+            shift[v + 1] -= np.cross(move, anchors[v])
+    for c in range(places.shape[0]):
+        k = owners[c]
+        moved = shift[k] + np.cross(turn[k], places[c])
+        speeds[c] = moved[0] * normals[c, 0] + moved[1] * normals[c, 1] + moved[2] * normals[c, 2]
+
+
+@njit(cache=True)
+def press_contacts(mass, state, joints, contacts, law, force, frames):
+    """Find the contact forces at the end of a step; return what they do at the joints (v,) [mN].
 
     The wall's force is its stiffness times the depth at the end of the step, and its damping times
     the velocity then, both unknown. It is never negative; friction stops what slides, up to
-    Coulomb's limit. Gauss and Seidel, from the forces given.
+    Coulomb's limit. Contacts that would not press are left out, until the others press them.
 
     Parameters
     ----------
-    rows, effect : (3 n, v) float
-        Velocity of each contact, normal and two tangents, by those of the joints; and what a force
-        there does to these in a second.
-    velocity : (3 n,) float
-        At the end of the step without forces.
-    depth : (n,) float
-        At its beginning.
+    mass : (v, v) float
+        With damping over the step; is replaced by its factor.
+    state : (v,) float, (v,) float
+        Rates at the beginning, and all other forces.
+    joints : (v, 3) float, (v, 3) float
+        Axes and places of the joints.
+    contacts : (n, 3) float, (n, 3) float, (n,) float, (n,) int
+        Places, normals, depths at the beginning, and how many joints move each.
     law : tuple
-        Stiffness, damping, friction and the length of the step.
+        Stiffness, damping, friction, the length of the step and the tolerance.
+    force : (n, 3) float
+        Along the normal and two tangents; as in the step before, is changed.
+    frames : (n, 3, 3) float
+        Is filled: normal and tangents.
+    """
+    axes, anchors = joints
+    places, normals, depth, owners = contacts
+    stiffness, damping, friction, step, _ = law
+    gain = stiffness * step + damping
+    n = depth.shape[0]
+    factor_mass(mass)
+    free = state[0] + step * solve_mass(mass, state[1])
+    speeds = np.empty(n)
+    fill_speeds(axes, anchors, places, owners, normals, free, speeds)
+    active = np.zeros(n, dtype=np.bool_)
+    for c in range(n):
+        frames[c, 0] = normals[c]
+        active[c] = force[c, 0] > 0.0 or stiffness * depth[c] > gain * speeds[c]
+    total = np.zeros(free.shape[0])
+    for _ in range(ROUNDS):
+        which = np.flatnonzero(active)
+        if which.shape[0] == 0:
+            break
+        rows = np.empty((3 * which.shape[0], free.shape[0]))
+        there = frames[which]
+        fill_jacobian(axes, anchors, places[which], owners[which], there, rows)
+        velocity = np.dot(rows, free)
+        spread = rows.copy()
+        solve_lower(mass, spread)
+        effect = step * np.dot(spread, spread.T)
+        found = force[which].ravel()
+        balance_contacts(effect, velocity, depth[which], law, found)
+        total = np.dot(found, rows)
+        for i in range(which.shape[0]):
+            force[which[i]] = found[3 * i : 3 * i + 3]
+            frames[which[i]] = there[i]
+        added = False
+        fill_speeds(
+            axes, anchors, places, owners, normals, free + step * solve_mass(mass, total), speeds
+        )
+        for c in range(n):
+            if not active[c] and stiffness * depth[c] > gain * speeds[c]:
+                active[c] = added = True
+        if not added:
+            break
+    return total
+
+
+@njit(cache=True)
+def balance_contacts(effect, velocity, depth, law, force):
+    """Find the contact forces (3 n,) by Gauss and Seidel, from those given.
+
+    Parameters
+    ----------
+    effect : (3 n, 3 n) float
+        Velocity at the end of the step, normal and two tangents of each contact, by the forces.
+    velocity : (3 n,) float
+        Without forces.
+    depth : (n,) float
+        At the beginning of the step.
+    law : tuple
+        Stiffness, damping, friction, the length of the step and the tolerance.
     force : (3 n,) float
         Is changed.
     """
-    stiffness, damping, friction, step = law
-    n, count = depth.shape[0], rows.shape[1]
+    stiffness, damping, friction, step, tolerance = law
+    n = depth.shape[0]
     gain = stiffness * step + damping
-    own = np.empty(3 * n)
-    joint = np.zeros(count)  # what all forces do to the joints' velocities
-    for i in range(3 * n):
-        own[i] = 0.0
-        for v in range(count):
-            own[i] += step * rows[i, v] * effect[i, v]
-            joint[v] += step * effect[i, v] * force[i]
-    change = 0.0
+    moved = velocity + np.dot(effect, force)
     for _ in range(SWEEPS):
         change, largest = 0.0, 1e-9
         for c in range(n):
             i = 3 * c
-            moved = velocity[i]
-            for v in range(count):
-                moved += rows[i, v] * joint[v]
-            moved -= own[i] * force[i]
-            new = max((stiffness * depth[c] - gain * moved) / (1.0 + gain * own[i]), 0.0)
+            own = effect[i, i]
+            free = moved[i] - own * force[i]
+            new = max((stiffness * depth[c] - gain * free) / (1.0 + gain * own), 0.0)
             added = new - force[i]
             if added != 0.0:
-                for v in range(count):
-                    joint[v] += step * effect[i, v] * added
+                for k in range(3 * n):
+                    moved[k] += effect[i, k] * added
                 force[i] = new
             change = max(change, abs(added))
             largest = max(largest, new)
             was_t, was_s = force[i + 1], force[i + 2]
             if (new == 0.0 or friction <= 0.0) and was_t == 0.0 and was_s == 0.0:
                 continue
-            along, across = velocity[i + 1], velocity[i + 2]
-            for v in range(count):
-                along += rows[i + 1, v] * joint[v]
-                across += rows[i + 2, v] * joint[v]
-            stop = 1.0 / max(own[i + 1] + own[i + 2], 1e-12)
-            force[i + 1] -= stop * along
-            force[i + 2] -= stop * across
-            size = math.sqrt(force[i + 1] ** 2 + force[i + 2] ** 2)
-            most = friction * new
+            a, b, both = effect[i + 1, i + 1], effect[i + 2, i + 2], effect[i + 1, i + 2]
+            stop = 2.0 / max(a + b + math.sqrt((a - b) ** 2 + 4.0 * both**2), 1e-12)
+            along, across = was_t - stop * moved[i + 1], was_s - stop * moved[i + 2]
+            size, most = math.sqrt(along**2 + across**2), friction * new
             if size > most:
-                force[i + 1] *= most / size
-                force[i + 2] *= most / size
-            for v in range(count):
-                joint[v] += step * (
-                    effect[i + 1, v] * (force[i + 1] - was_t)
-                    + effect[i + 2, v] * (force[i + 2] - was_s)
-                )
-            change = max(change, abs(force[i + 1] - was_t), abs(force[i + 2] - was_s))
-        if change < TOLERANCE * largest:
+                along *= most / size
+                across *= most / size
+            for k in range(3 * n):
+                moved[k] += effect[i + 1, k] * (along - was_t) + effect[i + 2, k] * (across - was_s)
+            force[i + 1], force[i + 2] = along, across
+            change = max(change, abs(along - was_t), abs(across - was_s))
+        if change < tolerance * largest:
             break
-    return change
