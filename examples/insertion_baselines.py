@@ -26,9 +26,7 @@ def main(arguments=None):
         env = Insertion(seed, robot=given.robot)
         for name, policy in POLICIES.items():
             rated[name].append(rate_policy(env, policy, episodes=1, seed=seed))
-    print(
-        "policy   comes through  reward: mean, least  steps, mean  largest force: median, most"
-    )
+    print("policy   comes through  reward: mean, least  steps, mean  largest force: median, most")
     for name, rows in rated.items():
         complete, reward, force, steps = (
             np.array([row[key] for row in rows])
