@@ -10,7 +10,7 @@ from pathlib import Path
 from bozzini.report.catalogue_page import format_catalogue, format_counts
 
 ROOT = Path(__file__).resolve().parents[1]
-PAGE = ROOT / "docs" / "guide" / "catalogue.md"
+PAGE = ROOT / "docs" / "theory" / "catalogue.md"
 README = ROOT / "README.md"
 BEGIN, END = "<!-- catalogue: begin -->", "<!-- catalogue: end -->"
 
