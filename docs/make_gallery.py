@@ -30,7 +30,8 @@ GROUPS = {
         "fabricate",
     ],
     "The rig and the camera": ["plant", "board", "tube_shape"],
-    "Studies": ["study"],
+    "Forces": ["forces"],
+    "Studies, and how sure an answer is": ["study", "indices", "contact_risk", "tip_error"],
 }  # fmt: skip
 
 
