@@ -170,6 +170,18 @@ def test_table_of_commands_is_complete() -> None:
     assert set(re.findall(r"^\| `bozzini ([a-z]+)", text, re.M)) == set(COMMANDS)
 
 
+def test_the_page_of_benchmarks_is_short_and_of_the_long_one() -> None:
+    def rows(name: str) -> list[list[str]]:
+        table = (ROOT / "docs" / name).read_text("utf-8").partition("table: begin")[2]
+        lines = re.findall(r"^\| (.+) \|$", table.partition("table: end")[0], re.M)
+        return [line.split(" | ") for line in lines]
+
+    every = {row[0]: row[1] for row in rows("benchmarks-all.md")}
+    short = rows("benchmarks.md")[1:]
+    assert 10 <= len(short) <= 15
+    assert all(every[what] == measured for _, what, measured in short)
+
+
 def test_one_version_everywhere() -> None:
     version = bozzini.__version__
     assert f"\nversion: {version}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
