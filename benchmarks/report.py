@@ -24,7 +24,7 @@ ALL = ROOT / "docs" / "benchmarks-all.md"
 BEGIN, END = "<!-- table: begin -->", "<!-- table: end -->"
 
 HEADLINES = (
-    ("A certified plan through a human tract takes a tenth of a second", "tract, diameter 6, .*tube"),
+    ("A certified plan through a human tract in a tenth of a second", "tract, diameter 6, .*tube"),
     ("Planning anew in a tract that moves keeps pace with a camera", "a frame of .*2 thread"),
     ("The thesis's link step, by the formulation as printed", "one link .*as printed"),
     ("Distances to shapes cost less than to a mesh", "signed distance of 100 round cones"),
