@@ -31,7 +31,7 @@ Draw = Callable[[], tuple[object, str]]
 NOT_DRAWN = {
     "1.1 to 1.6": "photographs and drawings of instruments and robots that others made",
     "3.1, 3.2": "photographs of the muscles",
-    "3.3": "a layout: the circuit is computed in [the rig](rig/plant.md), which marks what is assumed",
+    "3.3": "a layout; [the rig](rig/plant.md) computes the circuit and marks what is assumed",
     "3.4": "a photograph of the bench",
     "3.7, 3.8": "sketches of forces without numbers; the balance is `ThesisMuscle`",
     "3.9, 3.10": "a sketch and a photograph; the area (3.22) is in `ThesisMuscle`",
@@ -39,7 +39,7 @@ NOT_DRAWN = {
     "4.2, 4.3": "drawings of the holders, with four dimensions; "
     "[Fabrication](guide/fabricate.md) makes holders that can be built",
     "4.4": "a photograph",
-    "4.8": "photographs and a profile found in them: neither the pictures nor the points are printed",
+    "4.8": "photographs and a profile found in them, whose points are not printed",
     "4.15": "a photograph; its 22.4 mm are compared in "
     "[Effector](guide/effector.md#beside-the-measurement)",
 }
@@ -94,7 +94,7 @@ def format_page(values: dict[str, str]) -> Iterator[str]:
         "Endoscopic Robots*, PhD thesis, Indian Institute of Science, Bangalore, drawn anew from "
         "this package by `make thesis`. The thesis prints few parameters with them: those that it "
         "does print are used, the others are **ours** and stated, so a picture here has the shape "
-        "of the thesis's and not its numbers. **Value** is what the function that draws it measured. "
+        "of the thesis's and not its numbers. **Value** is what was measured while it was drawn. "
         "What the rest of the thesis comes to is on [its own page](thesis.md)."
     )
     for name, draw in list_figures().items():

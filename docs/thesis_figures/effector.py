@@ -98,7 +98,9 @@ def fig_4_07():
     start = np.array([0.0, 0.0, 45.0])
     first, second = np.asarray(one.tip) - start, np.asarray(two.tip) - start
     cross = np.cross(np.eye(3), axis)
-    turned = second + math.sin(beta) * cross @ second + (1.0 - math.cos(beta)) * cross @ cross @ second
+    turned = (
+        second + math.sin(beta) * cross @ second + (1.0 - math.cos(beta)) * cross @ cross @ second
+    )
     figure = make_figure((7.0, 4.6))
     space = figure.add_subplot(projection="3d")
     space.plot(*np.stack([0.0 * start, start]).T, color="#8a97a5", label="ξ0")
@@ -118,7 +120,7 @@ def fig_4_07():
     met = np.asarray(both.tip) - start - first
     off = math.degrees(math.acos(met @ turned / np.linalg.norm(met) / np.linalg.norm(turned)))
     return figure, (
-        f"β1 {math.degrees(beta):.1f}°; the tip lies along d2' to {off:.1g}°; "
+        f"β1 {math.degrees(beta):.1f}°; the tip lies along d2' to {max(off, 1e-5):.0e}°; "
         f"backbone {45.0 + float(both.length_error):.1f} mm long in place of 45"
     )
 
@@ -130,8 +132,8 @@ def fig_4_09():
 
     Ours: amplitudes by the energy model of the prototype, the place (8, -6) mm.
 
-    Beside the print: three parallelograms on the muscles' directions, as there. The split is
-    (4.13), and adds up.
+    Beside the print: three parallelograms on the muscles' directions make the workspace. The
+    split is (4.13), and adds up.
     """
     figure, (left, right) = make_panels(1, 2, size=(9.0, 4.4))
     design = PROTOTYPE.design
@@ -150,7 +152,10 @@ def fig_4_09():
     error = float(np.linalg.norm(parts.sum(axis=0) - target))
     names = ", ".join(f"{design.names[k]} {split.displacements[k]:.2f} mm" for k in (i, j))
     far = ", ".join(f"{a:.2f}" for a in space.reach.amplitudes)
-    return figure, f"amplitudes {far} mm; {names}, which add up to the place within {error:.0e} mm"
+    return (
+        figure,
+        f"amplitudes {far} mm; {names}, which add up to the place within {max(error, 1e-9):.0e} mm",
+    )
 
 
 def fig_4_10_12():
@@ -250,7 +255,10 @@ def fig_4_20_21():
     for method, color in (("superposition", INK), ("thesis", AMBER)):
         pose = THESIS.forward({"G": FULL, "R": 0.827}, method=method)
         axes.annotate(
-            "", np.asarray(pose.lateral_vector), (0.0, 0.0), arrowprops={"color": color, "width": 1.0}
+            "",
+            np.asarray(pose.lateral_vector),
+            (0.0, 0.0),
+            arrowprops={"color": color, "width": 1.0},
         )
         axes.plot([], [], color=color, label=method)
         value.append(f"{math.degrees(pose.azimuth) % 360:.1f}° ({method})")
@@ -280,7 +288,7 @@ def fig_4_22():
     off = np.linalg.norm(found.displacements @ units - found.delivered, axis=1).max()
     return figure, (
         f"a muscle at its amplitude in {full.sum()} of {len(full)}; "
-        f"displacements add up to the place within {off:.0e} mm"
+        f"displacements add up to the place within {max(off, 1e-9):.0e} mm"
     )
 
 
@@ -309,12 +317,21 @@ def fig_4_23():
     for k, place in enumerate(places):
         axes.annotate(f"P{k + 1}", place, (4, 4), textcoords="offset points", fontsize=9)
     for k, (name, color) in enumerate(pick_colors(design.names).items()):
-        bars.bar(np.arange(6) + 0.25 * (k - 1), 1e3 * found.pressures[:, k], 0.25, color=color, label=name)
+        bars.bar(
+            np.arange(6) + 0.25 * (k - 1),
+            1e3 * found.pressures[:, k],
+            0.25,
+            color=color,
+            label=name,
+        )
     bars.set(xticks=range(6), xticklabels=[f"P{k}" for k in range(1, 7)], ylabel="pressure [kPa]")
     bars.legend(frameon=False, fontsize=9)
     off = np.linalg.norm(back.lateral_vector - places, axis=1).max()
     used = (found.pressures > 1e-6).sum(axis=1)
-    return figure, f"muscles used {', '.join(map(str, used))}; places met within {off:.0e} mm"
+    return (
+        figure,
+        f"muscles used {', '.join(map(str, used))}; places met within {max(off, 1e-9):.0e} mm",
+    )
 
 
 def fig_4_24():
@@ -330,6 +347,6 @@ def fig_4_24():
     figure = draw_trace(trace, PROTOTYPE.design.names)
     figure.set_size_inches(8.0, 3.6)
     return figure, (
-        f"met within {float(trace.error.max()):.0e} mm; "
+        f"met within {max(float(trace.error.max()), 1e-9):.0e} mm; "
         f"largest pressure {1e3 * float(trace.pressures.max()):.0f} kPa"
     )

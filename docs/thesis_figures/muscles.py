@@ -46,7 +46,9 @@ def fig_2_01():
     right.plot(strand * np.sin(rim), strand * np.cos(rim), ":", color=INK)
     left.set(xlabel="along the axis [mm]", yticks=[], ylim=(-32.0, 11.0), aspect="equal")
     right.set(xlabel="round the axis, 2πrN [mm]", ylabel="l [mm]", aspect="equal")
-    value = f"strand {strand:.2f} mm, {turns:.3f} turns in both; {angles[0]:.1f}° to {angles[1]:.1f}°"
+    value = (
+        f"strand {strand:.2f} mm, {turns:.3f} turns in both; {angles[0]:.1f}° to {angles[1]:.1f}°"
+    )
     return figure, value
 
 
@@ -59,8 +61,8 @@ def fig_3_05():
     Ours: the 40 mm muscle of Fig. 3.11, the energy model, friction at the crossings with an arm of
     0.03 mm.
 
-    Beside the print: the branches lie as they do there, contraction above the mean while deflating.
-    How wide the loop is follows from our friction alone.
+    Beside the print: no number to compare. Contraction is above the mean while deflating; how wide
+    the loop is follows from our friction alone.
     """
     model = EnergyMuscle(preset("thesis-40").replace(friction_length=0.03))
     pressure = np.linspace(0.0, HIGHEST, 120)
@@ -144,16 +146,18 @@ def fig_3_13_15():
     thesis does not state which way its curves lie.
     """
     base = preset("thesis-40")
+    wide = base.replace(braid_angle=math.radians(38))
+    thick = base.replace(braid_angle=math.radians(35), outer_radius=0.75)
     cases = (
         ("3.13: angle", {f"{a}°": base.replace(braid_angle=math.radians(a)) for a in (36, 38, 40)}),
         (
             "3.14: length, at 38°",
-            {f"{n} mm": base.replace(length=float(n), braid_angle=math.radians(38)) for n in (40, 50, 60)},
+            {f"{n} mm": wide.replace(length=float(n)) for n in (40, 50, 60)},
         ),
         (
             "3.15: tube of 1.5 mm, at 35°",
             {
-                f"{n} mm": base.replace(length=float(n), outer_radius=0.75, braid_angle=math.radians(35))
+                f"{n} mm": thick.replace(length=float(n))
                 for n in (40, 60)
             },
         ),
@@ -203,8 +207,7 @@ def fig_3_16():
     loose = float(energy.contraction(0.758))
     soft = float(energy.stiffness(0.758, loose))
     return figure, (
-        f"slope without load {soft:.2f} N/mm (energy), "
-        f"{bulk.load_stiffness:.2f} N/mm (load path)"
+        f"slope without load {soft:.2f} N/mm (energy), {bulk.load_stiffness:.2f} N/mm (load path)"
     )
 
 

@@ -26,7 +26,8 @@ def _place_tendons(robot, segments, pulled):
     frames = LinkageModel(robot, segments=segments).shape(pulled).require().frames
     joints = frames[:, :3, 3]
     ends = [
-        joints + SPACING * (frames[:, :3, 0] * math.cos(t.angle) + frames[:, :3, 1] * math.sin(t.angle))
+        joints
+        + SPACING * (frames[:, :3, 0] * math.cos(t.angle) + frames[:, :3, 1] * math.sin(t.angle))
         for t in robot.sections[0].tendons
     ]
     return joints, np.array(ends)
@@ -59,7 +60,7 @@ def fig_5_01():
     right.legend(frameon=False, fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.12))
     sizes = np.linalg.norm(np.diff(ends, axis=0), axis=1)
     off = np.abs(sizes - (LENGTH - QUARTER) / 10.0).max()
-    return figure, f"second cranks {sizes[0]:.4f} mm, as (L0 − ΔL)/n within {off:.0e} mm"
+    return figure, f"second cranks {sizes[0]:.4f} mm, as (L0 − ΔL)/n within {max(off, 1e-9):.0e} mm"
 
 
 def fig_5_03():
@@ -121,7 +122,9 @@ def fig_5_05_06():
         axes.plot(*arc.T, color=INK, linewidth=3.0, alpha=0.35, label="arc, (5.6)")
         for count, color in zip(counts, COLORS, strict=False):
             points = LinkageModel(robot, segments=count).points([QUARTER])[:, [0, 2]]
-            axes.plot(*points.T, "o-", color=color, markersize=3.0, linewidth=1.0, label=f"n = {count}")
+            axes.plot(
+                *points.T, "o-", color=color, markersize=3.0, linewidth=1.0, label=f"n = {count}"
+            )
             value.append((count, np.linalg.norm(points[-1] - arc[-1])))
         axes.set(aspect="equal", xlabel="x [mm]")
         axes.legend(frameon=False, fontsize=9)
@@ -162,7 +165,7 @@ def fig_5_07():
         square = np.abs(np.sum(spokes[0] * spokes[1], axis=1)).max()
         value.append(
             f"{name}: tip off the arc by {np.linalg.norm(joints[-1] - arc[-1]):.3f} mm, "
-            f"cables a right angle apart within {square:.0e}"
+            f"cables a right angle apart within {max(square, 1e-9):.0e}"
         )
     return figure, "; ".join(value)
 
@@ -174,17 +177,16 @@ def fig_5_11():
 
     Ours: a link of 10 mm, moved by 30 mm.
 
-    Beside the print: the closed form is met. It is not the least move of the tail over a finite step,
-    as the text beside (5.12) and (5.13) has it, but the limit of ever smaller ones: see the errata.
+    Beside the print: the closed form is met. It is not the least move of the tail over a finite
+    step, as the text beside (5.12) and (5.13) has it, but the limit of ever smaller ones: see the
+    errata.
     """
     link = 10.0
     along = np.linspace(0.0, 30.0, 61)
     heads = np.stack([along, 0.0 * along], axis=1)
     start = np.array([[0.0, 0.0], [0.0, link]])
     tails = move_free_chain(start, heads)[:, 1]
-    printed = np.stack(
-        [along - link * np.tanh(along / link), link / np.cosh(along / link)], axis=1
-    )
+    printed = np.stack([along - link * np.tanh(along / link), link / np.cosh(along / link)], axis=1)
     once = move_free_chain(start, [[0.0, 0.0], [link, 0.0]], scheme="least")[-1, 1]
     figure, (axes,) = make_panels(size=(7.0, 3.0))
     for k in range(0, 61, 6):
@@ -197,8 +199,8 @@ def fig_5_11():
     off = np.linalg.norm(tails - printed, axis=1).max()
     moved = [np.linalg.norm(tail - start[1]) for tail in (tails[20], once)]
     return figure, (
-        f"(5.12) met within {off:.0e} mm; for a head step of one link the tail on the tractrix is "
-        f"{moved[0]:.2f} mm from its old place, that of (5.13) {moved[1]:.2f} mm"
+        f"(5.12) met within {max(off, 1e-9):.0e} mm; for a head step of one link the tail on "
+        f"the tractrix is {moved[0]:.2f} mm from its old place, that of (5.13) {moved[1]:.2f} mm"
     )
 
 
