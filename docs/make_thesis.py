@@ -34,7 +34,7 @@ NOT_DRAWN = {
     "3.3": "a layout; [the rig](rig/plant.md) computes the circuit and marks what is assumed",
     "3.4": "a photograph of the bench",
     "3.7, 3.8": "sketches of forces without numbers; the balance is `ThesisMuscle`",
-    "3.9, 3.10": "a sketch and a photograph; the area (3.22) is in `ThesisMuscle`",
+    "3.9, 3.10": "pictures of the contact and of an end; the area (3.22) is in `ThesisMuscle`",
     "4.1": "a concept of a camera assembly and an end cap, without dimensions",
     "4.2, 4.3": "drawings of the holders, with four dimensions; "
     "[Fabrication](guide/fabricate.md) makes holders that can be built",
@@ -83,7 +83,7 @@ def make_picture(name: str, *, folder: Path = PICTURES) -> tuple[Path, str]:
     figure = getattr(drawn, "get_figure", lambda **_: drawn)(root=True)
     folder.mkdir(parents=True, exist_ok=True)
     path = write_figure(figure, folder / f"fig_{name}.png", dpi=WIDTH / figure.get_figwidth())
-    return path, value
+    return path, value.replace("e-0", "e-")
 
 
 def format_page(values: dict[str, str]) -> Iterator[str]:
@@ -92,7 +92,8 @@ def format_page(values: dict[str, str]) -> Iterator[str]:
     yield (
         "The figures of K. P. Ashwin, *Development of a Flexible Actuator and Motion Planning for "
         "Endoscopic Robots*, PhD thesis, Indian Institute of Science, Bangalore, drawn anew from "
-        "this package by `make thesis`. The thesis prints few parameters with them: those that it "
+        "this package by `make thesis`, or one alone by `python docs/make_thesis.py 5_03`. The "
+        "thesis prints few parameters with them: those that it "
         "does print are used, the others are **ours** and stated, so a picture here has the shape "
         "of the thesis's and not its numbers. **Value** is what was measured while it was drawn. "
         "What the rest of the thesis comes to is on [its own page](thesis.md)."

@@ -209,7 +209,7 @@ def fig_5_16():
     Ours: the duct of Fig. 5.15; a link of 20 mm, 20 links; the tail begins outside.
 
     Beside the print: the tail is pulled in at once and stays. The slope of (5.18), as arrows,
-    points inwards everywhere.
+    points towards one of the shapes everywhere.
     """
     duct, path = _make_ellipses()
     figure, (upper, lower) = make_panels(2, 1, size=(7.0, 5.2))
@@ -390,8 +390,8 @@ def fig_5_24():
 
     Ours: half a turn of 30 mm radius, 10 mm to the wall; 13 ellipsoids, 12 cylinders, 3600 points.
 
-    Beside the print: cylinders and points keep most of the pipe. Ellipsoids (n = 1) pinch it
-    between them, unless they are many: super-ellipsoids with smaller exponents do not.
+    Beside the print: cylinders and points keep most of the pipe, ellipsoids pinch it where two of
+    them meet.
     """
     turn = np.linspace(0.0, math.pi, 13)
     middle = 30.0 * np.stack([-np.cos(turn), np.sin(turn), 0.0 * turn], axis=1)
@@ -644,7 +644,7 @@ def fig_b_01():
     turned over.
 
     Beside the print: right as printed while the frames go together. With one turned over the wall
-    crosses its own axis.
+    is pinched; between parallel circles it would cross its own axis.
     """
     start = PrintedCircle((0.0, 0.0, 0.0), 10.0, math.radians(20.0), 0.0)
     stops = [
@@ -674,8 +674,8 @@ def fig_c_02():
 
     Ours: 40 links of 12.7 mm, pulled by 400 mm.
 
-    Beside the print: the photographs cannot be had. The rougher the ground, the less of the chain
-    has come along.
+    Beside the print: the photographs cannot be had. On gravel more of the chain follows the head's
+    way and the other end is dragged farther; on paper it is swept aside.
     """
     chain = np.stack([12.7 * np.arange(41), np.zeros(41)], axis=1)
     heads = np.stack([np.zeros(201), -np.linspace(0.0, 400.0, 201)], axis=1)

@@ -47,8 +47,8 @@ def fig_4_05_06():
 
     Ours: an offset of 4 mm, which the tables imply.
 
-    Beside the print: without discs the muscle drifts inwards between the turns of the spring, so
-    that the section deflects otherwise than an arc; that is what the thesis says of its Fig. 4.5.
+    Beside the print: without discs the muscle comes nearer to the backbone, and the section
+    deflects less than an arc, which is why the thesis has a model of its own for it.
     """
     design = THESIS.design
     free = bend(design, 6.9)
@@ -267,11 +267,11 @@ def fig_4_20_21():
 
 
 def fig_4_22():
-    """Figure 4.22: a wish outside the workspace.
+    """Figure 4.22: targets outside the workspace.
 
     Printed: the rule, (4.15) and (4.16); no numbers.
 
-    Ours: wishes of 30 mm in eight directions, the prototype's amplitudes.
+    Ours: targets 30 mm away in eight directions, the prototype's amplitudes.
 
     Beside the print: the direction is kept and one muscle is at its largest, as both equations
     have it.
@@ -279,9 +279,9 @@ def fig_4_22():
     figure, (axes,) = make_panels(size=(6.0, 4.6))
     space, units = _draw_front(axes)
     turn = np.arange(8) * math.pi / 4.0 + 0.2
-    wish = 30.0 * np.stack([np.cos(turn), np.sin(turn)], axis=1)
-    found = project_inverse(PROTOTYPE.design, wish, amplitudes=space.reach.amplitudes)
-    for one, end in zip(wish, found.delivered, strict=True):
+    targets = 30.0 * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    found = project_inverse(PROTOTYPE.design, targets, amplitudes=space.reach.amplitudes)
+    for one, end in zip(targets, found.delivered, strict=True):
         axes.plot(*np.stack([0.0 * one, one]).T, ":", color="#8a97a5", linewidth=1.0)
         axes.plot(*end, "o", color=INK)
     full = (found.displacements >= space.reach.amplitudes * (1.0 - 1e-12)).any(axis=1)
