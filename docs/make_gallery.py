@@ -67,6 +67,7 @@ def format_page() -> Iterator[str]:
         yield f"## {group}"
         for name in names:
             title, text, code = split_script(DOCS / "gallery" / f"{name}.py")
+            yield f'<a id="{name}"></a>'
             yield f"### {title}"
             yield text
             yield f"![{title}](images/gallery/{name}.png)"

@@ -121,7 +121,10 @@ def _slugs(page: Path) -> set[str]:
     plain = [
         re.sub(r"[`*]|\]\([^)]*\)|\[", "", head) for head in re.findall(r"^#+ (.+)$", text, re.M)
     ]
-    return {re.sub(r"[-\s]+", "-", re.sub(r"[^\w\s-]", "", head).strip().lower()) for head in plain}
+    slugs = {
+        re.sub(r"[-\s]+", "-", re.sub(r"[^\w\s-]", "", head).strip().lower()) for head in plain
+    }
+    return slugs | set(re.findall(r'^<a id="([\w-]+)"></a>$', text, re.M))
 
 
 @pytest.mark.parametrize("page", PAGES, ids=_name)
