@@ -27,7 +27,7 @@ endif
 
 RIG_TOOLS := $(RUN) -c 'from bozzini.rig.firmware import find_missing_tools as f; print(*f().values())'
 
-.PHONY: help demo test test-all rig opencv oldest fuzz bench validate dist docs check format picture figures gallery clean
+.PHONY: help demo test test-all rig opencv oldest fuzz bench validate dist docs check format picture figures gallery thesis clean
 
 help: ## Show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "make %-9s %s\n", $$1, $$2}' Makefile
@@ -99,6 +99,9 @@ picture: $(CORE) ## Make the README's picture anew from the project's own demo
 
 gallery: $(DEV) ## Make the gallery of the documentation anew
 	@$(RUN) docs/make_gallery.py
+
+thesis: $(DEV) ## Draw the figures of the thesis anew
+	@$(RUN) docs/make_thesis.py
 
 figures: $(CORE) ## Make the figures of the guide anew from the examples
 	@mkdir -p docs/images

@@ -30,7 +30,8 @@ GROUPS = {
         "fabricate",
     ],
     "The rig and the camera": ["plant", "board", "tube_shape"],
-    "Studies": ["study"],
+    "Forces": ["forces"],
+    "Studies, and how sure an answer is": ["study", "indices", "contact_risk", "tip_error"],
 }  # fmt: skip
 
 
@@ -66,6 +67,7 @@ def format_page() -> Iterator[str]:
         yield f"## {group}"
         for name in names:
             title, text, code = split_script(DOCS / "gallery" / f"{name}.py")
+            yield f'<a id="{name}"></a>'
             yield f"### {title}"
             yield text
             yield f"![{title}](images/gallery/{name}.png)"

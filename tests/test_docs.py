@@ -121,7 +121,10 @@ def _slugs(page: Path) -> set[str]:
     plain = [
         re.sub(r"[`*]|\]\([^)]*\)|\[", "", head) for head in re.findall(r"^#+ (.+)$", text, re.M)
     ]
-    return {re.sub(r"[-\s]+", "-", re.sub(r"[^\w\s-]", "", head).strip().lower()) for head in plain}
+    slugs = {
+        re.sub(r"[-\s]+", "-", re.sub(r"[^\w\s-]", "", head).strip().lower()) for head in plain
+    }
+    return slugs | set(re.findall(r'^<a id="([\w-]+)"></a>$', text, re.M))
 
 
 @pytest.mark.parametrize("page", PAGES, ids=_name)
@@ -168,6 +171,18 @@ def test_every_package_has_a_page_of_its_names() -> None:
 def test_table_of_commands_is_complete() -> None:
     text = (ROOT / "docs" / "cli.md").read_text(encoding="utf-8")
     assert set(re.findall(r"^\| `bozzini ([a-z]+)", text, re.M)) == set(COMMANDS)
+
+
+def test_the_page_of_benchmarks_is_short_and_of_the_long_one() -> None:
+    def rows(name: str) -> list[list[str]]:
+        table = (ROOT / "docs" / name).read_text("utf-8").partition("table: begin")[2]
+        lines = re.findall(r"^\| (.+) \|$", table.partition("table: end")[0], re.M)
+        return [line.split(" | ") for line in lines]
+
+    every = {row[0]: row[1] for row in rows("benchmarks-all.md")}
+    short = rows("benchmarks.md")[1:]
+    assert 10 <= len(short) <= 15
+    assert all(every[what] == measured for _, what, measured in short)
 
 
 def test_one_version_everywhere() -> None:

@@ -192,8 +192,8 @@ def test_distances_keep_the_shape_of_the_points(phantom):
     assert phantom.signed_distance(phantom.centreline).max() <= -phantom.radii.min() + 1e-9
 
 
-def test_the_guide_shows_every_dimension():
-    guide = Path(__file__).resolve().parents[2] / "docs" / "guide" / "anatomy.md"
+def test_the_page_shows_every_dimension():
+    guide = Path(__file__).resolve().parents[2] / "docs" / "theory" / "anatomy.md"
     rows = [line for line in guide.read_text(encoding="utf-8").splitlines() if line[:3] == "| `"]
     shown = {tuple(cell.strip(" `") for cell in row.split("|")[1:4]) for row in rows}
     for item in DIMENSIONS:
