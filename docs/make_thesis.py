@@ -41,7 +41,7 @@ NOT_DRAWN = {
     "4.4": "a photograph",
     "4.8": "photographs and a profile found in them, whose points are not printed",
     "4.15": "a photograph; its 22.4 mm are compared in "
-    "[Effector](guide/effector.md#beside-the-measurement)",
+    "[Effector](theory/effector.md#beside-the-measurement)",
 }
 """Figures that cannot be had, and why."""
 
