@@ -20,13 +20,14 @@ This page is made from the models' own cards, and so is what `bozzini muscle mod
     bozzini muscle compare data.csv --out ranking.png
 
 The last fits every model that can be fitted and ranks them, see
-[Muscles](../guide/muscle.md#comparing-models). Symbols: `P` pressure, `F` pull, `l` length, `r`
-radius of the braid, `t` thickness of the wall, the index 0 for rest; `theta` angle between
-strands and axis, `b` length of a strand, `N` its turns; `epsilon = (l_0 - l) / l_0`; `q_1 = 3 /
-tan(theta_0)**2`, `q_2 = 1 / sin(theta_0)**2`; `V_b` volume of the wall, `E` its modulus.
-Equations stand as they are implemented, and as printed in the thesis where that differs;
-`as_printed=True` evaluates the print. Where they have two signs of friction, the upper one is of
-the way up, inflating; in a print it may be of either.
+[Muscles](../guide/muscle.md#comparing-models).
+Symbols: `P` pressure, `F` pull, `l` length, `r` radius of
+the braid, `t` thickness of the wall, the index 0 for rest; `theta` angle between strands and axis,
+`b` length of a strand, `N` its turns; `epsilon = (l_0 - l) / l_0`; `q_1 = 3 / tan(theta_0)**2`,
+`q_2 = 1 / sin(theta_0)**2`; `V_b` volume of the wall, `E` its modulus. Equations stand as they are
+implemented, and as printed in the thesis where that differs; `as_printed=True` evaluates the print.
+Where they have two signs of friction, the upper one is of the way up, inflating; in a print it may
+be of either.
 """
 
 _STATUS = {
