@@ -161,6 +161,38 @@ def test_the_reference_has_every_command_and_option() -> None:
                 assert f"- `{item.opts[0]}" in told[name], f"{name} {item.opts}"
 
 
+def test_the_guide_is_short() -> None:
+    pages = (ROOT / "docs" / "guide").glob("*.md")
+    assert sum(len(page.read_text("utf-8").split()) for page in pages) <= 15_000
+
+
+SPELLINGS = {
+    "centreline": r"center ?line|centre-?line\b(?<!centreline)",
+    "workspace": r"work[ -]space",
+    "backbone": r"back[ -]bone",
+    "tendon": r"\bcables? robot|\bwire-driven",
+    "phantom": r"\bfantom",
+    "hysteresis": r"hysterisis",
+}
+"""How the glossary does not spell its terms."""
+
+
+@pytest.mark.parametrize("page", PAGES, ids=_name)
+def test_terms_are_spelled_as_in_the_glossary(page: Path) -> None:
+    if page.name in ("CHANGELOG.md", "coming-from.md"):  # these name others' terms
+        return
+    plain = re.sub(r"`[^`]*`|\]\([^)]*\)|\*[^*\n]+\*", "", page.read_text("utf-8"))
+    for term, other in SPELLINGS.items():
+        found = re.search(other, plain, re.I)
+        assert found is None, f"{_name(page)}: '{found[0] if found else ''}' for {term}"
+
+
+def test_the_glossary_has_the_terms() -> None:
+    text = (ROOT / "docs" / "glossary.md").read_text("utf-8").lower()
+    for term in SPELLINGS:
+        assert f"| {term}" in text, term
+
+
 def test_every_package_has_a_page_of_its_names() -> None:
     packages = {path.parent.name for path in (ROOT / "src" / "bozzini").glob("*/__init__.py")}
     pages = {path.stem for path in (ROOT / "docs" / "api").glob("*.md")}
