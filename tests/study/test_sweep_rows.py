@@ -362,6 +362,10 @@ def test_a_folder_of_another_study_is_refused(tmp_path: Path) -> None:
     run_study(make_function_study(), tmp_path / "out", engine=SERIAL)
     with pytest.raises(OutputError, match="holds another study"):
         run_study(make_function_study(fixed={"power": 1}), tmp_path / "out", engine=SERIAL)
+    part = tmp_path / "out" / "rows" / "part-000000.parquet"
+    (part.parent / "part-000009.parquet").write_bytes(part.read_bytes())
+    with pytest.raises(OutputError, match="part-000009.parquet is none of the 1 parts"):
+        run_study(make_function_study(), tmp_path / "out", engine=SERIAL)
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "letter.txt").write_text("dear")
     with pytest.raises(OutputError, match="holds other files"):

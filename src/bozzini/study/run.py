@@ -336,9 +336,17 @@ def _fill(
     with reserve_directory(target / "running"):
         for left in (target / "rows").glob(".part-*"):
             left.unlink(missing_ok=True)
+        count = -(-study.rows // chunk)
+        own = {part_name(index) for index in range(count)}
+        for path in sorted((target / "rows").iterdir()):
+            if study.spec.search is None and path.name not in own:
+                raise OutputError(
+                    f"{path} is none of the {count} parts of the study: move it elsewhere, as what "
+                    "reads the directory would take it for one"
+                )
         missing = [
             index
-            for index in range(-(-study.rows // chunk))
+            for index in range(count)
             if _read_index(study, target, index, chunk) is None
         ]
         if not missing and (target / "study.json").exists():
