@@ -217,6 +217,9 @@ def test_what_is_refused() -> None:
         )
     with pytest.raises(InputError, match="2 rows of 2"):
         Errors(names=("a", "b"), units=("", ""), covariance=np.eye(3)[:, :2])
+    for matrix, words in ((np.eye(3), "2 rows of 2"), ([[1, 0], [0.5, 1]], "not symmetric")):
+        with pytest.raises(InputError, match=words):
+            Errors(names=("a", "b"), units=("", ""), covariance=np.array(matrix))
     crossed = Errors(names=("a", "b"), units=("", ""), covariance=np.array([[1, 2], [2, 1]]))
     with pytest.raises(InputError, match="negative eigenvalue"):
         spread_tip(lambda rows: rows, crossed)

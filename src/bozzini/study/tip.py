@@ -89,13 +89,13 @@ class Errors:
 
     def __post_init__(self) -> None:
         count = len(self.names)
-        matrix = np.asarray(self.covariance, dtype=np.float64).reshape(-1, count) if count else (
-            np.zeros((0, 0))
-        )  # fmt: skip
+        matrix = np.asarray(self.covariance, dtype=np.float64)
         if matrix.shape != (count, count) or not np.isfinite(matrix).all():
             raise InputError(
                 f"the covariance must be {count} rows of {count} finite numbers, as the names"
             )
+        if not np.allclose(matrix, matrix.T, rtol=1e-6, atol=0.0):
+            raise InputError("the covariance is not symmetric: its rows must be its columns")
         for name, variance in zip(self.names, np.diag(matrix), strict=True):
             check_number(f"the variance of {name}", float(variance), low=0.0)
         object.__setattr__(self, "covariance", 0.5 * (matrix + matrix.T))
