@@ -126,4 +126,5 @@ def test_command_over_files(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
     assert rows[0]["fits"] == 2 and rows[1]["fits"] <= 1 and rows[2]["fits_not"] == 2
     assert {"population.csv", "population.png", "summary.json"} < {p.name for p in out.iterdir()}
     assert main(["uncertainty", str(out)]) == 0
-    assert "0.34 to 1.00" in capsys.readouterr().out
+    text = capsys.readouterr().out
+    assert "0.34 to 1.00" in text and "study status" in text

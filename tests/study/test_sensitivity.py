@@ -234,5 +234,7 @@ def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main([*run[:-2], "--out", str(tmp_path / "plain")]) == 0
     text = capsys.readouterr().out
     assert "largest_amplitude_mm" in text and "indices need the sampling saltelli" in text
+    assert main(["uncertainty", str(out), "--out", str(tmp_path / "plain")]) == 2
+    assert "results of another study" in capsys.readouterr().err
     assert main(["uncertainty", str(tmp_path)]) == 2
     assert main([*run, "--out", str(path)]) == 2

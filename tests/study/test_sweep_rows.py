@@ -187,8 +187,8 @@ def test_a_row_that_fails_is_a_row_with_a_reason(tmp_path: Path) -> None:
     assert np.isnan(rows["value"][2]) and rows["value"][4] == 125.0
 
 
-def give_back(x: float, y: float) -> dict[str, float]:
-    return {"value": sum(y for _ in range(x)), "root": math.nan if y < 0.0 else y}  # type: ignore[call-overload]
+def give_back(x: int, y: float) -> dict[str, float]:
+    return {"value": sum(y for _ in range(x)), "root": math.nan if y < 0.0 else y}
 
 
 def test_whole_numbers_and_what_is_not_finite(tmp_path: Path) -> None:

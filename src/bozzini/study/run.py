@@ -345,9 +345,7 @@ def _fill(
                     "reads the directory would take it for one"
                 )
         missing = [
-            index
-            for index in range(count)
-            if _read_index(study, target, index, chunk) is None
+            index for index in range(count) if _read_index(study, target, index, chunk) is None
         ]
         if not missing and (target / "study.json").exists():
             found = read_status(target)
