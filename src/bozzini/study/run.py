@@ -339,7 +339,8 @@ def _fill(
         count = -(-study.rows // chunk)
         own = {part_name(index) for index in range(count)}
         for path in sorted((target / "rows").iterdir()):
-            if study.spec.search is None and path.name not in own:
+            hidden = path.name[0] in "._"  # readers of Parquet leave these out
+            if study.spec.search is None and path.name not in own and not hidden:
                 raise OutputError(
                     f"{path} is none of the {count} parts of the study: move it elsewhere, as what "
                     "reads the directory would take it for one"
