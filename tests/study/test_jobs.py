@@ -96,6 +96,10 @@ def test_a_job_of_an_installed_package(tmp_path: Path) -> None:
     assert rows["tilt_rad"].to_numpy() == pytest.approx(np.radians([36.0, 90.0, 36.0, 90.0]))
     assert rows["stretch_mm"].to_numpy()[[0, 2]] == pytest.approx([0.5, 1.5])
     assert rows["reason"].tolist() == ["", "too steep"] * 2
+    (tmp_path / "foreign.py").write_text(MODULE.replace("> 1.0", "> 2.0"))
+    with pytest.raises(subprocess.CalledProcessError) as caught:  # the rows would be mixed
+        run("resume", "out")
+    assert caught.value.returncode == 2 and "cannot be resumed" in caught.value.stderr
 
 
 def test_angles_of_tendons_are_factors(tmp_path: Path) -> None:

@@ -41,6 +41,7 @@ def make_rows(study: Study, codes: list[list[int]]) -> pandas.DataFrame:
     code = np.array(codes).T.ravel()
     return pandas.DataFrame({
         "phantom": drawn["phantom"], "diameter_mm": drawn["diameter"], "code": code,
+        "feasible": code == 0,
     })  # fmt: skip
 
 
@@ -63,18 +64,36 @@ def test_every_kind_of_answer_is_counted_apart() -> None:
     assert none["patients"] == 0 and np.isnan(none["share"])
 
 
+def test_a_motion_beyond_a_constraint_decides_nothing() -> None:
+    study = make_study(constraints={"clearance": {"at_least": "0.5 mm"}})
+    rows = make_rows(study, [[0] * 20, [0] * 20])
+    rows.loc[:9, "feasible"] = False
+    for row in count_fits(study, rows).table.to_dict("records"):
+        assert (row["fits"], row["undecided"], row["fits_not"]) == (15, 5, 0)
+
+
+def test_missing_rows_are_told() -> None:
+    study = make_study()
+    rows = make_rows(study, [[0] * 20, [0] * 20])
+    with pytest.raises(InputError, match="10 of 40 rows are missing"):
+        count_fits(study, rows[:30])
+
+
 def test_intervals_hold_the_share_that_is_true() -> None:
     study, held = make_study(), []
     rows = make_rows(study, [[0] * 20, [0] * 20])
     for count in range(21):
         rows.loc[rows["diameter_mm"] == 8, "code"] = [0] * count + [2] * (20 - count)
+        rows["feasible"] = rows["code"] == 0
         row = count_fits(study, rows).table.iloc[0]
         held.append(row["share_low"] <= 0.3 <= row["share_high"])
     assert binom.pmf(range(21), 20, 0.3) @ held == pytest.approx(0.95, abs=0.03)
 
 
 def test_what_is_no_population() -> None:
-    study = make_study(factors={"diameter": {"values": [8, 12]}}, fixed={"phantom": 1})
+    study = make_study(
+        factors={"diameter": {"values": [8, 12]}}, fixed={"phantom": 1, "link_length": 10}
+    )
     with pytest.raises(InputError, match="no population"):
         count_fits(study, pandas.DataFrame())
     random = make_study(sampling={"method": "random", "count": 5})
@@ -107,4 +126,5 @@ def test_command_over_files(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
     assert rows[0]["fits"] == 2 and rows[1]["fits"] <= 1 and rows[2]["fits_not"] == 2
     assert {"population.csv", "population.png", "summary.json"} < {p.name for p in out.iterdir()}
     assert main(["uncertainty", str(out)]) == 0
-    assert "0.34 to 1.00" in capsys.readouterr().out
+    text = capsys.readouterr().out
+    assert "0.34 to 1.00" in text and "study status" in text

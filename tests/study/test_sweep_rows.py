@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import yaml
+from scipy.stats import truncnorm
 
 from bozzini.effector import Effector, effector_preset, sweep
 from bozzini.errors import BozziniError, InputError, OutputError
@@ -89,6 +91,16 @@ def test_factors_are_distributed_as_stated() -> None:
     modulus = drawn["muscle.modulus"]
     assert modulus.min() >= 0.5 and np.median(modulus) == pytest.approx(0.5609, abs=1e-3)
     assert set(np.degrees(drawn["muscle.braid_angle"].astype(float)).round(9)) == {34, 36, 56}
+
+
+@pytest.mark.parametrize("ends", [(-1, 2), (6, 9), (9, 10), (-10, -9)])
+def test_a_clipped_normal_is_what_is_left_of_it(ends: tuple[float, float]) -> None:
+    factors = {"x": {"normal": [3, 2], "clip": [3 + 2 * end for end in ends], "levels": 2001}}
+    study = make_function_study(factors=factors)
+    drawn = study.draw(0, study.rows)["x"].astype(float)
+    law = truncnorm(*ends, loc=3, scale=2)
+    for share in (0.1, 0.5, 0.9):
+        assert np.quantile(drawn, share) == pytest.approx(law.ppf(share), rel=1e-3)
 
 
 def test_grid_has_every_combination_last_factor_fastest() -> None:
@@ -173,6 +185,23 @@ def test_a_row_that_fails_is_a_row_with_a_reason(tmp_path: Path) -> None:
     assert rows["reason"][3] == "x is 4: it must be another number"
     assert rows["feasible"].tolist() == [True, True, False, False, False, False]
     assert np.isnan(rows["value"][2]) and rows["value"][4] == 125.0
+
+
+def give_back(x: int, y: float) -> dict[str, float]:
+    return {"value": sum(y for _ in range(x)), "root": math.nan if y < 0.0 else y}
+
+
+def test_whole_numbers_and_what_is_not_finite(tmp_path: Path) -> None:
+    study = make_function_study(
+        job="tests.study.test_sweep_rows:give_back",
+        fixed={},
+        factors={"x": {"integers": [1, 2]}, "y": {"values": [-1, 1]}},
+        outputs=["value", "root"],
+    )
+    rows = run_study(study, tmp_path / "out", engine=SERIAL).read()
+    assert rows["value"].tolist() == [-1, 1, -2, 2]
+    assert rows["feasible"].tolist() == [False, True] * 2
+    assert rows["reason"].tolist() == ["an output is not finite", ""] * 2
 
 
 def test_muscle_tolerance_is_the_model(tmp_path: Path) -> None:
@@ -301,9 +330,22 @@ WRONG: list[tuple[dict[str, Any], str]] = [
     ({"sampling": {"method": "grid", "count": 5}}, "a grid has none"),
     ({"sampling": {"method": "sobol"}}, "has no count"),
     ({"sampling": None}, "either sampling or search"),
+    (
+        {"job": "robot-sections", "fixed": {}, "factors": {"tension.T1": {"values": [1]}}},
+        "no robot",
+    ),
+    (
+        {
+            "job": "insertion-feasibility",
+            "factors": {"phantom": {"integers": [1, 2]}},
+            "fixed": {"diameter": 5, "link_length": 5, "tract": "a.stl"},
+        },
+        "has tract and phantom: fix or vary tract or phantom",
+    ),
     ({"outputs": ["volume"]}, "outputs has 'volume'"),
     ({"constraints": {"volume": {"at_most": 1}}}, "there is no output 'volume'"),
     ({"constraints": {"area": {"at_most": "1 mm"}}}, "wrong kind of unit"),
+    ({"constraints": {"area": {"at_least": 2, "at_most": 1}}}, "no value is both"),
 ]
 
 
@@ -320,6 +362,10 @@ def test_a_folder_of_another_study_is_refused(tmp_path: Path) -> None:
     run_study(make_function_study(), tmp_path / "out", engine=SERIAL)
     with pytest.raises(OutputError, match="holds another study"):
         run_study(make_function_study(fixed={"power": 1}), tmp_path / "out", engine=SERIAL)
+    part = tmp_path / "out" / "rows" / "part-000000.parquet"
+    (part.parent / "part-000009.parquet").write_bytes(part.read_bytes())
+    with pytest.raises(OutputError, match="part-000009.parquet is none of the 1 parts"):
+        run_study(make_function_study(), tmp_path / "out", engine=SERIAL)
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "letter.txt").write_text("dear")
     with pytest.raises(OutputError, match="holds other files"):

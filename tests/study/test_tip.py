@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -139,6 +141,33 @@ def test_a_fit_of_muscles() -> None:
     assert by_muscle.sum(axis=1) == pytest.approx(shared.jacobian[:, 0], rel=1e-3)
 
 
+def test_muscles_are_specimens_about_a_mean_that_is_not_known_exactly() -> None:
+    values = (0.50, 0.52, 0.57)
+    among = float(np.var(values, ddof=1))
+    mean = np.array([[1e-4, 9e-6], [9e-6, 1e-6]])  # of the fit, strongly correlated
+    file = make_fit(("modulus",))
+    covariance = mean + np.diag([among * (1.0 + 1.0 / 3.0), 0.0])
+    fit = replace(
+        file.fit,  # type: ignore[type-var]
+        covariance=tuple(map(tuple, covariance.tolist())),
+        specimens={f"s{k}": {"modulus": value} for k, value in enumerate(values)},
+    )
+    found = effector_tip_error(EFFECTOR, POSES[0], fit=replace(file, fit=fit)).errors
+    draws = np.random.default_rng(1)
+    common = draws.multivariate_normal([0.0, 0.0], mean, 400_000)
+    common[:, 0] += math.sqrt(among / 3.0) * draws.standard_normal(len(common))
+    drawn = {
+        name: common[:, 0] + math.sqrt(among) * draws.standard_normal(len(common))
+        if "modulus" in name
+        else common[:, 1]
+        for name in found.names
+    }
+    expected = np.cov(np.array([drawn[name] for name in found.names]))
+    size = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
+    assert found.covariance / size == pytest.approx(expected / size, abs=0.01)
+    assert np.linalg.eigvalsh(found.covariance).min() > 0.0
+
+
 def make_robot() -> ContinuumRobot:
     return ContinuumRobot.from_yaml(EXAMPLES / "two_sections.yaml")
 
@@ -217,6 +246,9 @@ def test_what_is_refused() -> None:
         )
     with pytest.raises(InputError, match="2 rows of 2"):
         Errors(names=("a", "b"), units=("", ""), covariance=np.eye(3)[:, :2])
+    for matrix, words in ((np.eye(3), "2 rows of 2"), ([[1, 0], [0.5, 1]], "not symmetric")):
+        with pytest.raises(InputError, match=words):
+            Errors(names=("a", "b"), units=("", ""), covariance=np.array(matrix))
     crossed = Errors(names=("a", "b"), units=("", ""), covariance=np.array([[1, 2], [2, 1]]))
     with pytest.raises(InputError, match="negative eigenvalue"):
         spread_tip(lambda rows: rows, crossed)

@@ -173,6 +173,8 @@ def _check_out(out: Path | None, source: Path) -> None:
         raise OutputError(f"{out} is a file: choose a directory")
     if any(out.iterdir()) and not (out / "study.json").exists():
         raise OutputError(f"{out} holds other files and no study: choose another directory")
+    if source.is_dir() and (out / "study.json").exists():
+        raise OutputError(f"{out} holds the results of another study: choose another directory")
 
 
 def _write(found: Population | StudySpread, study: Study, answer: Answer) -> None:
@@ -249,7 +251,8 @@ def _format_population(found: Population) -> str:
         ]
         for row in found.table.to_dict("records")
     ]  # fmt: skip
+    why = "; errors: why, tells 'bozzini study status'" if found.table["errors"].any() else ""
     return (
         f"{format_rows(head, rows)}\nfits: proved; fits not: proved that no way through is so "
-        f"wide; intervals of {100.0 * found.level:g} % (Wilson)"
+        f"wide; intervals of {100.0 * found.level:g} % (Wilson){why}"
     )

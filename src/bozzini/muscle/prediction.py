@@ -229,7 +229,7 @@ def predict(
             covariance = _find_covariance(fit, part.specimen)
             variance[part.rows[good]] = np.einsum("ij,jk,ik->i", slopes, covariance, slopes)
             if part.specimen not in fit.specimens:
-                between[part.rows[good]] = slopes**2 @ _find_spread(fit)
+                between[part.rows[good]] = slopes**2 @ find_spread(fit).sum(axis=0)
     fitted_count = len(fit.names) + len(fit.each) * max(len(fit.specimens) - 1, 0)
     freedom = max(fit.rows - fitted_count, 1)
     within = np.maximum(variance - between, 0.0)
@@ -278,20 +278,25 @@ def _find_covariance(fit: FitSummary, specimen: str) -> Floats:
     covariance = np.array(fit.covariance).reshape(len(fit.names), len(fit.names))
     if specimen not in fit.specimens:
         return covariance
-    for index, (name, spread) in enumerate(zip(fit.names, _find_spread(fit), strict=True)):
+    spreads = find_spread(fit).sum(axis=0)
+    for index, (name, spread) in enumerate(zip(fit.names, spreads, strict=True)):
         if spread > 0.0:
             count = sum(name in known for known in fit.specimens.values())
             covariance[index, index] = count * max(covariance[index, index] - spread, 0.0)
     return covariance
 
 
-def _find_spread(fit: FitSummary) -> Floats:
-    """Return the variance of one more specimen among those of the fit, of each fitted number."""
-    spread = np.zeros(len(fit.names))
+def find_spread(fit: FitSummary) -> Floats:
+    """Return variances of each of the k fitted numbers (2, k): among the specimens, of their mean.
+
+    Their sum is that of one more specimen.
+    """
+    spread = np.zeros((2, len(fit.names)))
     for index, name in enumerate(fit.names):
         own = [known[name] for known in fit.specimens.values() if name in known]
         if name in fit.each and len(own) > 1:
-            spread[index] = float(np.var(own, ddof=1)) * (1.0 + 1.0 / len(own))
+            among = float(np.var(own, ddof=1))
+            spread[:, index] = among, among / len(own)
     return spread
 
 

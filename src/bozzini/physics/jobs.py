@@ -9,7 +9,7 @@ from typing import TypeVar
 from ..checks import Quantity, list_quantities
 from ..errors import InputError
 from ..study.factors import Value
-from ..study.jobs import RowJob, list_tract_inputs, plan_row
+from ..study.jobs import TRACT_NEEDED, RowJob, list_tract_inputs, plan_row
 from .options import ExecuteOptions, ScopeOptions, WallOptions
 
 T = TypeVar("T", ExecuteOptions, ScopeOptions, WallOptions)
@@ -20,6 +20,7 @@ class ExecutionJob(RowJob):
 
     name = "execution"
     chunk = 2
+    needed = TRACT_NEEDED
 
     @classmethod
     def list_inputs(cls, names: tuple[str, ...]) -> Mapping[str, Quantity]:

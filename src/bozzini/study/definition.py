@@ -107,6 +107,13 @@ class Study:
                 near = difflib.get_close_matches(name, known, n=1)
                 hint = f"did you mean '{near[0]}'" if near else f"it has {', '.join(known)}"
                 raise InputError(f"the job {self.spec.job} has no input '{name}': {hint}")
+        for group in choose_job(self.spec.job).needed:
+            given = [name for name in group if name in names]
+            if len(given) != 1:
+                has = " and ".join(given) or f"no {group[0]}"
+                raise InputError(
+                    f"the job {self.spec.job} has {has}: fix or vary {' or '.join(group)}"
+                )
         return {name: known[name] for name in names}
 
     @cached_property
@@ -156,15 +163,20 @@ class Study:
     @cached_property
     def limits(self) -> dict[str, tuple[float, float]]:
         """Least and largest values of outputs."""
-        found = {}
+        found: dict[str, tuple[float, float]] = {}
         for name, limit in self.spec.constraints.items():
             unit = self.job.outputs[name]
             ends = (limit.at_least, limit.at_most)
-            found[name] = tuple(
+            low, high = (
                 open_end if end is None else _take_end(name, end, unit)
                 for end, open_end in zip(ends, (-math.inf, math.inf), strict=True)
             )
-        return found  # type: ignore[return-value]
+            if low > high:
+                raise InputError(
+                    f"constraints.{name} is at least {low:g} and at most {high:g}: no value is both"
+                )
+            found[name] = (low, high)
+        return found
 
     @cached_property
     def rows(self) -> int:
@@ -192,8 +204,9 @@ class Study:
         ]
         names = {name for name, known in self.inputs.items() if known.kind == "file"}
         given = {**self.files, **{name: str(self.fixed[name]) for name in names & {*self.fixed}}}
-        if ":" in spec.job:
-            source = inspect.getsourcefile(find_function(spec.job))
+        made = find_function(spec.job) if ":" in spec.job else type(self.job)
+        if made.__module__.partition(".")[0] != "bozzini":
+            source = inspect.getsourcefile(made)
             given |= {"function": source} if source else {}
         parts = (
             *(__version__, spec.job, axes, sorted(self.outputs)),

@@ -279,8 +279,13 @@ class Axis:
             return first + shares * (second - first)
         from scipy.special import ndtr, ndtri
 
-        low, high = (float(ndtr((end - first) / second)) for end in self.clip)
-        values = first + second * ndtri(np.maximum(low + shares * (high - low), 1e-300))
+        ends = np.array([(end - first) / second for end in self.clip])
+        if ends[0] > 0.0:  # mirrored: near to 1 a probability has no digits left
+            low, high = (float(probability) for probability in ndtr(-ends))
+            values = first - second * ndtri(np.maximum(low + shares * (high - low), 1e-300))
+        else:
+            low, high = (float(probability) for probability in ndtr(ends))
+            values = first + second * ndtri(np.maximum(low + shares * (high - low), 1e-300))
         return np.asarray(np.clip(values, self.clip[0], self.clip[1]))
 
     def pick(self, indices: NDArray[np.int64]) -> NDArray[np.generic]:
@@ -288,7 +293,7 @@ class Axis:
         if self.kind in ("values", "files"):
             return np.asarray(self.values, dtype=object if self.is_words else float)[indices]
         if self.kind == "integers":
-            return float(self.values[0]) + indices.astype(np.float64)
+            return int(float(self.values[0])) + indices
         if self.kind == "range":
             return self.place(indices / (self.levels - 1.0))
         return self.place((indices + 0.5) / self.levels)

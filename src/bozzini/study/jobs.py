@@ -76,11 +76,14 @@ class Job(ABC):
         What its codes mean.
     chunk : int
         Rows of a part, so that it takes about a second.
+    needed : tuple of tuple of str
+        Inputs that a study must have: of each of these exactly one.
     """
 
     name: ClassVar[str]
     reasons: ClassVar[Mapping[int, str]] = {}
     chunk: ClassVar[int] = 100
+    needed: ClassVar[tuple[tuple[str, ...], ...]] = ()
 
     def __init__(self, fixed: Mapping[str, Value]) -> None:
         self.fixed = dict(fixed)
@@ -247,6 +250,10 @@ class MuscleJob(RowJob):
         }
 
 
+TRACT_NEEDED = (("diameter",), ("link_length",), ("tract", "phantom"))
+"""Of `list_tract_inputs`, those that a study must have."""
+
+
 def list_tract_inputs() -> dict[str, Quantity]:
     """Return the inputs of a job that plans a scope's motion through a tract."""
     scope = list_quantities(Scope)
@@ -264,16 +271,7 @@ def list_tract_inputs() -> dict[str, Quantity]:
 
 
 def open_row(row: Mapping[str, Value]) -> tuple[FreeSpace, Scope, PlannerOptions]:
-    """Return the tract of a row of `list_tract_inputs`, its scope and the planner's options.
-
-    Raises
-    ------
-    InputError
-        If the scope or the tract is not given.
-    """
-    for name in ("diameter", "link_length"):
-        if name not in row:
-            raise InputError(f"a scope needs {name}: fix it or vary it")
+    """Return the tract of a row of `list_tract_inputs`, its scope and the planner's options."""
     space = open_tract(
         str(row.get("tract", "")),
         float(row.get("phantom", -1.0)),
@@ -320,6 +318,7 @@ class InsertionJob(RowJob):
         NOT_FOUND: "no certified motion of the whole way was found",
     }
     chunk = 7
+    needed = TRACT_NEEDED
 
     @classmethod
     def list_inputs(cls, names: tuple[str, ...]) -> Mapping[str, Quantity]:
@@ -365,8 +364,6 @@ def open_tract(
     from .ends import orient_centreline, resolve_places
     from .options import ReadOptions
 
-    if bool(source) == (phantom >= 0.0):
-        raise InputError("give either a tract, a file, or the seed of a phantom")
     start = end = None
     if source:
         parts = tuple(part.strip() for part in labels.split(",") if part.strip())
@@ -387,6 +384,7 @@ class RoutingJob(RowJob):
 
     name = "routing"
     chunk = 4
+    needed = TRACT_NEEDED
 
     @classmethod
     def list_inputs(cls, names: tuple[str, ...]) -> Mapping[str, Quantity]:
@@ -457,6 +455,7 @@ class RobotJob(RowJob):
 
     name = "robot-sections"
     chunk = 500
+    needed = (("robot",),)
     kinds: ClassVar[Mapping[str, str]] = {
         "displacement": "length",
         "tension": "force",
@@ -490,8 +489,6 @@ class RobotJob(RowJob):
         """Return where the tip of a robot is."""
         from ..continuum import ContinuumRobot
 
-        if "robot" not in row:
-            raise InputError("the job needs a robot: fix the path of its file, or vary it")
         plain = _read_robot(str(row["robot"])).to_dict()
         pulls: dict[str, dict[str, float]] = {kind: {} for kind in self.kinds}
         for name, value in row.items():
@@ -559,6 +556,7 @@ class FunctionJob(RowJob):
     """
 
     name = "function"
+    reasons: ClassVar[Mapping[int, str]] = {**RowJob.reasons, 2: "an output is not finite"}
     chunk = 100
 
     def __init__(
@@ -576,6 +574,13 @@ class FunctionJob(RowJob):
     def outputs(self) -> Mapping[str, str]:
         """Those that the study names."""
         return dict.fromkeys(self.names, "")
+
+    def run(self, columns: Columns) -> Rows:
+        """Return what comes of n rows; those that are not finite have no answer."""
+        rows = super().run(columns)
+        finite = np.isfinite(list(rows.outputs.values())).all(axis=0)
+        rows.code[(rows.code == 0) & ~finite] = 2
+        return rows
 
     def measure(self, row: Mapping[str, Value]) -> Mapping[str, float]:
         """Return what the function gives of a row."""

@@ -30,8 +30,9 @@ class Population(ClosedForm):
     Attributes
     ----------
     table : pandas.DataFrame
-        A row for each scope: its factors; ``patients`` with an answer; of these ``fits`` (proved),
-        ``fits_not`` (proved: no way through is so wide) and ``undecided``; ``errors``, which are
+        A row for each scope: its factors; ``patients`` with an answer; of these ``fits`` (proved,
+        and within the study's constraints), ``fits_not`` (proved: no way through is so wide) and
+        ``undecided``; ``errors``, which are
         not among the patients; ``share`` that it fits with ``share_low`` and ``share_high``, and
         ``share_not`` with ``share_not_low`` and ``share_not_high``. The share that it fits in truth
         is at least ``share`` and at most 1 - ``share_not`` of these patients.
@@ -101,16 +102,19 @@ def count_fits(study: Study, rows: pandas.DataFrame, *, level: float = 0.95) -> 
     sampling = study.spec.sampling
     if sampling is None or sampling.method != "grid":
         raise InputError("a population needs the sampling grid: every scope in every patient")
+    if len(rows) != study.rows:
+        raise InputError(f"{study.rows - len(rows)} of {study.rows} rows are missing: resume it")
     scopes = [axis for axis in study.axes if axis.name not in PATIENTS]
     names = [study.columns[axis.name] for axis in scopes]
     groups = rows.groupby(names, sort=True, dropna=False) if names else [((), rows)]
     table = []
     for key, group in groups:
-        code = group["code"].to_numpy()
+        code, feasible = group["code"].to_numpy(), group["feasible"].to_numpy()
+        beyond = (code == 0) & ~feasible  # another motion may keep the constraints
         counts = {
-            "fits": int((code == 0).sum()),
+            "fits": int(feasible.sum()),
             "fits_not": int((code == InsertionJob.TOO_WIDE).sum()),
-            "undecided": int((code == InsertionJob.NOT_FOUND).sum()),
+            "undecided": int((beyond | (code == InsertionJob.NOT_FOUND)).sum()),
         }
         patients = sum(counts.values())
         row: Json = {

@@ -336,10 +336,17 @@ def _fill(
     with reserve_directory(target / "running"):
         for left in (target / "rows").glob(".part-*"):
             left.unlink(missing_ok=True)
+        count = -(-study.rows // chunk)
+        own = {part_name(index) for index in range(count)}
+        for path in sorted((target / "rows").iterdir()):
+            hidden = path.name[0] in "._"  # readers of Parquet leave these out
+            if study.spec.search is None and path.name not in own and not hidden:
+                raise OutputError(
+                    f"{path} is none of the {count} parts of the study: move it elsewhere, as what "
+                    "reads the directory would take it for one"
+                )
         missing = [
-            index
-            for index in range(-(-study.rows // chunk))
-            if _read_index(study, target, index, chunk) is None
+            index for index in range(count) if _read_index(study, target, index, chunk) is None
         ]
         if not missing and (target / "study.json").exists():
             found = read_status(target)

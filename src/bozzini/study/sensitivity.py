@@ -42,6 +42,9 @@ QUANTILES = (0.025, 0.25, 0.5, 0.75, 0.975)
 RESAMPLES = 200
 """Resamples of the draws, for the intervals."""
 
+ROUNDING = 1e-12
+"""Range of an output, as a share of its largest value, up to which it does not vary."""
+
 PEEL = 0.02
 """Share of a box's side that is cut off at a time."""
 ROUNDS = 8
@@ -205,6 +208,7 @@ def find_indices(values: Floats, names: tuple[str, ...], *, level: float, seed: 
     dim = len(names)
     rows = values.reshape(-1, dim + 2) - values.mean()
     a, b, mixed = rows[:, :1], rows[:, 1:2], rows[:, 2:]
+    varies = np.ptp(values) > ROUNDING * np.abs(values).max()
     # Means over the draws of these are all that the estimates need, of resamples too.
     parts = np.hstack(
         [0.5 * (a + b), 0.5 * (a**2 + b**2), b * (mixed - a), mixed - a, 0.5 * (mixed - a) ** 2]
@@ -215,7 +219,7 @@ def find_indices(values: Floats, names: tuple[str, ...], *, level: float, seed: 
         product, change, half = np.split(means[:, 2:], 3, axis=1)
         with np.errstate(divide="ignore", invalid="ignore"):
             found = np.stack([product - mean * change, half]) / (square - mean**2)
-        return np.where(np.isfinite(found), found, math.nan)
+        return np.where(np.isfinite(found) & varies, found, math.nan)
 
     draws = len(rows)
     random = np.random.default_rng(seed)

@@ -26,7 +26,7 @@ from ..errors import BozziniError, FileFormatError, InputError
 from ..muscle import Muscle, MuscleModel
 from ..muscle.ends import EndEffects
 from ..muscle.files import MuscleFile
-from ..muscle.prediction import read_values
+from ..muscle.prediction import find_spread, read_values
 from ..muscle.problem import change_model, move_model
 from ..results import Json, Result, to_plain
 
@@ -89,13 +89,13 @@ class Errors:
 
     def __post_init__(self) -> None:
         count = len(self.names)
-        matrix = np.asarray(self.covariance, dtype=np.float64).reshape(-1, count) if count else (
-            np.zeros((0, 0))
-        )  # fmt: skip
+        matrix = np.asarray(self.covariance, dtype=np.float64)
         if matrix.shape != (count, count) or not np.isfinite(matrix).all():
             raise InputError(
                 f"the covariance must be {count} rows of {count} finite numbers, as the names"
             )
+        if not np.allclose(matrix, matrix.T, rtol=1e-6, atol=0.0):
+            raise InputError("the covariance is not symmetric: its rows must be its columns")
         for name, variance in zip(self.names, np.diag(matrix), strict=True):
             check_number(f"the variance of {name}", float(variance), low=0.0)
         object.__setattr__(self, "covariance", 0.5 * (matrix + matrix.T))
@@ -372,7 +372,8 @@ def effector_tip_error(
         muscles, such as ``muscle.modulus``.
     fit : MuscleFile, optional
         A fit of the muscles, whose model they then have, and its covariance. What all specimens
-        share has one error for all muscles; what each has of its own, one for each.
+        share has one error for all muscles; what each has of its own, one for each, of which the
+        error of the specimens' mean is common to all.
     options : DrawOptions, optional
 
     Raises
@@ -456,14 +457,16 @@ class _Muscles:
         units = _list_units(fit)
         places = [place for place, _ in labels]
         owners = [name for _, name in labels]
-        same = np.array([[a == b or not a or not b for b in owners] for a in owners])
+        # Specimens differ by errors of their own about a mean, and its error is that of all.
+        other = np.array([[a != b and bool(a) and bool(b) for b in owners] for a in owners])
+        apart = other * np.diag(find_spread(known)[0])[np.ix_(places, places)]
         self.errors = Errors(
             names=tuple(
                 f"{known.names[place]}[{name}]" if name else known.names[place]
                 for place, name in labels
             ),
             units=tuple(units.get(known.names[place], "") for place in places),
-            covariance=np.where(same, matrix[np.ix_(places, places)], 0.0),
+            covariance=matrix[np.ix_(places, places)] - apart,
         )
 
     def __call__(self, changes: Mapping[str, float], errors: Floats) -> Effector:
