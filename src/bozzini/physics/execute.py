@@ -56,7 +56,7 @@ class Execution(Result):
     Attributes
     ----------
     drive : str
-        ``"plan"``, ``"tendons"`` or ``"push"``.
+        ``"plan"``, ``"tractrix"``, ``"tendons"`` or ``"push"``.
     time : (s,) ndarray
         [s].
     inserted : (s,) ndarray
@@ -259,7 +259,7 @@ def execute(
     Raises
     ------
     InputError
-        If the motion is too fast for the walls' thickness, or the simulation is not stable.
+        If the simulation is not stable.
     """
     dynamics = Dynamics() if dynamics is None else dynamics
     simulation = Simulation(drive.chain, wall, dynamics)
