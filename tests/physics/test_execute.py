@@ -11,8 +11,8 @@ import pytest
 from bozzini.continuum import ContinuumRobot, EnergyModel, Helix, Section, Tendon
 from bozzini.errors import InputError
 from bozzini.motion import Plan, Scope
-from bozzini.numeric.polylines import carry_frames
-from bozzini.physics.execute import execute
+from bozzini.numeric.polylines import carry_frames, measure_arc_length
+from bozzini.physics.execute import execute, follow_way
 from bozzini.physics.options import ExecuteOptions, ScopeOptions, WallOptions
 from bozzini.physics.robots import (
     PlanDrive,
@@ -26,6 +26,7 @@ from bozzini.physics.robots import (
 from bozzini.physics.simulate import Chain, Dynamics, Simulation
 from bozzini.physics.study import Scenery, study_execution
 from bozzini.physics.walls import NEWTON, Floats
+from tests.shapes import bend_curve
 
 FAST = ExecuteOptions(speed=60.0)
 
@@ -247,6 +248,23 @@ def test_work_on_a_free_mass_is_its_energy() -> None:
     # The integration loses half the square of each change of velocity: less with a shorter step.
     assert works[1] == pytest.approx(1.0, abs=0.02)
     assert abs(works[1] - 1.0) < abs(works[0] - 1.0)
+
+
+def test_how_far_a_tip_is_does_not_depend_on_how_finely_its_way_is_given() -> None:
+    way = bend_curve(20.0, math.pi, 20.0)
+    places = []
+    for part in (1, 2, 4):
+        line = np.vstack([way[:-1:part], way[-1]])
+        arc = measure_arc_length(line)
+        before, found = 0.0, []
+        for tip in way[:-1] + 0.3 * np.diff(way, axis=0) + [0.0, 1.0, 0.0]:
+            before = follow_way(line, arc, tip, before=before)
+            found.append(before)
+        places.append(found)
+    assert (np.diff(places[0]) > 0.0).all()
+    # A chord is shorter than its arc, and a place beside it is seen under another angle.
+    assert places[1] == pytest.approx(places[0], abs=0.25)
+    assert places[2] == pytest.approx(places[0], abs=0.5)
 
 
 def test_results_have_the_usual_forms(touching: Scenery, tmp_path) -> None:

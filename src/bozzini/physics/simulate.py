@@ -395,9 +395,7 @@ class Simulation:
         """Return the forces of the drives (u,), with what damping took from them in the step."""
         data = self.data
         change = self._drive_rates() - data.actuator_velocity
-        return np.where(
-            data.actuator_force == 0.0, 0.0, data.actuator_force - self._yield * change
-        )
+        return np.where(data.actuator_force == 0.0, 0.0, data.actuator_force - self._yield * change)
 
     def place(self, positions: Floats) -> None:
         """Put the slide and the hinges (v,) somewhere, at rest, and begin anew."""
