@@ -54,7 +54,8 @@ def test_a_tract_is_planned_first(capsys: CAPTURE, tracts: Tracts, tmp_path: Pat
         "--faces", "800", "--out", tmp_path / "out",
     )  # fmt: skip
     assert outcome.code == 0, outcome.err
-    assert "comes through" in outcome.out and "With half the step" in outcome.out
+    changes = outcome.out[outcome.out.index("changes with") :]
+    assert all(name in changes for name in ("half_step", "friction_0 ", "friction_0.3"))
 
 
 def test_a_scope_that_does_not_fit_is_refused_by_the_planner(
@@ -79,6 +80,17 @@ def test_a_scope_that_does_not_fit_is_refused_by_the_planner(
         (("execute", "--repeats", "3"), "--repeats is 3: without --seeds it must be 1"),
         (("execute", "PLAN", "--seeds", "3"), "--seeds takes no file"),
         (("execute", "--stiffness", "0N/mm"), "stiffness is 0 N/mm: it must lie in [0.0001"),
+        (("execute", "--robot", "PLAN"), "--robot has no effect on a phantom"),
+        (("execute", "--seeds", "2", "--unit", "m"), "--unit has no effect on a phantom"),
+        (("execute", "--drive", "tendons"), "--drive is tendons: give a tract with --robot"),
+        (
+            ("export", "ros2", "PLAN", "--faces", "300", "--out", "a.yaml"),
+            "--faces has no effect for ros2",
+        ),
+        (
+            ("export", "urdf", "PLAN", "--speed", "3mm/s", "--out", "a.urdf"),
+            "--speed has no effect for urdf",
+        ),
         (("export", "urdf", "PLAN", "--out", "a.xml"), "for urdf it must end in .urdf"),
         (("export", "urdf", "PLAN", "SURFACE", "--out", "a.urdf"), "urdf takes no wall"),
         (("export", "mujoco", "PLAN", "--out", "a.xml"), "mujoco also needs the file"),
@@ -98,6 +110,15 @@ def test_wrong_use_is_one_line(
     assert message in outcome.err
     assert outcome.err.count("\n") == 1
     assert not list(tmp_path.iterdir())
+
+
+def test_phantoms_that_are_all_refused_leave_no_numbers(capsys: CAPTURE, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    outcome = run(capsys, "execute", "--seeds", "1", "--diameter", "30mm", "--json", "--out", out)
+    assert outcome.code == 1
+    assert outcome.result["reason"] == "the planner refused all phantoms"
+    assert set(outcome.result["refused"]) == {"0"}
+    assert outcome.result["normal_peak_N"] is None and outcome.result["share"] is None
 
 
 def test_without_the_extra_the_message_names_it(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import warnings
 
@@ -17,6 +18,8 @@ from bozzini.physics.environment import NAME, POLICIES, Insertion, Lumen, rate_p
 from bozzini.physics.options import WallOptions
 from bozzini.physics.study import Scenery
 from tests.shapes import bend_curve, tube_lumen
+
+SPAWNED = {"context": "spawn"}
 
 
 @pytest.fixture(scope="module")
@@ -39,9 +42,14 @@ def test_gymnasium_takes_it(lumen: Lumen, robot: str, observe: str) -> None:
         check_env(env.unwrapped, skip_render_check=True)
 
 
-@pytest.mark.parametrize("mode", ["sync", "async"])
-def test_two_at_once(lumen: Lumen, mode: str) -> None:
-    envs = gymnasium.make_vec(NAME, num_envs=2, vectorization_mode=mode, lumen=lumen)
+@pytest.mark.parametrize(
+    ("mode", "vector"),
+    [("sync", {}), ("async", {}), pytest.param("async", SPAWNED, marks=pytest.mark.slow)],
+)
+def test_two_at_once(lumen: Lumen, mode: str, vector: dict[str, str]) -> None:
+    envs = gymnasium.make_vec(
+        NAME, num_envs=2, vectorization_mode=mode, vector_kwargs=vector, lumen=lumen
+    )
     observed, _ = envs.reset(seed=3)
     assert observed.shape == (2, environment.OBSERVED)
     assert not np.array_equal(observed[0], observed[1])
@@ -149,6 +157,71 @@ def test_a_seed_gives_the_same_episode(lumen: Lumen) -> None:
             observed, *_ = env.step(POLICIES["random"](env))
         ends.append(observed)
     assert np.array_equal(*ends)
+
+
+def test_each_reset_draws_one_of_the_phantoms_by_the_seed(lumen: Lumen, monkeypatch) -> None:
+    drawn = []
+    monkeypatch.setattr(environment, "find_phantom", lambda seed: drawn.append(seed) or lumen)
+    for _ in range(2):
+        env = Insertion(range(3, 9))
+        for k in range(12):
+            env.reset(seed=None if k else 5)
+    assert drawn[:12] == drawn[12:]
+    assert 1 < len(set(drawn)) and set(drawn) <= set(range(3, 9))
+    Insertion(7).reset()
+    Insertion().reset()
+    assert drawn[24:] == [7, 0]
+
+
+def test_a_leader_shows_how_its_tip_is_bent(lumen: Lumen) -> None:
+    env = Insertion(lumen=lumen)
+    env.reset(seed=0)
+    for _ in range(10):
+        env.step(np.array([0.0, 0.0, 1.0]))
+    for _ in range(5):
+        observed, *_ = env.step(np.array([0.6, -0.3, 1.0]))
+    last = env.simulation.data.qpos[-2:]
+    assert np.abs(last).min() > 0.01
+    assert observed[7:9] == pytest.approx(last, abs=0.05)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"phantom": -1}, "phantom is -1: it must lie in"),
+        ({"phantom": "a"}, "phantom is 'a': it must be a seed"),
+        ({"phantom": ()}, "it must be a seed, or one seed or more"),
+        ({"phantom": 1.5}, "phantom is 1.5: it must be a whole number"),
+        ({"lumen": "plan.npz"}, "lumen is 'plan.npz': it must be a Lumen, or"),
+        ({"wall": 3.0}, "wall is 3.0: it must be a WallOptions"),
+        ({"render_mode": "human"}, "render_mode is 'human': it must be None"),
+        ({"robot": "snake"}, "robot is 'snake': it must be one of leader, pushed"),
+    ],
+)
+def test_wrong_arguments_are_named(arguments: dict[str, object], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        Insertion(**arguments)
+
+
+def test_a_tract_that_is_not_the_plans_is_refused(clear: Scenery, tmp_path) -> None:
+    from bozzini.anatomy.read import hash_input
+    from bozzini.motion.plan import TractInput
+
+    files = [tmp_path / name for name in ("one.stl", "other.stl")]
+    for file in files:
+        file.write_text(file.name)
+    stated = TractInput(sha256=hash_input(files[0]))
+    dataclasses.replace(clear.plan, input=stated).save(tmp_path / "plan.npz")
+    with pytest.raises(InputError, match="other.stl is not the file that the plan was made from"):
+        Insertion(lumen=(tmp_path / "plan.npz", files[1])).reset()
+
+
+@pytest.mark.parametrize("action", [[0.0, 0.0], [math.nan, 0.0, 1.0]])
+def test_a_wrong_action_is_named(lumen: Lumen, action: list[float]) -> None:
+    env = gymnasium.make(NAME, lumen=lumen, render_mode=None).unwrapped
+    env.reset(seed=0)
+    with pytest.raises(InputError, match="it must be 3 numbers in"):
+        env.step(np.array(action))
 
 
 def test_a_phantom_and_a_lumen_exclude_each_other(lumen: Lumen) -> None:

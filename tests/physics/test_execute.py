@@ -11,8 +11,8 @@ import pytest
 from bozzini.continuum import ContinuumRobot, EnergyModel, Helix, Section, Tendon
 from bozzini.errors import InputError
 from bozzini.motion import Plan, Scope
-from bozzini.numeric.polylines import carry_frames
-from bozzini.physics.execute import execute
+from bozzini.numeric.polylines import carry_frames, measure_arc_length
+from bozzini.physics.execute import execute, follow_way
 from bozzini.physics.options import ExecuteOptions, ScopeOptions, WallOptions
 from bozzini.physics.robots import (
     PlanDrive,
@@ -25,7 +25,8 @@ from bozzini.physics.robots import (
 )
 from bozzini.physics.simulate import Chain, Dynamics, Simulation
 from bozzini.physics.study import Scenery, study_execution
-from bozzini.physics.walls import Floats
+from bozzini.physics.walls import NEWTON, Floats
+from tests.shapes import bend_curve
 
 FAST = ExecuteOptions(speed=60.0)
 
@@ -218,6 +219,52 @@ def test_a_dragged_chain_keeps_its_links_and_its_head_but_not_the_wall(clear: Sc
     found = clear.run(dataclasses.replace(FAST, drive="tractrix"))
     assert found.drive == "tractrix"
     assert found.clearance.min() < clear.run(FAST).clearance.min()
+
+
+def test_forces_and_work_of_drives_do_not_depend_on_the_step(clear: Scenery) -> None:
+    runs = [clear.run(dataclasses.replace(FAST, step=step)) for step in (0.004, 0.001)]
+    pushes = [np.abs(found.push_force).max() for found in runs]
+    assert pushes[0] == pytest.approx(pushes[1], rel=0.3)
+    assert runs[0].work[-1] == pytest.approx(runs[1].work[-1], rel=0.15)
+    # From rest, drives give energy and take none that they did not give.
+    assert all(found.work.min() >= 0.0 for found in runs)
+
+
+def test_work_on_a_free_mass_is_its_energy() -> None:
+    works = []
+    for step in (0.002, 0.001):
+        chain = Chain(
+            lengths=np.array([10.0]), radius=3.0, frame=np.eye(4), springs=np.zeros(1),
+            servos=np.full(1, 500.0),
+        )  # fmt: skip
+        simulation = Simulation(chain, dynamics=Dynamics(step=step))
+        for k in range(1, round(0.2 / step) + 1):
+            time = k * step
+            way, speed = 250.0 * time**2, 500.0 * time
+            simulation.step(np.array([way, 0.0, 0.0]), np.array([speed, 0.0, 0.0]))
+        mass = float(simulation.model.body_mass.sum())
+        energy = 0.5 * mass * float(simulation.data.qvel[0]) ** 2 / NEWTON
+        works.append(simulation.work / energy)
+    # The integration loses half the square of each change of velocity: less with a shorter step.
+    assert works[1] == pytest.approx(1.0, abs=0.02)
+    assert abs(works[1] - 1.0) < abs(works[0] - 1.0)
+
+
+def test_how_far_a_tip_is_does_not_depend_on_how_finely_its_way_is_given() -> None:
+    way = bend_curve(20.0, math.pi, 20.0)
+    places = []
+    for part in (1, 2, 4):
+        line = np.vstack([way[:-1:part], way[-1]])
+        arc = measure_arc_length(line)
+        before, found = 0.0, []
+        for tip in way[:-1] + 0.3 * np.diff(way, axis=0) + [0.0, 1.0, 0.0]:
+            before = follow_way(line, arc, tip, before=before)
+            found.append(before)
+        places.append(found)
+    assert (np.diff(places[0]) > 0.0).all()
+    # A chord is shorter than its arc, and a place beside it is seen under another angle.
+    assert places[1] == pytest.approx(places[0], abs=0.25)
+    assert places[2] == pytest.approx(places[0], abs=0.5)
 
 
 def test_results_have_the_usual_forms(touching: Scenery, tmp_path) -> None:

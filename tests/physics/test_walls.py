@@ -140,6 +140,36 @@ def test_an_open_surface_is_refused() -> None:
         build_prisms((np.asarray(box.vertices), np.asarray(box.faces)[1:]))
 
 
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("gap", [1.0, 2.0])
+def test_a_wall_thinner_than_the_body_is_deep_in_it_holds_as_stated(kind, gap) -> None:
+    # Two rooms with a thin wall between; the body is pressed to beyond its middle.
+    def distance(points):
+        rooms = []
+        for height in (0.0, 2.0 * HALF + gap):
+            off = np.abs(points - [0.0, 0.0, height]) - HALF
+            beyond = np.linalg.norm(np.maximum(off, 0.0), axis=-1)
+            rooms.append(beyond + np.minimum(off.max(axis=-1), 0.0))
+        return np.minimum(*rooms)
+
+    size = HALF + 4.0
+    rooms = sample_field(distance, [-size] * 3, [size, size, size + 2.0 * HALF + gap], 0.5)
+    simulation = press(rooms, 0.3, kind=kind)
+    assert np.linalg.norm(simulation.touch.forces.sum(axis=0)) == pytest.approx(0.3, abs=1e-3)
+    assert -simulation.least == pytest.approx(0.3 * WallOptions().compliance, rel=0.05)
+
+
+def test_a_mouth_that_leaves_no_wall_is_refused(room) -> None:
+    from bozzini.motion.scope import Introducer
+
+    tube = Introducer(
+        entry=np.array([0.0, 0.0, -HALF]), outward=np.array([0.0, 0.0, -1.0]), bore=4.0
+    )
+    wall = LumenWall(duct=room, introducer=tube, options=WallOptions(mouth=500.0, faces=400))
+    with pytest.raises(InputError, match="mouth is 500 mm: it must be less"):
+        _ = wall.prisms
+
+
 def test_a_link_that_is_shot_through_the_wall_is_seen(room) -> None:
     # 10 N on less than a gram, from 7 mm away: thin prisms are passed in a step.
     wall = LumenWall(duct=room, options=WallOptions(kind="prism", faces=400, thickness=0.2))

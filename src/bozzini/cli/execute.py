@@ -80,6 +80,7 @@ def command(
     if seeds is not None:
         if source is not None or compare or check or options.drive == "tendons":
             raise InputError("--seeds takes no file, --compare, --check or --drive tendons")
+        _refuse_without_file(reading, body)
         _run_trials(range(options.seed, options.seed + seeds), repeats, options, wall, scope,
                     body, answer)  # fmt: skip
         return
@@ -120,6 +121,11 @@ def _find_scenery(
     from ..physics.study import Scenery, plan_phantom
 
     if source is None:
+        _refuse_without_file(reading, body)
+        if options.drive == "tendons":
+            raise InputError(
+                "--drive is tendons: give a tract with --robot, or a plan made with one"
+            )
         with answer.show_progress() as progress:
             progress("plan", 0.0)
             plan, duct = plan_phantom(options.seed, body.scope)
@@ -160,6 +166,13 @@ def _find_scenery(
     return Scenery(plan=study.plan, duct=duct, tract=read, actuation=study.robot)
 
 
+def _refuse_without_file(reading: ReadOptions, body: Body) -> None:
+    """Refuse what has no effect on a phantom."""
+    given = list_given(reading) + ["robot"] * (body.robot is not None)
+    if given:
+        raise InputError(f"--{given[0]} has no effect on a phantom: give a file, or leave it out")
+
+
 def _refuse(plan: object, answer: Answer) -> bool:
     """Say that a plan stops, if it does."""
     reason = getattr(plan, "reason", "")
@@ -193,7 +206,7 @@ def _run_trials(
         import json
 
         summary = found.to_dict() | {"files": ["summary.json", "trials.csv"]}
-        write_text(folder / "summary.json", json.dumps(summary, indent=2))
+        write_text(folder / "summary.json", json.dumps(summary, indent=2, allow_nan=False))
     completed = int(found.complete.sum())
     text = [
         f"{completed} of {len(found.complete)} runs came through; the planner refused "

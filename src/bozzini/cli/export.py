@@ -9,7 +9,7 @@ import click
 
 from ..errors import InputError
 from ..physics.options import WallOptions
-from .common import Answer, answer_options, option, options_of
+from .common import Answer, answer_options, option, options_of, refuse_options
 
 __all__ = ["command"]
 
@@ -42,6 +42,10 @@ def command(
             if tract is None
             else f"{form} takes no wall: leave out {tract}"
         )
+    if form != "mujoco":
+        refuse_options(("faces", "thickness", "mouth"), f"for {form}")
+    if form != "ros2":
+        refuse_options(("speed",), f"for {form}")
     from ..checks import check_number
     from ..io.files import write_text
     from ..motion.plan import Plan

@@ -168,7 +168,7 @@ def reread_tract(plan: Plan, path: Path, answer: Answer) -> tuple[LabelTract | S
     InputError
         If it is another one.
     """
-    from ..motion.verify import read_input, rebuild_field
+    from ..motion.verify import is_made_from, read_input, rebuild_field
 
     known = is_made_from(plan, path)
     if known is False:
@@ -179,14 +179,6 @@ def reread_tract(plan: Plan, path: Path, answer: Answer) -> tuple[LabelTract | S
     if known is None:
         check_lumen(plan, path, field)
     return tract, field
-
-
-def is_made_from(plan: Plan, path: Path) -> bool | None:
-    """Return whether a plan was made from a file; None if it does not state the file's hash."""
-    from ..anatomy.read import hash_input
-
-    known = None if plan.input is None else plan.input.sha256
-    return None if known is None else known == hash_input(path)
 
 
 def check_lumen(plan: Plan, path: Path, lumen: Duct) -> None:

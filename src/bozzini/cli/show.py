@@ -108,8 +108,7 @@ def read_shown(path: Path, reading: ReadOptions, plans: tuple[Plan, ...]) -> Sho
         from .routing import read_points
 
         return Cloud(points=read_points(path), name=path.stem)
-    from ..motion.verify import read_input
-    from .routing import is_made_from
+    from ..motion.verify import is_made_from, read_input
 
     plan = next((each for each in plans if is_made_from(each, path)), None)
     tract = reading.read(path) if plan is None or list_given(reading) else read_input(plan, path)
@@ -202,8 +201,8 @@ def _find_own(plan: Plan, walls: list[tuple[Path, Wall]]) -> Wall:
         If it is none of them.
     """
     from ..duct.base import Duct
-    from ..motion.verify import rebuild_field
-    from .routing import check_lumen, is_made_from
+    from ..motion.verify import is_made_from, rebuild_field
+    from .routing import check_lumen
 
     reasons = []
     for path, wall in walls:

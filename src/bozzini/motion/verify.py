@@ -308,6 +308,12 @@ def read_input(plan: Plan, path: str | os.PathLike[str]) -> LabelTract | Surface
         return read(None)
 
 
+def is_made_from(plan: Plan, path: str | os.PathLike[str]) -> bool | None:
+    """Return whether a plan was made from a file; None if it does not state the file's hash."""
+    known = None if plan.input is None else plan.input.sha256
+    return None if known is None else known == hash_input(path)
+
+
 def rebuild_field(
     plan: Plan, tract: LabelTract | SurfaceTract, *, progress: Progress = no_progress
 ) -> SampledField | RefinedField:

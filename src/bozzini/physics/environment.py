@@ -8,14 +8,14 @@ from __future__ import annotations
 import functools
 import math
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..checks import check_word
+from ..checks import check_array, check_integer, check_kind, check_path, check_word
 from ..errors import InputError, MissingExtraError
 from ..motion.scope import Introducer, Scope
 from ..numeric.polylines import interpolate_polyline, measure_arc_length
@@ -120,8 +120,9 @@ class Insertion(gymnasium.Env[Observation, Floats]):
     **Action** (3,), each in [-1, 1]: turn the tip about its x and its y, push.
 
     **Observation** (13,): clearance of the tip over 10 mm; directions in the tip's frame to the
-    middle of the lumen 15 and 40 mm ahead (3 each); the tip's bend about x and y [rad]; share of
-    the way; what is pushed in over the way; normal force [N] as tanh; least clearance over 10 mm.
+    middle of the lumen 15 and 40 mm ahead (3 each); the tip's bend about x and y [rad], of a leader
+    that of its last joint; share of the way; what is pushed in over the way; normal force [N] as
+    tanh; least clearance over 10 mm.
 
     With a camera it is a dict instead: `image` (64, 64, 1), what is seen from the tip, lit from
     there, x to the right and y down, 100 degrees wide; `body` (3,), the tip's bend and what is
@@ -132,36 +133,57 @@ class Insertion(gymnasium.Env[Observation, Floats]):
 
     Parameters
     ----------
-    phantom : int, optional
-        Seed of the phantom; without it, and without a plan, each reset draws one of `phantoms`.
-    phantoms : int
-        How many there are.
+    phantom : int or sequence of int, optional
+        Seed of the phantom, or seeds of which each reset draws one; by default 0.
     lumen : Lumen or (path-like, path-like), optional
         Any tract, or a plan and the file that it was made from.
     robot : {"leader", "pushed"}
         A chain whose links follow the tip's way, or an elastic scope that is bent at its tip.
     observe : {"clearance", "camera"}
     wall : WallOptions, optional
+    render_mode : None
+        There is none: `Insertion.see` and `bozzini execute` give pictures.
+
+    Raises
+    ------
+    InputError
+        If an argument is none of these.
     """
 
     metadata: Json = {"render_modes": []}  # noqa: RUF012 (as Gymnasium has it)
 
     def __init__(
         self,
-        phantom: int | None = None,
+        phantom: int | Sequence[int] | None = None,
         *,
-        phantoms: int = 1,
         lumen: Lumen | tuple[str | os.PathLike[str], str | os.PathLike[str]] | None = None,
         robot: Robot = "leader",
         observe: Observe = "clearance",
         wall: WallOptions | None = None,
+        render_mode: None = None,
     ) -> None:
         check_word("robot", robot, get_args(Robot))
         check_word("observe", observe, get_args(Observe))
         if phantom is not None and lumen is not None:
             raise InputError(f"phantom is {phantom}: leave it out with a lumen")
-        self.robot, self.phantom, self.phantoms = robot, phantom, phantoms
-        self.options = wall or WallOptions(stiffness=1.0)
+        if render_mode is not None:
+            raise InputError(
+                f"render_mode is {render_mode!r}: it must be None, there are no others"
+            )
+        wall = WallOptions(stiffness=1.0) if wall is None else wall
+        check_kind("wall", wall, WallOptions)
+        if not (lumen is None or isinstance(lumen, Lumen)):
+            if not isinstance(lumen, tuple) or len(lumen) != 2:
+                raise InputError(
+                    f"lumen is {lumen!r}: it must be a Lumen, or a plan's file and its tract's"
+                )
+            for path in lumen:
+                check_path("lumen", path)
+        seeds = phantom if isinstance(phantom, Sequence) else (0 if phantom is None else phantom,)
+        if isinstance(phantom, str) or not len(seeds):
+            raise InputError(f"phantom is {phantom!r}: it must be a seed, or one seed or more")
+        self.seeds = tuple(check_integer("phantom", seed, low=0) for seed in seeds)
+        self.robot, self.render_mode, self.options = robot, render_mode, wall
         self.given = lumen
         self.observe = observe
         self.observation_space = gymnasium.spaces.Box(-100.0, 100.0, (OBSERVED,), np.float64)
@@ -180,10 +202,8 @@ class Insertion(gymnasium.Env[Observation, Floats]):
         if self.given is not None:
             plan, tract = self.given
             return _read_lumen(os.fspath(plan), os.fspath(tract))
-        seed = self.phantom
-        if seed is None:
-            seed = int(self.np_random.integers(self.phantoms))
-        return find_phantom(seed)
+        one = 0 if len(self.seeds) == 1 else int(self.np_random.integers(len(self.seeds)))
+        return find_phantom(self.seeds[one])
 
     def reset(
         self, *, seed: int | None = None, options: Json | None = None
@@ -248,12 +268,17 @@ class Insertion(gymnasium.Env[Observation, Floats]):
         if lumen is None:
             raise InputError("the environment has not begun: reset it first")
         simulation = self.simulation
-        given = np.clip(np.asarray(action, dtype=np.float64), -1.0, 1.0)
+        given = check_array("action", action)
+        if given.shape != (3,) or np.isnan(given).any():
+            raise InputError(f"action is {given.tolist()}: it must be 3 numbers in [-1, 1]")
+        given = np.clip(given, -1.0, 1.0)
         most = float(simulation.chain.lengths.sum()) - LINK
         after = min(max(self.inserted + CONTROL_S * SPEED * float(given[2]), 0.0), most)
         advance, self.inserted = after - self.inserted, after
         self._steer(CONTROL_S * TURN_RATE * given[:2])
         start, goal = self._held, self._command(advance)
+        if self.robot == "leader":
+            self.turn = goal[-2:].copy()
         rates, count = (goal - start) / CONTROL_S, round(CONTROL_S / DYNAMICS.step)
         for k in range(1, count + 1):
             simulation.step(start + k / count * (goal - start), rates)
@@ -336,9 +361,11 @@ class Insertion(gymnasium.Env[Observation, Floats]):
 @functools.lru_cache(maxsize=4)
 def _read_lumen(plan: str, tract: str) -> Lumen:
     from ..motion.plan import Plan
-    from ..motion.verify import read_input, rebuild_field
+    from ..motion.verify import is_made_from, read_input, rebuild_field
 
     read = Plan.load(plan)
+    if is_made_from(read, tract) is False:
+        raise InputError(f"{tract} is not the file that the plan was made from")
     return Lumen.of_plan(read, rebuild_field(read, read_input(read, tract)))
 
 

@@ -42,9 +42,13 @@ _NEAR_MM = 40.0  # along the way, between places of the tip in neighbouring rows
 
 def follow_way(line: Floats, arc: Floats, tip: Floats, *, before: float) -> float:
     """Return how far a tip is along a way (m, 3), near where it was `before` [mm]."""
-    near = np.abs(arc - before) <= _NEAR_MM
-    off = np.where(near, np.linalg.norm(line - tip, axis=1), math.inf)
-    return float(arc[int(np.argmin(off))])
+    first, last = np.searchsorted(arc, [before - _NEAR_MM, before + _NEAR_MM])
+    start, stop = max(int(first) - 1, 0), min(int(last) + 1, len(arc))
+    ways, lengths = np.diff(line[start:stop], axis=0), np.diff(arc[start:stop])
+    off = tip - line[start : stop - 1]
+    share = np.clip(np.sum(off * ways, axis=1) / np.maximum(lengths, 1e-12) ** 2, 0.0, 1.0)
+    nearest = int(np.argmin(np.linalg.norm(off - share[:, None] * ways, axis=1)))
+    return float(arc[start + nearest] + share[nearest] * lengths[nearest])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -56,7 +60,7 @@ class Execution(Result):
     Attributes
     ----------
     drive : str
-        ``"plan"``, ``"tendons"`` or ``"push"``.
+        ``"plan"``, ``"tractrix"``, ``"tendons"`` or ``"push"``.
     time : (s,) ndarray
         [s].
     inserted : (s,) ndarray
@@ -259,7 +263,7 @@ def execute(
     Raises
     ------
     InputError
-        If the motion is too fast for the walls' thickness, or the simulation is not stable.
+        If the simulation is not stable.
     """
     dynamics = Dynamics() if dynamics is None else dynamics
     simulation = Simulation(drive.chain, wall, dynamics)

@@ -383,8 +383,19 @@ class Simulation:
 
     @property
     def push_force(self) -> float:
-        """Force of the drive that pushes the base in [N]."""
-        return float(self.data.actuator_force[0]) / NEWTON
+        """Force of the drive that pushes the base in, at the end of the last step [N]."""
+        return float(self._drive_forces()[0]) / NEWTON
+
+    def _drive_rates(self) -> Floats:
+        """Return how fast the drives (u,) move: joints, then tendons."""
+        rates = self.data.qvel
+        return np.concatenate([rates[self._driven], self._arms @ rates])
+
+    def _drive_forces(self) -> Floats:
+        """Return the forces of the drives (u,), with what damping took from them in the step."""
+        data = self.data
+        change = self._drive_rates() - data.actuator_velocity
+        return np.where(data.actuator_force == 0.0, 0.0, data.actuator_force - self._yield * change)
 
     def place(self, positions: Floats) -> None:
         """Put the slide and the hinges (v,) somewhere, at rest, and begin anew."""
@@ -416,7 +427,7 @@ class Simulation:
         if self.wall is not None:
             self._press(self.wall)
         mujoco.mj_step2(model, data)
-        self.work += step * float(data.actuator_force @ data.actuator_velocity) / NEWTON
+        self.work += step * float(self._drive_forces() @ self._drive_rates()) / NEWTON
         if data.warning.number.any():
             raise InputError(
                 f"the simulation is not stable at {data.time:.3f} s: take a smaller step than "
@@ -570,6 +581,8 @@ class Simulation:
         model, step = self.model, self.dynamics.step
         damping = -model.actuator_biasprm[:, 2]
         joints = model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT
+        self._yield = damping
+        self._driven = model.actuator_trnid[joints, 0]
         self._damping = step * model.dof_damping
         self._damping[model.actuator_trnid[joints, 0]] += step * damping[joints]
         self._sheath = step * damping[~joints]

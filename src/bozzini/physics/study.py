@@ -216,13 +216,21 @@ class Convergence:
         }
 
 
-def check_setting(scenery: Scenery, options: ExecuteOptions, found: Execution) -> Convergence:
+def check_setting(
+    scenery: Scenery,
+    options: ExecuteOptions,
+    found: Execution,
+    *,
+    progress: Progress = no_progress,
+) -> Convergence:
     """Drive again with half the step, and with other friction, and compare."""
     halved = dataclasses.replace(options, step=0.5 * options.step)
-    others = {"half_step": scenery.run(halved)}
+    others = {"half_step": scenery.run(halved, progress=progress)}
     for friction in FRICTIONS:
         wall = dataclasses.replace(scenery.wall, friction=friction)
-        others[f"friction_{friction:g}"] = dataclasses.replace(scenery, wall=wall).run(options)
+        others[f"friction_{friction:g}"] = dataclasses.replace(scenery, wall=wall).run(
+            options, progress=progress
+        )
     first = found.summarise()
     names = [name for name in CHECKED if first[name] is not None]
     return Convergence(
@@ -431,7 +439,7 @@ def study_execution(
     found = [scenery.run(options, progress=progress)]
     if compare and options.drive != "push":
         found.append(scenery.run(dataclasses.replace(options, drive="push"), progress=progress))
-    convergence = check_setting(scenery, options, found[0]) if check else None
+    convergence = check_setting(scenery, options, found[0], progress=progress) if check else None
     return ExecutionStudy(
         scenery=scenery, options=options, executions=tuple(found), convergence=convergence
     )
@@ -455,7 +463,7 @@ class Trials(Result):
     normal_peak, normal_sum, push_force : (r,) ndarray
         Largest of each run [N].
     tip_error : (r,) ndarray
-        Largest of each run [mm].
+        Largest of each run [mm]; NaN for a scope that is pushed.
     reasons : tuple of str
         Of each run.
     refused : mapping
@@ -485,6 +493,8 @@ class Trials(Result):
     @property
     def reason(self) -> str:
         """Why the first one did not."""
+        if not self.reasons:
+            return "the planner refused all phantoms"
         return next((why for why in self.reasons if why), "")
 
     @property
@@ -501,7 +511,7 @@ class Trials(Result):
 
     def to_dict(self) -> Json:
         """Return the completion, the largest forces, and who was refused."""
-        peak = self.normal_peak if len(self.normal_peak) else np.zeros(1)
+        peak = self.normal_peak if len(self.normal_peak) else np.full(1, math.nan)
         return dict(
             to_plain(
                 {
@@ -555,11 +565,11 @@ def run_trials(
         drawn = dataclasses.replace(options, seed=seed)
         for repeat in range(repeats):
             found = scenery.run(drawn, repeat=repeat)
-            errors = found.tip_error[np.isfinite(found.tip_error)]
+            error = found.summarise()["tip_error_mm"]
             rows.append(
                 (
                     seed, repeat, found.converged, found.normal_peak.max(), found.normal_sum.max(),
-                    np.abs(found.push_force).max(), errors.max(initial=0.0),
+                    np.abs(found.push_force).max(), math.nan if error is None else error,
                 )
             )  # fmt: skip
             reasons.append(found.reason)

@@ -121,7 +121,7 @@ def build_prisms(
             f"the wall between two parts of the lumen is less than {THIN_MM:g} mm thick behind "
             f"{len(thin)} of {len(faces)} triangles, the thinnest near "
             f"{name_place(vertices[faces[worst]].mean(axis=0))} mm: a link may be pressed through "
-            "there, which is reported; the penalty wall has no thickness"
+            "there, which is reported; the penalty wall holds until the body's axis is in it"
         )
     inward = 0.0
     if duct is not None:
@@ -186,7 +186,7 @@ class LumenWall:
     Raises
     ------
     InputError
-        If the duct is planar.
+        If the duct is planar; of `prisms`, if the mouth is so wide that no triangle is left.
     """
 
     duct: Duct
@@ -229,6 +229,11 @@ class LumenWall:
         off = np.linalg.norm(middles - along[:, None] * self.introducer.outward, axis=1)
         radius = max(self.options.mouth, self.bore)
         kept = (off > radius) | (along < -radius)
+        if not kept.any():
+            raise InputError(
+                f"mouth is {self.options.mouth:g} mm: it must be less, as no triangle of the wall "
+                "is that far from the introducer's axis"
+            )
         return Prisms(
             corners=prisms.corners[kept],
             thickness=prisms.thickness[kept],

@@ -16,6 +16,7 @@ from ...duct.kernels.clearance import clearance_slope
 
 SWEEPS, ROUNDS = 200, 10
 SEEN = 0.1  # a ray that is this near to the wall meets it [mm]
+SURE = 0.7  # size of a distance's gradient above which it shows where the wall is
 
 
 @njit(cache=True)
@@ -90,7 +91,8 @@ def find_contacts(duct, tube, frame, bodies, turns, along, points, size, index, 
 
     A sample is a ball. Its direction to the wall is that of its centre's gradient first, then twice
     that of the place on its skin which that gives: near the middle of a narrow lumen the gradient
-    at the centre says little.
+    at the centre says little. Where the skin is beyond the middle of a thin wall between two lumens
+    its gradient points to the other one: there the centre's is kept, if the wall is what it shows.
 
     Fills where samples are, and for each contact which sample it is, its depth and the unit normal
     into the lumen; returns how many there are, the least clearance of the centres, and its sample.
@@ -110,11 +112,16 @@ def find_contacts(duct, tube, frame, bodies, turns, along, points, size, index, 
             least, where = clear, i
         if clear > radius + near or count == index.shape[0]:
             continue
+        first, ax, ay, az = clear, gx, gy, gz
+        sure = ax * ax + ay * ay + az * az > SURE**2
         for _ in range(2):
             scale = radius / max(math.sqrt(gx * gx + gy * gy + gz * gz), 1e-9)
             clear, gx, gy, gz = measure_gap(
                 duct, tube, local[0] - scale * gx, local[1] - scale * gy, local[2] - scale * gz
             )
+            if sure and gx * ax + gy * ay + gz * az <= 0.0:
+                clear, gx, gy, gz = first - radius, ax, ay, az
+                break
         length = math.sqrt(gx * gx + gy * gy + gz * gz)
         if clear < near and length > 1e-6:
             index[count] = i
