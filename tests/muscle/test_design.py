@@ -156,7 +156,7 @@ def test_a_field_is_described_once():
     options = {option.name: option for option in solve_command.params}
     for name, quantity in list_quantities(Muscle).items():
         assert options[name].help == quantity.help
-        assert options[name].type.name == quantity.kind
+        assert options[name].type.name == quantity.kind.replace("dimensionless", "number")
         assert quantity.unit == INTERNAL_UNITS[quantity.kind]
         if name not in ("length", "strands"):
             assert PARAMETER_UNITS[name] == quantity.unit

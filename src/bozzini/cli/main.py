@@ -51,9 +51,9 @@ COMMANDS = {
     "effector": "Bend a catheter tip by pneumatic muscles: pose, reach, trace.",
     "study": "Compute many rows from one file: sweeps, tolerances, maps.",
     "uncertainty": "State how sure a plan or a study is, and what that comes of.",
-    "vision": "Measure lengths, shapes and points in pictures: boards, cameras.",
+    "vision": "Measure lengths, shapes and points in pictures; calibrate.",
     "new": "Write a file to start from: a plan, muscle, robot or study.",
-    "schema": "Write the JSON Schema of a plan, muscle, robot, shapes or study.",
+    "schema": "Write the JSON Schema of a plan, muscle, robot or study.",
     "completion": "Write the script that completes commands in the shell.",
     "doctor": "Tell what is installed and found here, for a report of a fault.",
 }
