@@ -192,3 +192,15 @@ def test_a_planar_duct_is_refused() -> None:
 
     with pytest.raises(InputError, match="planar"):
         LumenWall(duct=Circles(centres=[[0.0, 0.0]], radii=[1.0]))
+
+
+def test_forces_that_do_not_settle_are_told() -> None:
+    """Two contacts that press each other through one mass: no sweep is enough for 1e-300."""
+    from bozzini.physics.kernels.contact import balance_contacts
+
+    effect = np.kron(np.array([[1.0, 0.9], [0.9, 1.0]]), np.eye(3))
+    depth, velocity = np.array([0.1, 0.2]), np.zeros(6)
+    loose, tight = np.zeros(6), np.zeros(6)
+    assert balance_contacts(effect, velocity, depth, (300.0, 1.0, 0.1, 1e-3, 1e-6), loose)
+    assert not balance_contacts(effect, velocity, depth, (300.0, 1.0, 0.1, 1e-3, -1.0), tight)
+    np.testing.assert_allclose(loose, tight, rtol=1e-4, atol=1e-6)

@@ -428,6 +428,11 @@ class _Run:
         looped = math.isfinite(self.looped[0])
         if wall is not None and wall.options.kind == "prism":
             self.findings += wall.prisms.findings
+        if self.simulation.unsettled:
+            self.findings.append(
+                f"the contact forces of {self.simulation.unsettled} steps did not settle: compare "
+                "with a smaller step"
+            )
         names = ("time", "inserted", "push_force", "resultant", "normal_sum", "normal_peak")
         columns = dict(zip(names, table.T[:6], strict=True))
         return Execution(

@@ -349,6 +349,7 @@ class Simulation:
         self._normal = np.zeros((count, 3))
         self._points = np.empty((count, 3))
         self._used = np.zeros(0, dtype=np.int64)
+        self.unsettled = 0  # steps whose contact forces did not come to rest
         pairs = len(self.chain.lengths) * self.model.ngeom if bodies.any() else count
         self._before = np.zeros((pairs, 3))
         self._mass = np.zeros((self.model.nv, self.model.nv))
@@ -401,6 +402,7 @@ class Simulation:
         """Put the slide and the hinges (v,) somewhere, at rest, and begin anew."""
         mujoco.mj_resetData(self.model, self.data)
         self.touch, self.least, self.work = _NONE, math.inf, 0.0
+        self.unsettled = 0
         self._before[self._used] = 0.0
         self.data.qpos[:] = positions
         mujoco.mj_forward(self.model, self.data)
@@ -543,11 +545,12 @@ class Simulation:
         mujoco.mj_fwdAcceleration(model, data)
         stiffness, dynamics = NEWTON * options.stiffness, self.dynamics
         law = stiffness, stiffness * options.damping, options.friction, dynamics.step
-        data.qfrc_applied[:] = press_contacts(
+        data.qfrc_applied[:], settled = press_contacts(
             self._weigh(), (data.qvel, data.qfrc_smooth), (data.xaxis, data.xanchor),
             (places, normals, depths, 3 + 2 * links),
             (*law, dynamics.tolerance), force, frames,
         )  # fmt: skip
+        self.unsettled += not settled
         self._before[self._used] = 0.0
         self._before[keys], self._used = force, keys
         on = force[:, 0] > 0.0

@@ -121,7 +121,8 @@ def build_prisms(
             f"the wall between two parts of the lumen is less than {THIN_MM:g} mm thick behind "
             f"{len(thin)} of {len(faces)} triangles, the thinnest near "
             f"{name_place(vertices[faces[worst]].mean(axis=0))} mm: a link may be pressed through "
-            "there, which is reported; the penalty wall holds until the body's axis is in it"
+            "there, which is reported where the voxels show the wall; the penalty wall holds "
+            "until the body's axis is in it"
         )
     inward = 0.0
     if duct is not None:

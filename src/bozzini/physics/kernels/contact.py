@@ -251,7 +251,9 @@ def fill_speeds(axes, anchors, places, owners, normals, rates, speeds):
 
 @njit(cache=True)
 def press_contacts(mass, state, joints, contacts, law, force, frames):
-    """Find the contact forces at the end of a step; return what they do at the joints (v,) [mN].
+    """Find the contact forces at the end of a step.
+
+    Returns what they do at the joints (v,) [mN], and whether they settled.
 
     The wall's force is its stiffness times the depth at the end of the step, and its damping times
     the velocity then, both unknown. It is never negative; friction stops what slides, up to
@@ -288,10 +290,11 @@ def press_contacts(mass, state, joints, contacts, law, force, frames):
         frames[c, 0] = normals[c]
         active[c] = force[c, 0] > 0.0 or stiffness * depth[c] > gain * speeds[c]
     total = np.zeros(free.shape[0])
+    settled = True
     for _ in range(ROUNDS):
         which = np.flatnonzero(active)
         if which.shape[0] == 0:
-            break
+            return total, True
         rows = np.empty((3 * which.shape[0], free.shape[0]))
         there = frames[which]
         fill_jacobian(axes, anchors, places[which], owners[which], there, rows)
@@ -300,7 +303,7 @@ def press_contacts(mass, state, joints, contacts, law, force, frames):
         solve_lower(mass, spread)
         effect = step * np.dot(spread, spread.T)
         found = force[which].ravel()
-        balance_contacts(effect, velocity, depth[which], law, found)
+        settled = balance_contacts(effect, velocity, depth[which], law, found)
         total = np.dot(found, rows)
         for i in range(which.shape[0]):
             force[which[i]] = found[3 * i : 3 * i + 3]
@@ -313,13 +316,13 @@ def press_contacts(mass, state, joints, contacts, law, force, frames):
             if not active[c] and stiffness * depth[c] > gain * speeds[c]:
                 active[c] = added = True
         if not added:
-            break
-    return total
+            return total, settled
+    return total, False
 
 
 @njit(cache=True)
 def balance_contacts(effect, velocity, depth, law, force):
-    """Find the contact forces (3 n,) by Gauss and Seidel, from those given.
+    """Find the contact forces (3 n,) by Gauss and Seidel, from those given; return if they settled.
 
     Parameters
     ----------
@@ -367,4 +370,5 @@ def balance_contacts(effect, velocity, depth, law, force):
             force[i + 1], force[i + 2] = along, across
             change = max(change, abs(along - was_t), abs(across - was_s))
         if change < tolerance * largest:
-            break
+            return True
+    return False
