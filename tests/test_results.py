@@ -10,6 +10,8 @@ import numpy as np
 import pandas
 import pytest
 
+from bozzini.anatomy.tract import LabelTract
+from bozzini.duct import Centreline
 from bozzini.effector import (
     Effector,
     balance,
@@ -146,3 +148,15 @@ def test_a_model_draws_itself() -> None:
         mpl.pyplot.close(drawn_into.figure)
     with pytest.raises(AttributeError, match="has no attribute 'Nobody'"):
         bz.muscle.Nobody  # noqa: B018
+
+
+def test_large_arrays_are_shown_by_their_shape() -> None:
+    height = np.linspace(0.0, 90.0, 91)
+    points = np.stack([0.0 * height, 0.0 * height, height], axis=1)
+    line = Centreline(points=points, arc_length=height, radius=np.full(91, 7.0))
+    labels = np.zeros((9, 9, 40), dtype=np.uint16)
+    labels[3:6, 3:6, 3:-3] = 1
+    tract = LabelTract(labels=labels, affine=np.eye(4), source="box")
+    assert f"points=<{line.points.shape}>" in repr(line)
+    assert f"labels=<{tract.labels.shape}>" in repr(tract) and repr(tract.affine) in repr(tract)
+    assert max(len(repr(line)), len(repr(tract))) < 1000

@@ -97,4 +97,13 @@ prediction.to_frame()
 # The same in commands:
 #
 #     bozzini muscle compare my_muscle.csv --preset thesis-45
-#     bozzini muscle fit my_muscle.csv --preset thesis-45 --out my_muscle.yaml
+#     bozzini muscle fit my_muscle.csv --preset thesis-45 \
+#       --free modulus,dead-length --out my_muscle.yaml
+#     bozzini muscle predict my_muscle.yaml my_muscle.csv --out prediction.png
+#
+# Of a muscle that you bought, braid angle, wall and modulus are often unknown; they are fitted. A
+# machine that holds the length measures forces, and the fit then predicts forces:
+#
+#     bozzini muscle fit forces.csv --preset festo-10 --inner-radius 4mm \
+#       --free braid-angle,modulus,offset,compliance,slack-force --out festo.yaml
+#     bozzini muscle predict festo.yaml --pressure 300kPa --contraction 5mm

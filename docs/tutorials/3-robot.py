@@ -126,5 +126,5 @@ pd.read_csv("tendons.csv").tail(3)
 # The same in commands:
 #
 #     bozzini continuum fit robot.yaml rows.csv --free base,sections.each.length --out fitted.yaml
-#     bozzini continuum reach fitted.yaml
+#     bozzini continuum workspace fitted.yaml --out space.png
 #     bozzini plan tract.stl --robot fitted.yaml --out motion

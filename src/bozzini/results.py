@@ -24,6 +24,9 @@ Json = dict[str, Any]
 DRAWN_LIMIT = 100
 """Members of a batch that one picture may show."""
 
+SHOWN_NUMBERS = 16
+"""Numbers of an array that a representation shows."""
+
 SHOWN_ROWS = 20
 """Rows of a table that a notebook shows."""
 
@@ -114,6 +117,17 @@ class ClosedForm(Result):
     converged = True
     reason = ""
     residual = 0.0
+
+
+def show_briefly(self: object) -> str:
+    """Return the name and the fields of a dataclass, for its `__repr__`: of an array the shape."""
+    texts = []
+    for field in dataclasses.fields(self):  # type: ignore[arg-type]
+        value = getattr(self, field.name)
+        if field.repr:
+            large = getattr(value, "size", 0) > SHOWN_NUMBERS
+            texts.append(f"{field.name}={f'<{value.shape}>' if large else repr(value)}")
+    return f"{type(self).__name__}({', '.join(texts)})"
 
 
 def list_coordinates(name: str, points: NDArray[np.float64]) -> Json:

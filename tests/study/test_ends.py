@@ -246,6 +246,24 @@ def test_the_end_that_gets_farther_is_taken() -> None:
     assert entries[0]["inserted_mm"] > entries[1]["inserted_mm"]
 
 
+def test_the_reported_entry_is_stated_as_it_came_out_of_the_finer_grid() -> None:
+    # A waist through which the coarser grid cannot prove a way.
+    pieces = (((0.0, 30.0), 9.0), ((30.0, 50.0), 5.1), ((50.0, 80.0), 9.0))
+    axes = [np.arange(-14.0, 14.1, 2.0)] * 2 + [np.arange(-16.0, 96.1, 2.0)]
+    grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+    lines = [(np.array([[0.0, 0.0, z] for z in heights]), radius) for heights, radius in pieces]
+    inside = np.min([curve_distance(line, radius)(grid) for line, radius in lines], axis=0) < 0.0
+    waist = tract_from_labels(inside.astype(np.uint16), np.diag([2.0, 2.0, 2.0, 1.0]), source="w")
+    study = plan(waist, scope=Scope(diameter=8.3, link_length=8.0))
+    assert "finer-grid" in [finding.code for finding in study.findings]
+    reported, other = study.to_dict()["entries"]
+    assert (reported["status"], reported["inserted_mm"]) == ("complete", study.plan.inserted)
+    assert other["status"] == "stopped"
+    (text,) = [each.message for each in study.findings if each.code == "organ-unknown"]
+    assert f"reaches the other end after {study.plan.inserted:.0f} mm" in text
+    assert "coarser grid" in text
+
+
 def test_what_lies_beyond_a_given_end_stands_in_the_verdict(tract) -> None:
     end = COLON[1]
     study = plan(replace(tract, organ="colon"), end=end, start=LOW)

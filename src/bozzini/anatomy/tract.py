@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_array, check_points, check_word
 from ..errors import GeometryError, InputError
+from ..results import show_briefly
 from ._mesh import Faces, Vertices, measure_volume
 
 # What a check found in an input: not an error, but its user should know it.
@@ -256,6 +257,8 @@ class LabelTract(TractSource):
         If there is no lumen, or it comes within two voxels of the border of the array.
     """
 
+    __repr__ = show_briefly
+
     labels: NDArray[np.uint16]
     affine: NDArray[np.float64]
     label_names: Mapping[int, str] = field(default_factory=dict)
@@ -327,6 +330,8 @@ class SurfaceTract(TractSource):
     InputError
         If an array has the wrong shape, a vertex is not finite or a face points nowhere.
     """
+
+    __repr__ = show_briefly
 
     vertices: NDArray[np.float64]
     faces: NDArray[np.int64]

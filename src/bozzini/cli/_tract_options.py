@@ -168,7 +168,8 @@ def format_actuation(actuation: Actuation, out: Path) -> list[str]:
     if proof is not None:
         verdict += f"; proved to keep {floor_mm(proof)} mm from the wall at all times"
     travel = max(
-        (max(-item["min_mm"], item["max_mm"]) for item in summary["tendons"].values()), default=0.0
+        (max(abs(item["min_mm"]), abs(item["max_mm"])) for item in summary["tendons"].values()),
+        default=0.0,
     )
     return [
         f"{verdict}.",

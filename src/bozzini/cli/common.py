@@ -22,7 +22,7 @@ from ..errors import BozziniError, FileFormatError, InputError
 from ..progress import Progress, no_progress
 from ..registry import Registry
 from ..results import Json, Result, to_plain
-from ..units import INTERNAL_UNITS, parse_quantity, parse_vector
+from ..units import INTERNAL_UNITS, parse_quantity, parse_vector, restate_typed
 
 # Tables and files of results: for people, as CSV, and whether a file may be written.
 
@@ -187,34 +187,18 @@ _TYPED = "bozzini.typed"
 def _parse_typed(text: str, kind: str) -> float:
     """Return a quantity, and keep how it was typed for the message of an error."""
     value = parse_quantity(text, kind)
-    context, typed = click.get_current_context(silent=True), text.strip()
-    unit = typed.lstrip("+-.0123456789eE ")
-    if context is not None and value and unit and unit != INTERNAL_UNITS[kind]:
-        shown = f"{value:g} {INTERNAL_UNITS[kind]}"
-        scale = parse_quantity(f"1{unit}", kind)
-        context.meta.setdefault(_TYPED, {})[shown] = (typed, scale, unit)
+    context = click.get_current_context(silent=True)
+    if context is not None:
+        context.meta.setdefault(_TYPED, []).append((text, kind))
     return value
 
 
 def add_typed(message: str, context: click.Context | None) -> str:
-    """Return the message of an error with the value as it was typed, in another unit than ours.
-
-    The legal range that follows the value is repeated in that unit.
-    """
-    quantities = {} if context is None else context.meta.get(_TYPED, {})
-    for shown, (typed, scale, unit) in quantities.items():
-        own = re.escape(shown.partition(" ")[2])
-        number = r"[-+0-9.einf]+"
-        form = rf" is {re.escape(shown)}:(?:.*?([\[(])({number}), ({number})([\])]) {own})?"
-        match = re.search(form, message)
-        if match is None:
-            continue
-        if match[1] is None:
-            return f"{message} ({typed} was given)"
-        low, high = (float(match[k]) / scale for k in (2, 3))
-        return (
-            f"{message} ({typed} was given, {match[1]}{low:g}, {high:g}{match[4]} {unit} is legal)"
-        )
+    """Return the message of an error with the value as it was typed, in another unit than ours."""
+    for text, kind in [] if context is None else context.meta.get(_TYPED, []):
+        more = restate_typed(message, text, kind)
+        if more != message:
+            return more
     return message
 
 

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_array, check_fields, check_number, check_points, show_value
 from ..errors import GeometryError, InputError
-from ..results import take_axes
+from ..results import show_briefly, take_axes
 from .checks import (
     check_counts,
     check_places,
@@ -594,6 +594,8 @@ class SampledField(PackedDuct):
     So it never promises clearance that there is not. Where the lumen lies in the grid, it is too
     large by no more than the smaller of the two, besides the error; the gradient is its slope.
     """
+
+    __repr__ = show_briefly
 
     values: NDArray[np.float32]
     spacing: Floats

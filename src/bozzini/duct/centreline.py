@@ -15,7 +15,7 @@ from ..checks import check_number, check_points, check_range, show_value
 from ..errors import GeometryError, InputError
 from ..numeric.polylines import interpolate_polyline, measure_arc_length, resample_polyline
 from ..progress import Progress, no_progress
-from ..results import take_axes
+from ..results import show_briefly, take_axes
 from .base import Duct, SampledField
 from .shapes.cones import RoundCones
 from .shapes.cylinders import ConnectedCylinders
@@ -389,6 +389,8 @@ class Centreline:
     other_ends : tuple of OtherEnd
         Where else an end that was found, not given, could be.
     """
+
+    __repr__ = show_briefly
 
     points: NDArray[np.float64]
     arc_length: NDArray[np.float64]

@@ -15,6 +15,7 @@ from ..anatomy.frame import fit_frame, measure_shift
 from ..checks import check_number, check_points, show_value
 from ..errors import GeometryError, InputError
 from ..progress import Progress, no_progress
+from ..results import show_briefly
 from .base import PackedDuct, Wrapped
 from .base import SampledField as SampledField
 from .packed import BricksData
@@ -617,6 +618,8 @@ class RefinedField(Wrapped, PackedDuct):
     spacing : (3,) float
         Distance between the finer nodes along each grid axis [mm].
     """
+
+    __repr__ = show_briefly
 
     coarse: SampledField
     values: NDArray[np.float32]

@@ -42,7 +42,7 @@ from numpy.typing import NDArray
 from ..checks import Quantity, check_path, check_points, list_quantities, show_value
 from ..errors import FileFormatError, InputError
 from ..results import Json, to_plain
-from ..units import FULL_TURN_RAD, check_bare_angle, parse_quantity
+from ..units import FULL_TURN_RAD, check_bare_angle, parse_quantity, restate_typed
 from .files import write_text
 
 if TYPE_CHECKING:
@@ -478,7 +478,14 @@ def _read_quantity(data: object, kind: Any) -> float:
         article = "an" if known.kind[0] in "aeiou" else "a"
         raise InputError(f" is {show_value(data)}: it must be {article} {known.kind}")
     number = parse_quantity(data, known.kind)  # type: ignore[arg-type]  # it checks itself
-    return number if callable(known.low) or callable(known.high) else known.check("", number)
+    if callable(known.low) or callable(known.high):
+        return number
+    try:
+        return known.check("", number)
+    except InputError as error:
+        if not isinstance(data, str):
+            raise
+        raise type(error)(restate_typed(str(error), data, known.kind)) from None
 
 
 def _read_file_quantity(data: object, kind: Any) -> float:

@@ -636,7 +636,7 @@ def check_muscle(muscle: object, model: MuscleModel | None = None) -> None:
         raise InputError(
             f"the model {model.name} needs the muscle's {', '.join(missing)}: give "
             f"{' '.join(f'--{name}' for name in missing)}, or write it into the muscle's file"
-            + (f", or fit it with --free {fitted}" if fitted else "")
+            + (f", or fit it: add {fitted} to the names of --free" if fitted else "")
         )
     if "braid_angle" in model.unused or model.extensile or muscle.braid_angle <= BRAID_ANGLES[1]:
         return

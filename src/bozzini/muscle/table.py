@@ -407,7 +407,10 @@ def _find_columns(
     if "contraction" in columns and "length" in columns:
         raise FileFormatError("there are columns contraction and length: give one of them")
     if measured and "contraction" not in columns and "length" not in columns:
-        raise FileFormatError(f"there is no column contraction or length: the table has {there}")
+        raise FileFormatError(
+            "there is no column contraction or length, at which a force is measured or predicted: "
+            f"the table has {there}"
+        )
     return columns, tuple(ignored), notes
 
 

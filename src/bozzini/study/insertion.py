@@ -549,10 +549,18 @@ def run_insertion(
                     progress=progress,
                 )
                 plan, finer = _choose_finer(plan, make_plan(line, fine))
+            if entries:
+                entries = (_describe_entry(line, plan), *entries[1:])
     with _clock(times, "unreached"):
         unreached = find_unreached(tract, field, line)
     crossing = find_introducer_crossing(field, plan, places[1] if options.reverse else places[0])
-    findings = (*tract.findings, *ends.findings, *_find_other_entry(entries), *finer, *crossing)
+    findings = (
+        *tract.findings,
+        *ends.findings,
+        *_find_other_entry(entries, plan),
+        *finer,
+        *crossing,
+    )
     moved = None
     if robot is not None:
         with _clock(times, "robot"):
@@ -684,19 +692,20 @@ def _try_both_ends(
     if reverse:
         pair.reverse()
         basis = f"reversed ({basis}, was the other one)"
-    entries = tuple(
-        {
-            "point_mm": _round(each.line.points[0]).tolist(),
-            "status": result.status,
-            "certified": result.certified,
-            "clearance_certified_mm": result.proved,
-            "inserted_mm": result.inserted,
-            "reason": result.reason,
-        }
-        for each, result in pair
-    )
+    entries = tuple(_describe_entry(each.line, result) for each, result in pair)
     chosen, plan = pair[0]
     return replace(chosen, basis=basis), plan, entries
+
+
+def _describe_entry(line: Centreline, plan: Plan) -> Json:
+    return {
+        "point_mm": _round(line.points[0]).tolist(),
+        "status": plan.status,
+        "certified": plan.certified,
+        "clearance_certified_mm": plan.proved,
+        "inserted_mm": plan.inserted,
+        "reason": plan.reason,
+    }
 
 
 def _judge(plan: Plan) -> tuple[bool, float, float]:
@@ -713,7 +722,7 @@ def _is_better(plan: Plan, other: Plan) -> bool:
     return _judge(plan) > _judge(other)
 
 
-def _find_other_entry(entries: Sequence[Json]) -> tuple[Finding, ...]:
+def _find_other_entry(entries: Sequence[Json], plan: Plan) -> tuple[Finding, ...]:
     """Return a warning that names both results where both ends were tried."""
     if not entries:
         return ()
@@ -733,6 +742,8 @@ def _find_other_entry(entries: Sequence[Json]) -> tuple[Finding, ...]:
     else:
         pairs = zip(places, results, strict=True)
         text = "; ".join(f"entered at {place} the scope {result}" for place, result in pairs)
+    if plan.field is not None and plan.field.fine_spacing is not None:
+        text += " (tried on the coarser grid alone)"
     message = (
         f"the organ is not known, so both ends were tried: {text}. The first is reported here: "
         "give --organ, --start or --reverse to choose"
