@@ -46,8 +46,9 @@ def test_tutorial_runs(path: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_tutorial_runs_as_a_notebook(tmp_path: Path) -> None:
+def test_a_tutorial_runs_as_a_notebook(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Cells, texts and pictures survive the way into a notebook."""
+    monkeypatch.delenv("MPLBACKEND", raising=False)  # a notebook has a backend of its own
     import jupytext
     from nbclient import NotebookClient
 
