@@ -385,17 +385,18 @@ class Simulation:
     @property
     def push_force(self) -> float:
         """Force of the drive that pushes the base in, at the end of the last step [N]."""
-        return float(self._drive_forces()[0]) / NEWTON
+        return float(self._drive_forces(self._drive_rates())[0]) / NEWTON
 
     def _drive_rates(self) -> Floats:
         """Return how fast the drives (u,) move: joints, then tendons."""
         rates = self.data.qvel
-        return np.concatenate([rates[self._driven], self._arms @ rates])
+        joints = np.asarray(rates[self._driven])
+        return np.concatenate([joints, self._arms @ rates]) if len(self._arms) else joints
 
-    def _drive_forces(self) -> Floats:
+    def _drive_forces(self, rates: Floats) -> Floats:
         """Return the forces of the drives (u,), with what damping took from them in the step."""
         data = self.data
-        change = self._drive_rates() - data.actuator_velocity
+        change = rates - data.actuator_velocity
         return np.where(data.actuator_force == 0.0, 0.0, data.actuator_force - self._yield * change)
 
     def place(self, positions: Floats) -> None:
@@ -429,7 +430,8 @@ class Simulation:
         if self.wall is not None:
             self._press(self.wall)
         mujoco.mj_step2(model, data)
-        self.work += step * float(self._drive_forces() @ self._drive_rates()) / NEWTON
+        moved = self._drive_rates()
+        self.work += step * float(self._drive_forces(moved) @ moved) / NEWTON
         if data.warning.number.any():
             raise InputError(
                 f"the simulation is not stable at {data.time:.3f} s: take a smaller step than "
