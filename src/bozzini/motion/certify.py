@@ -126,8 +126,7 @@ def certify_motion(
     packed, excess = space.intro.copy(), 0.0
     if introducer is not None:
         offered = float(duct.clearance_bound(introducer.entry))
-        # What is exempt from the wall is the bore that the lumen offers, whatever is stated.
-        packed[6] = min(introducer.bore, max(offered, radius))
+        packed[6] = introducer.exempt_bore(offered, radius=radius)
         most = float(-duct.signed_distance(introducer.entry)) + duct.error
         if introducer.bore > max(offered, most) + ROUND_OFF_MM:
             excess = introducer.bore - offered

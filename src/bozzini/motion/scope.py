@@ -120,6 +120,18 @@ class Introducer:
         """Return the straight chain (joints, dim) whose head stands at the entry."""
         return self.entry + np.arange(joints)[:, None] * length * self.outward
 
+    def exempt_bore(self, offered: float, *, radius: float) -> float:
+        """Return the bore that is exempt from the wall: what the lumen offers, whatever is stated.
+
+        Parameters
+        ----------
+        offered : float
+            Proved clearance at the entry [mm].
+        radius : float
+            Of the body, which is in it as a whole [mm].
+        """
+        return min(self.bore, max(offered, radius))
+
     def pack(self, duct: Duct) -> NDArray[np.float64]:
         """Return entry, direction and bore in the duct's own frame, for the kernels: (7,)."""
         entry = duct.to_grid(self.entry)

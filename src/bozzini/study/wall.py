@@ -25,7 +25,6 @@ from ..errors import InputError
 from ..motion.certify import Certificate
 from ..motion.plan import Plan
 from ..motion.recheck import Tube, Wall
-from ..motion.space import FreeSpace
 from ..plot.plan_data import read_centreline
 from ..progress import Progress, no_progress
 from ..results import Json
@@ -283,8 +282,8 @@ def _find_waiting(plan: Plan, duct: Duct) -> tuple[NDArray[np.int64], Tube | Non
     waiting = np.full(plan.steps, plan.links + 1, dtype=np.int64)
     if introducer is None:
         return waiting, None
-    bore = min(introducer.bore, max(float(duct.clearance_bound(introducer.entry)), radius))
-    packed = FreeSpace(duct, introducer=introducer).intro.copy()
+    bore = introducer.exempt_bore(float(duct.clearance_bound(introducer.entry)), radius=radius)
+    packed = introducer.pack(duct)
     packed[6] = bore
     mark_introduced(np.ascontiguousarray(duct.to_grid(plan.joints)), packed, radius, waiting)
     return waiting, Tube(entry=introducer.entry, outward=introducer.outward, bore=bore)
