@@ -30,7 +30,7 @@ from tests.browser.conftest import wait_for
 from tests.cli.plan_cases import write_tracts
 from tests.cockpit.conftest import make_plan
 
-READY = "() => window.cockpit?.viewer?.paints > 0 && document.querySelector('.pad')"
+READY = "() => window.cockpit?.viewer?.paints > 0 && document.querySelector('.drive:not([hidden])')"
 PLANNED = f"{READY} && cockpit.status?.plan && !cockpit.status.planning.busy"
 FIRST_PAINT, RECONNECTION = 9.0, 15.0
 """Three times what a computer with nothing else to do may take [s]."""
