@@ -10,7 +10,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bozzini.errors import UnitError
-from bozzini.units import INTERNAL_UNITS, parse_quantity, parse_vector
+from bozzini.units import (
+    INTERNAL_UNITS,
+    add_unit,
+    parse_quantity,
+    parse_vector,
+    show_unit,
+)
 
 # Factors by definition (inch = 25.4 mm, g = 9.80665 m/s^2), not taken from pint.
 PSI = 0.45359237 * 9.80665 / 25.4**2
@@ -188,3 +194,12 @@ def test_an_angle_beyond_a_turn_needs_its_unit(text: str) -> None:
 @pytest.mark.parametrize("text", ["6.283185307179586", "-6.283185307", "3.2"])
 def test_a_full_turn_needs_no_unit(text: str) -> None:
     assert parse_quantity(text, "angle") == float(text)
+
+
+@pytest.mark.parametrize("unit", [unit for unit in INTERNAL_UNITS.values() if unit])
+def test_a_column_is_shown_with_its_unit(unit: str) -> None:
+    assert show_unit(add_unit("way_in", unit)) == f"way in [{unit}]"
+
+
+def test_a_column_without_a_unit_is_shown_as_it_is() -> None:
+    assert [show_unit(name) for name in ("segments", "mm", "comm")] == ["segments", "mm", "comm"]

@@ -1,7 +1,7 @@
 """How likely does it touch?
 
-The wall is known to half a millimetre. How likely the motion touches it somewhere, if errors are
-independent every 10 mm, and for which diameters.
+The wall is known to half a millimetre. How likely the motion touches it somewhere, if places of the
+wall much nearer than 10 mm are off by the same, and for which diameters.
 """
 
 import bozzini as bz

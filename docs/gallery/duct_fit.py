@@ -1,7 +1,7 @@
 """A tract as a few round cones.
 
 A measured wall is fitted by cones that lie inside it, so that what is proved in them holds in the
-tract, and a motion is planned in microseconds.
+tract, and a distance to the wall takes a fraction of a microsecond.
 """
 
 import bozzini as bz

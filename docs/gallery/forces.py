@@ -1,7 +1,8 @@
 """What force acts on the wall.
 
 Two motions along the same path, driven in a simulator whose wall presses back: the certified plan
-does not touch, a chain that is dragged without regard for walls does.
+does not touch; a chain that is dragged without regard for walls does, until a link is pressed
+through it.
 """
 
 import matplotlib.pyplot as plt

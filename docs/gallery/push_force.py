@@ -25,5 +25,5 @@ tendons = tuple(Tendon(name=f"T{k}", offset=2.5, angle=k * np.pi / 2.0) for k in
 section = Section(length=70.0, radius=3.0, tendons=tendons, bending_stiffness=500.0)
 robot = RobotDesign((section,))
 model = ContactModel(robot, lumen, options=ContactOptions(segment_length=5.0))
-found = insert_robot(model, path, drives=DriveTable.passive(robot, 60.0))
+found = insert_robot(model, path, drives=DriveTable.passive(robot, 60.0), step=2.0)
 axes = found.plot_force()

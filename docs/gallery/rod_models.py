@@ -1,6 +1,6 @@
 """Three models of one loaded robot.
 
-A weight at the tip: constant curvature knows nothing of it, the Cosserat rod does.
+A force of 0.05 N across the tip: constant curvature knows nothing of it, `energy` and the rod do.
 """
 
 import numpy as np
@@ -21,11 +21,11 @@ robot = RobotDesign(
         ),
     )
 )
-weight = (0.05, 0.0, 0.0)  # [N]
+across = (0.05, 0.0, 0.0)  # [N]
 pulled = [5.0, -2.5, -2.5]  # [mm]
 shapes = {
     "arc": ArcModel(robot).shape(pulled),
-    "energy": EnergyModel(robot, tip_force=weight).shape(pulled),
-    "rod": RodModel(robot, tip_force=weight).shape(pulled),
+    "energy": EnergyModel(robot, tip_force=across).shape(pulled),
+    "rod": RodModel(robot, tip_force=across).shape(pulled),
 }
 figure = draw_comparison(shapes)

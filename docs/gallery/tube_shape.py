@@ -1,14 +1,18 @@
 """The shape of a tube from two pictures.
 
-A bent catheter is rendered from two sides; its centreline is found by stereo and compared with the
-model's.
+A bent catheter is rendered from two sides; its centreline is found by stereo and laid beside the
+model's, from which the pictures were made.
 """
+
+import matplotlib.pyplot as plt
+import numpy as np
 
 from bozzini.effector import Effector, effector_preset
 from bozzini.vision import (
     CameraSet,
     PairLayout,
     ShapeOptions,
+    compare_shapes,
     make_backbone_scene,
     measure_shape,
     render_picture,
@@ -21,5 +25,8 @@ scene = make_backbone_scene(model)
 pictures = [render_picture(scene, camera, seed=k) for k, camera in enumerate(cameras.cameras)]
 
 shape = measure_shape(pictures, cameras, options=ShapeOptions(length=45.0))
-print("standard uncertainty of the tip", shape.converged, shape.reason)
-axes = shape.plot()
+found = compare_shapes([shape], [model], alignment="world")
+print(f"off by {found.residual:.3f} mm rms, {np.max(found.distances):.3f} mm at most")
+figure, (left, right) = plt.subplots(1, 2, figsize=(9.0, 4.0), layout="constrained")
+found.plot(left)
+found.plot_distances(right)

@@ -241,3 +241,12 @@ def add_unit(name: str, unit: str) -> str:
     """Return a name with its unit, as columns and JSON keys have it: ``length_mm``."""
     words = unit.replace(" ", "").replace("^", "").replace("/", "_per_")
     return f"{name}_{words}" if words else name
+
+
+def show_unit(column: str) -> str:
+    """Return the name of a column as a figure has it: ``length [mm]`` for ``length_mm``."""
+    for unit in sorted(filter(None, INTERNAL_UNITS.values()), key=len, reverse=True):
+        name = column.removesuffix(add_unit("", unit))
+        if name != column:
+            return f"{name.replace('_', ' ')} [{unit}]"
+    return column

@@ -204,7 +204,7 @@ def draw_shapes(shapes: Sequence[ContactShape], ax: Axes | None) -> Axes:
         view = np.linalg.svd(points - middle, full_matrices=False)[2][:2]
     axes = take_axes(ax, x="along [mm]", y="across [mm]", equal=True)
     flat = (points - middle) @ view.T
-    space = 0.1 * float(np.ptp(flat, axis=0).max()) + 3.0 * last.robot.radius
+    space = 0.2 * float(np.ptp(flat, axis=0).max()) + 3.0 * last.robot.radius
     low, high = flat.min(axis=0) - space, flat.max(axis=0) + space
     grid = np.meshgrid(*(np.linspace(a, b, 160) for a, b in zip(low, high, strict=True)))
     nodes = middle + np.stack(grid, axis=-1) @ view

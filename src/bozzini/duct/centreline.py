@@ -449,8 +449,8 @@ class Centreline:
         return float(self.arc_length[-1])
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the clearance over the arc length and return the axes."""
-        ax = take_axes(ax, x="arc length [mm]", y="clearance [mm]")
+        """Draw the inscribed radius over the arc length and return the axes."""
+        ax = take_axes(ax, x="arc length [mm]", y="inscribed radius [mm]")
         ax.plot(self.arc_length, self.radius)
         return ax
 

@@ -243,10 +243,13 @@ def _mark_ends(
     """Draw the goal, how far the head got, and the place that was refused."""
     left, right = _widen(over)
     axes.axhline(line.length, color=_GOAL, linewidth=1.2)
-    axes.text(
-        0.008, line.length, f"goal, {line.length:.0f} mm", color=_GOAL, fontsize=9, va="bottom",
-        transform=axes.get_yaxis_transform(),
-    )  # fmt: skip
+    # Without the centreline a path that was refused is known only up to where it ends.
+    word = "goal" if mark is None or line.is_centreline else "the head's path ends"
+    if mark is None or abs(mark.at - line.length) > 0.06 * line.length:
+        axes.text(
+            0.008, line.length, f"{word}, {line.length:.0f} mm", color=_GOAL, fontsize=9,
+            va="bottom", transform=axes.get_yaxis_transform(),
+        )  # fmt: skip
     if mark is None:
         return
     axes.axhline(mark.at, color=AMBER, linewidth=1.6, linestyle=(0, (6, 2)))

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from ..errors import InputError
+from ..units import show_unit
 from .style import AMBER, BLUE, COLORS, DASHES, GRID, make_panels, take_panel
 
 if TYPE_CHECKING:
@@ -45,7 +46,8 @@ def draw_map(rows: pandas.DataFrame, columns: Sequence[str]) -> Figure:
     chosen = np.ones(len(rows), dtype=bool)
     values = feasible.astype(np.float64)
     if len(columns) == 3:
-        label, chosen, values = columns[2], feasible, rows[columns[2]].to_numpy(dtype=float)
+        label, chosen = show_unit(columns[2]), feasible
+        values = rows[columns[2]].to_numpy(dtype=float)
     count = np.bincount(flat[chosen], minlength=total.size).reshape(shape)
     summed = np.bincount(flat[chosen], values[chosen], minlength=total.size).reshape(shape)
     with np.errstate(invalid="ignore"):
@@ -79,7 +81,10 @@ def draw_parallel(rows: pandas.DataFrame, columns: Sequence[str]) -> Figure:
         lit = bool(feasible) and np.isfinite(line[-1])
         color = colors(line[-1]) if lit else GRID
         axes.plot(line, color=color, alpha=0.6, linewidth=0.8, zorder=2 if lit else 1)
-    names = [f"{name}\n{a:.4g} to {b:.4g}" for name, a, b in zip(columns, low, high, strict=True)]
+    names = [
+        f"{show_unit(name)}\n{a:.4g} to {b:.4g}"
+        for name, a, b in zip(columns, low, high, strict=True)
+    ]
     axes.set_xticks(range(len(columns)), names, fontsize=7)
     return figure
 
@@ -153,9 +158,10 @@ def draw_indices(
         errors = np.nan_to_num(np.stack([values - low, high - values]))
         shown = np.nan_to_num(values)
         axes.barh(places + 0.4 * k - 0.2, shown, 0.38, xerr=errors, color=color, label=label)
-    axes.set_yticks(places, [str(factor) for factor in table["factor"]])
+    axes.set_yticks(places, [show_unit(str(factor)) for factor in table["factor"]])
     axes.invert_yaxis()
-    axes.set(xlabel="share of the variance", title=name if varies else f"{name}: does not vary")
+    title = show_unit(name) + ("" if varies else ": does not vary")
+    axes.set(xlabel="share of the variance", title=title)
     axes.legend(fontsize=7, loc="upper center", bbox_to_anchor=(0.5, -0.16))
     return axes
 
@@ -169,7 +175,7 @@ def draw_spread(name: str, values: NDArray[np.float64], ax: Axes | None = None) 
         low, high = np.quantile(values, [0.025, 0.975])
         axes.axvspan(float(low), float(high), color=GRID, zorder=0, label="95 % of the rows")
         axes.legend(fontsize=7)
-    axes.set(xlabel=name, ylabel="rows")
+    axes.set(xlabel=show_unit(name), ylabel="rows")
     return axes
 
 
@@ -193,7 +199,7 @@ def draw_population(table: pandas.DataFrame, scopes: Sequence[str], ax: Axes | N
             x, group["share_low"], group["share_high"], color=color, alpha=0.15, linewidth=0
         )
         axes.plot(x, 1.0 - group["share_not"], color=color, linestyle=DASHES[1], linewidth=1.0)
-    axes.set(xlabel=along, ylabel="share of patients that it fits", ylim=(-0.03, 1.03))
+    axes.set(xlabel=show_unit(along), ylabel="share of patients that it fits", ylim=(-0.03, 1.03))
     axes.set_title("dashed: not proved that it does not fit", fontsize=9, loc="left")
     axes.legend(fontsize=7)
     return axes
@@ -244,7 +250,7 @@ def draw_tip_error(
 def _start(x: str, y: str) -> tuple[Figure, Axes]:
     figure = Figure(figsize=(7.0, 4.5), layout="constrained")
     axes = figure.subplots()
-    axes.set(xlabel=x, ylabel=y)
+    axes.set(xlabel=show_unit(x), ylabel=show_unit(y))
     return figure, axes
 
 
