@@ -5,13 +5,16 @@ from __future__ import annotations
 import importlib.util
 import json
 import re
+import shlex
 from pathlib import Path
 
 import matplotlib
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from matplotlib.image import imread
 
+from bozzini.cli.main import root
 from bozzini.motion import move_free_chain
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
@@ -77,6 +80,38 @@ def test_a_row_for_every_figure_and_table() -> None:
     assert _expand(text, "Tables?") == {
         f"{c}.{k}" for c, n in TABLES.items() for k in range(1, n + 1)
     }
+
+
+def _list_posed() -> list[tuple[list[str], str]]:
+    """Return the commands of each row that gives poses of the thesis's section, and the values."""
+    found = []
+    for line in (DOCS / "thesis.md").read_text("utf-8").splitlines():
+        cells = line.split(" | ")
+        if len(cells) == 3 and cells[1].startswith("`bozzini effector pose --preset thesis"):
+            whole, *more = re.findall(r"`([^`]+)`", cells[1])
+            commands = [whole]
+            for options in more:  # each adds to the one before
+                commands.append(f"{commands[-1]} {options}")
+            found.append((commands, cells[2].partition("; ")[0]))
+    return found
+
+
+@pytest.mark.parametrize(("commands", "values"), _list_posed())
+def test_commands_give_the_values_beside_them(commands: list[str], values: str) -> None:
+    shown = []
+    for command in commands:
+        result = CliRunner().invoke(root, shlex.split(command)[1:])
+        assert result.exit_code == 0, result.output
+        shown += [abs(float(word)) for word in re.findall(r"\d+\.\d+", result.stdout)]
+    told = re.findall(r"(\d+\.(\d+))(?= mm| N|°)", values)
+    assert len(told) >= 3
+    for number, digits in told:
+        half = 0.51 * 10.0 ** -len(digits)  # what is shown is rounded itself
+        assert any(abs(value - float(number)) <= half for value in shown), number
+
+
+def test_poses_of_four_rows_are_tried() -> None:
+    assert len(_list_posed()) == 4
 
 
 def test_every_figure_is_drawn_or_has_a_reason() -> None:

@@ -57,7 +57,7 @@ def _draw_duct(axes, duct, *, margin=6.0):
     value = duct.signed_distance(np.stack([x, y], axis=-1))
     axes.contourf(x, y, value, [-999.0, 0.0], colors=[LUMEN])
     axes.contour(x, y, value, [0.0], colors=[INK], linewidths=0.8)
-    axes.set(aspect="equal", xlabel="x [mm]")
+    axes.set(aspect="equal", xlabel="x [mm]", ylabel="y [mm]")
     axes.grid(visible=False)
 
 
@@ -176,7 +176,8 @@ def fig_5_14():
 
     Printed: five shapes, a to e, and the head's path; neither powers nor half axes.
 
-    Ours: powers of 1, 2, 4 and 10; half axes of 17 and 8 mm, power 4, along a sine.
+    Ours: powers of 1, 2, 4 and 10 for half axes a = 1.5 b; of 17 and 8 mm with power 4, along a
+    sine.
 
     Beside the print: the sign of (5.18) is that of the exact duct everywhere. Its value is no
     distance: the errata have how.
@@ -187,7 +188,7 @@ def fig_5_14():
         ring = one.outline(0)
         left.plot(*np.concatenate([ring, ring[:1]]).T, color=color, label=f"n = {power:g}")
     left.legend(frameon=False, fontsize=9, loc="center")
-    left.set(aspect="equal")
+    left.set(aspect="equal", xlabel="x / b", ylabel="y / b")
     duct, path = _make_ellipses()
     _draw_duct(right, duct)
     for k, name in enumerate("abcde"):

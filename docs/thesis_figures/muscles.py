@@ -199,8 +199,8 @@ def fig_3_16():
     free = float(bulk.contraction(0.758))
     over = np.linspace(free - 3.0, free, 20)
     axes.plot(over, bulk.force(0.758, over), color=AMBER, label="thesis, load path added")
-    for slope, name in ((0.94, "printed theory"), (0.63, "printed measurement")):
-        axes.plot(over, slope * (free - over), ":", color=INK, label=f"{name}: {slope} N/mm")
+    for slope, dash, name in ((0.94, ":", "printed theory"), (0.63, "--", "printed measurement")):
+        axes.plot(over, slope * (free - over), dash, color=INK, label=f"{name}: {slope} N/mm")
     axes.set(ylim=(0.0, 4.0))
     axes.set_title("758 kPa", fontsize=10, loc="left")
     axes.legend(frameon=False, fontsize=9)

@@ -160,6 +160,7 @@ def fig_5_07():
         space.set_title(f"{name}: {pulled[0]:g} and {pulled[1]:g} mm", fontsize=10, loc="left")
         space.set_box_aspect(np.maximum(np.ptp(joints, axis=0), 40.0))
         space.set(xlim=(0, max(40.0, joints[-1, 0])), ylim=(-5, 40), zlim=(0, 100))
+        space.set(xlabel="x [mm]", ylabel="y [mm]", zlabel="z [mm]")
         space.legend(frameon=False, fontsize=9, loc="upper left")
         spokes = (cables - joints) / SPACING
         square = np.abs(np.sum(spokes[0] * spokes[1], axis=1)).max()
@@ -219,10 +220,14 @@ def fig_5_12():
     poses = move_free_chain(chain, np.stack([along, 0.0 * along], axis=1))
     figure, (axes,) = make_panels(size=(7.0, 4.4))
     for k in range(0, 121, 20):
-        axes.plot(*poses[k].T, "o-", color=BLUE, markersize=3.0, alpha=0.25 + 0.75 * k / 120)
+        label = "chain" if k == 120 else None
+        shade = 0.25 + 0.75 * k / 120
+        axes.plot(*poses[k].T, "o-", color=BLUE, markersize=3.0, alpha=shade, label=label)
     for joint in range(9):
-        axes.plot(*poses[:, joint].T, ":", color=AMBER, linewidth=1.0)
+        label = "ways of joints" if joint == 8 else None
+        axes.plot(*poses[:, joint].T, ":", color=AMBER, linewidth=1.0, label=label)
     axes.set(aspect="equal", xlabel="x [mm]", ylabel="y [mm]")
+    axes.legend(frameon=False, fontsize=9)
     ways = np.linalg.norm(np.diff(poses, axis=0), axis=2).sum(axis=0)
     moved = np.linalg.norm(poses[-1] - poses[0], axis=1)
     rows = (", ".join(f"{m:.1f}" for m in row) for row in (ways, moved))
