@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import re
 from pathlib import Path
 
 import matplotlib
@@ -29,6 +30,16 @@ def test_every_file_is_shown_once_with_its_picture() -> None:
     assert len(SCRIPTS) >= 24
     pictures = {path.stem for path in gallery.PICTURES.glob("*.png")}
     assert pictures == {path.stem for path in SCRIPTS}
+
+
+def test_the_front_page_shows_twelve() -> None:
+    page = (DOCS / "index.md").read_text("utf-8")
+    link = r"\[!\[([^]]+)\]\(images/gallery/(\w+)\.png\)\]\(gallery\.md#([\w-]+)\)"
+    shown = re.findall(link, page)
+    assert len({name for _, name, _ in shown}) == len(shown) == 12
+    for title, name, anchor in shown:
+        assert gallery.split_script(DOCS / "gallery" / f"{name}.py")[0] == title
+        assert anchor == re.sub(r"[^\w]+", "-", title.replace("'", "")).strip("-").lower()
 
 
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.stem)
