@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
+import json
 import re
 import shlex
 import tomllib
@@ -266,6 +267,16 @@ def test_the_page_of_benchmarks_is_short_and_of_the_long_one() -> None:
     short = rows("benchmarks.md")[1:]
     assert 10 <= len(short) <= 15
     assert all(every[what] == measured for _, what, measured in short)
+
+
+def test_the_files_of_a_plan_are_listed() -> None:
+    text = (ROOT / "docs" / "files.md").read_text("utf-8").partition("## The plan file")[0]
+    record = json.loads((ROOT / "tests" / "cli" / "recorded_commands.json").read_text("utf-8"))
+    runs = [run for line, run in record.items() if line.split()[0] in ("plan", "demo")]
+    names = {Path(path).name for run in runs for path in run.get("files", ())}
+    assert len(names) > 8
+    plain = {re.sub(r"plan-[a-z]+", "plan-METHOD", name) for name in names}
+    assert plain <= set(re.findall(r"`([\w.-]+)`", text))
 
 
 def test_one_version_everywhere() -> None:
