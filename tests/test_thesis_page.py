@@ -16,6 +16,7 @@ from matplotlib.image import imread
 
 from bozzini.cli.main import root
 from bozzini.motion import move_free_chain
+from tests.test_gallery import measure_change
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 
@@ -153,6 +154,7 @@ def test_figures_are_made_and_their_values_hold(name: str, tmp_path: Path) -> No
     pixels = imread(path)
     assert pixels.shape[1] == thesis.WIDTH
     assert np.std(pixels[..., :3]) > 0.02  # something is drawn
+    assert measure_change(path, thesis.PICTURES / path.name) < 0.15  # fonts may differ
     number = r"[-+−]?\d+(?:\.\d+)?(?:e-?\d+)?"
     shown = json.loads(thesis.VALUES.read_text("utf-8"))[name]
     assert re.sub(number, "#", value) == re.sub(number, "#", shown)

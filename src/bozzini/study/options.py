@@ -156,7 +156,10 @@ class PathOptions:
     """
 
     voxel: float | None = quantity(
-        "length", "Grid of the distance field.", default=None, low=VOXEL_MIN
+        "length",
+        "Grid of the distance field (default: at most 1.5 mm of a volume, 1 mm of a surface).",
+        default=None,
+        low=VOXEL_MIN,
     )
     inflate: float = quantity(
         "length",
