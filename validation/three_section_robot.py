@@ -113,7 +113,7 @@ def validate(folder: Path, images: Path) -> Section:
     assert best.validation is not None and by_length.validation is not None
     draw_errors(best, images)
     return Section(
-        title="Robot of three sections, shape under nine tendons",
+        title="Robot of three sections, tip under nine tendons",
         source="ContinuumRoboticsLab/opencr-mujoco, commit 17fff8b.",
         licence="MIT.",
         text=(
