@@ -25,7 +25,7 @@ BEGIN, END = "<!-- table: begin -->", "<!-- table: end -->"
 
 HEADLINES = (
     ("A certified plan through a human tract in a tenth of a second", "tract, diameter 6, .*tube"),
-    ("Planning anew in a tract that moves keeps pace with a camera", "a frame of .*2 thread"),
+    ("Planning anew in a tract that moves keeps pace with a camera", "the loop on the upper tract"),
     ("The thesis's link step, by the formulation as printed", "one link .*as printed"),
     ("Distances to shapes cost less than to a mesh", "signed distance of 100 round cones"),
     ("From CT labels to a plan in seconds", "stages on the upper tract, from labels"),
