@@ -160,3 +160,24 @@ def test_large_arrays_are_shown_by_their_shape() -> None:
     assert f"points=<{line.points.shape}>" in repr(line)
     assert f"labels=<{tract.labels.shape}>" in repr(tract) and repr(tract.affine) in repr(tract)
     assert max(len(repr(line)), len(repr(tract))) < 1000
+
+
+def test_results_are_shown_briefly() -> None:
+    import bozzini as bz
+
+    tip = bz.Effector(bz.effector.effector_preset("prototype"))
+    tendons = [
+        bz.continuum.Tendon(name=f"T{k}", offset=4.0, angle=0.5 * np.pi * k) for k in range(4)
+    ]
+    robot = bz.ContinuumRobot([bz.continuum.Section(length=60.0, radius=5.0, tendons=tendons)])
+    model = bz.continuum.EnergyModel(robot)
+    shape = model.shape([1.0, 0.0, -1.0, 0.0])
+    shown = [
+        tip.forward({"R": np.linspace(0.1, 0.5, 40)}),
+        bz.effector.workspace(tip),
+        model.jacobian(shape),
+        robot.inverse([10.0, 5.0, 55.0]),
+    ]
+    for result in shown:
+        assert repr(result).startswith(f"{type(result).__name__}(")
+        assert len(repr(result)) < 3000, type(result)

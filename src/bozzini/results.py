@@ -31,6 +31,17 @@ SHOWN_ROWS = 20
 """Rows of a table that a notebook shows."""
 
 
+def show_briefly(self: object) -> str:
+    """Return the name and the fields of a dataclass, for its `__repr__`: of an array the shape."""
+    texts = []
+    for field in dataclasses.fields(self):  # type: ignore[arg-type]
+        value = getattr(self, field.name)
+        if field.repr:
+            large = getattr(value, "size", 0) > SHOWN_NUMBERS
+            texts.append(f"{field.name}={f'<{value.shape}>' if large else repr(value)}")
+    return f"{type(self).__name__}({', '.join(texts)})"
+
+
 class Result:
     """An answer, or the reason why there is none.
 
@@ -54,6 +65,12 @@ class Result:
 
     rows_have_verdict: ClassVar[bool] = False
     """Whether each row of `to_frame` has `converged` and `reason`; `list_columns` is without."""
+
+    def __init_subclass__(cls) -> None:
+        """Show every result briefly: a dataclass takes what stands in the class already."""
+        super().__init_subclass__()
+        if "__repr__" not in vars(cls):
+            cls.__repr__ = show_briefly  # type: ignore[method-assign]
 
     def to_dict(self) -> Json:
         """Return the result as plain values, which JSON takes; not finite numbers are None.
@@ -117,17 +134,6 @@ class ClosedForm(Result):
     converged = True
     reason = ""
     residual = 0.0
-
-
-def show_briefly(self: object) -> str:
-    """Return the name and the fields of a dataclass, for its `__repr__`: of an array the shape."""
-    texts = []
-    for field in dataclasses.fields(self):  # type: ignore[arg-type]
-        value = getattr(self, field.name)
-        if field.repr:
-            large = getattr(value, "size", 0) > SHOWN_NUMBERS
-            texts.append(f"{field.name}={f'<{value.shape}>' if large else repr(value)}")
-    return f"{type(self).__name__}({', '.join(texts)})"
 
 
 def list_coordinates(name: str, points: NDArray[np.float64]) -> Json:

@@ -7,6 +7,7 @@ from typing import Literal
 
 import numpy as np
 
+from ..results import show_briefly
 from .checks import Floats
 
 Held = Literal["displacements", "tensions"]
@@ -52,6 +53,8 @@ class ShapeJacobian:
     tensions_by_displacement : (..., t, t) ndarray
         Tensions by displacements [N/mm].
     """
+
+    __repr__ = show_briefly
 
     arc_length: Floats
     held: Held

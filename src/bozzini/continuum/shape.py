@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import GeometryError, InputError
-from ..results import Json, Result, check_drawn, show_briefly, take_axes, to_plain
+from ..results import Json, Result, check_drawn, take_axes, to_plain
 from .checks import Floats
 from .friction import FrictionState
 from .robot import RobotDesign
@@ -76,8 +76,6 @@ class Shape(Result):
     """
 
     rows_have_verdict = True
-
-    __repr__ = show_briefly
 
     robot: RobotDesign
     model: str

@@ -29,7 +29,7 @@ from ..duct.centreline import Centreline
 from ..errors import FileFormatError, InputError
 from ..io import records, schema
 from ..io.files import write_atomically
-from ..results import Json, Result, show_briefly, take_axes, to_plain
+from ..results import Json, Result, take_axes, to_plain
 from ..units import add_unit
 from .certify import Certificate
 from .planners import PlannerOptions
@@ -421,8 +421,6 @@ class Plan(Result):
     InputError
         If arrays do not have these shapes, or the status is another word.
     """
-
-    __repr__ = show_briefly
 
     joints: Floats
     head_arc_length: Floats

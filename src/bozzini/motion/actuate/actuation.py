@@ -22,7 +22,7 @@ from ...continuum.coupling import coupling_matrix
 from ...continuum.robot import check_robot
 from ...errors import FileFormatError, InputError
 from ...io.files import write_atomically, write_parquet, write_text
-from ...results import Json, Result, show_briefly, take_axes, to_plain
+from ...results import Json, Result, take_axes, to_plain
 from .executed import ArcCertificate, place_bodies
 
 if TYPE_CHECKING:
@@ -187,8 +187,6 @@ class Actuation(Result):
     """
 
     robot: ContinuumRobot
-    __repr__ = show_briefly
-
     head_arc_length: Floats
     base_advance: Floats
     bends: Floats
