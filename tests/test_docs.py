@@ -269,6 +269,20 @@ def test_the_page_of_benchmarks_is_short_and_of_the_long_one() -> None:
     assert all(every[what] == measured for _, what, measured in short)
 
 
+def test_errors_on_the_trust_page_are_those_of_the_validation() -> None:
+    trust, validation = (
+        (ROOT / "docs" / f"{n}.md").read_text("utf-8") for n in ("trust", "validation")
+    )
+    rows = re.findall(r"^\| .+ \| ([^|]+) \| `make validate SET=(\w+)` \|$", trust, re.M)
+    assert {name for _, name in rows} == set(re.findall(r"<!-- (\w+): begin -->", validation))
+    for error, name in rows:
+        section = validation.partition(f"<!-- {name}: begin -->")[2].partition(f"<!-- {name}: end")[
+            0
+        ]
+        number = re.findall(r"[\d.]+", error)[0]
+        assert re.search(rf"(?<![\d.]){re.escape(number)}(?![\d.]*\d)", section), f"{name}: {error}"
+
+
 def test_the_files_of_a_plan_are_listed() -> None:
     text = (ROOT / "docs" / "files.md").read_text("utf-8").partition("## The plan file")[0]
     record = json.loads((ROOT / "tests" / "cli" / "recorded_commands.json").read_text("utf-8"))
