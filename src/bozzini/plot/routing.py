@@ -33,7 +33,7 @@ def draw_design(found: RoutingDesign | TractRobot) -> Figure:
     points = found.points
     space.plot(*found.curve.T, color=AMBER, linewidth=3.0, label="curve")
     space.plot(*points.T, color=INK, linewidth=1.2, label="backbone")
-    fit_space(space, points, least=1.0, zoom=1.0)
+    fit_space(space, points, least=0.25 * float(np.ptp(points, axis=0).max()), zoom=1.0)
     space.legend(fontsize="small")
     found.plot(style_axes(figure.add_subplot(grid[1])))
     arc = measure_arc_length(found.curve)

@@ -170,7 +170,7 @@ def fit_space(space: Axes3D, points: NDArray[np.float64], *, least: float, zoom:
     for k, name in enumerate("xyz"):
         getattr(space, f"set_{name}lim")(middle[k] - half[k], middle[k] + half[k])
         axis = getattr(space, f"{name}axis")
-        axis.get_major_locator().set_params(nbins=5)
+        axis.get_major_locator().set_params(nbins=2 + round(3.0 * half[k] / half.max()))
         axis.set_pane_color((1.0, 1.0, 1.0, 0.0))
     space.set_box_aspect(2.0 * half, zoom=zoom)
     space.tick_params(labelsize=8.5)
