@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ..muscle.models import MODELS, Card, Parameter, count_statuses
+from ..muscle.models.card import BRAID_FIELDS, SHAPE_FIELDS, WALL_FIELDS
 
 _HEAD = """# Catalogue of muscle models
 
@@ -24,8 +25,13 @@ Equations stand as they are implemented, and as printed where that differs; `as_
 evaluates the print. Where they have two signs of friction,
 the upper one is of the way up, inflating; in a print it may be of either. **Constants** have their
 unit, where they are from, and their default; one without a default is to be given or fitted.
-A **law** is a function that the cited paper has.
+A **law** is a function that the cited paper has. **Fields of the muscle** have groups: *strain* is
+`length`, `dead_length`, `braid_angle`; *braid* is these with `outer_radius` and `gap`; *wall* is
+those with `inner_radius`.
 """
+
+GROUPS = {"strain": SHAPE_FIELDS, "braid": BRAID_FIELDS, "wall": WALL_FIELDS}
+"""Fields of a `Muscle` that most models use together, by the name that the page gives them."""
 
 _STATUS = {
     "self-contained": "complete, right as printed",
@@ -44,9 +50,13 @@ def format_counts(cards: Sequence[Card] | None = None) -> str:
         Those of `MODELS` by default.
     """
     taken = _take(cards)
-    lines = ["| status | what it means | models | |", "|---|---|---|---|"]
+    lines = ["| status | what it means | models | with equation |", "|---|---|---|---|"]
     for status, count in count_statuses(taken).items():
-        names = ", ".join(f"`{card.name}`" for card in taken if card.status == status)
+        names = ", ".join(
+            f"[`{card.name}`](#{card.name}) {card.equation}"
+            for card in taken
+            if card.status == status
+        )
         lines.append(f"| {status} | {_STATUS[status]} | {count} | {names} |")
     lines.append(f"| | | **{len(taken)}** | |")
     return "\n".join(lines)
@@ -61,11 +71,7 @@ def format_catalogue(cards: Sequence[Card] | None = None) -> str:
         Those of `MODELS` by default.
     """
     taken = _take(cards)
-    lines = [_HEAD, format_counts(taken), "", "## All models", ""]
-    lines += ["| model | equation | what |", "|---|---|---|"]
-    lines += [
-        f"| [`{card.name}`](#{card.name}) | {card.equation} | {card.title} |" for card in taken
-    ]
+    lines = [_HEAD, "## All models", "", format_counts(taken)]
     for card in taken:
         lines += ["", *_format_section(card)]
     return "\n".join(lines) + "\n"
@@ -87,13 +93,23 @@ def _format_section(card: Card) -> list[str]:
             need += f", with `{law.only_with}` only"
         unit = f" in {law.unit}" if law.unit else ""
         lines.append(f"- Law `{law.name}({', '.join(law.arguments)})`{unit}, {law.what}; {need}.")
-    lines.append(f"- Of the muscle: {', '.join(f'`{name}`' for name in card.uses)}.")
+    lines.append(f"- Of the muscle: {', '.join(_name_fields(card.uses))}.")
     lines += [f"- {text}" for text in card.errata]
     if card.unprintable:
         lines.append(f"- It cannot be evaluated as printed: {card.unprintable}.")
     if card.missing:
         lines.append(f"- Missing: {card.missing}")
     return lines
+
+
+def _name_fields(uses: tuple[str, ...]) -> list[str]:
+    """Return the fields that a model uses, those of the largest group by the group's name."""
+    group = max((name for name in GROUPS if set(GROUPS[name]) <= set(uses)), key=_count_fields)
+    return [group, *(f"`{name}`" for name in uses if name not in GROUPS[group])]
+
+
+def _count_fields(group: str) -> int:
+    return len(GROUPS[group])
 
 
 def _format_constant(item: Parameter) -> str:
