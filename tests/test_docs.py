@@ -162,8 +162,16 @@ def test_the_reference_has_every_command_and_option() -> None:
 
 
 def test_the_guide_is_short() -> None:
-    pages = (ROOT / "docs" / "guide").glob("*.md")
-    assert sum(len(page.read_text("utf-8").split()) for page in pages) <= 15_000
+    assert _count_words("guide") <= 15_000
+
+
+def test_the_theory_is_short() -> None:
+    assert _count_words("theory") <= 25_000
+
+
+def _count_words(folder: str) -> int:
+    pages = (ROOT / "docs" / folder).glob("*.md")
+    return sum(len(page.read_text("utf-8").split()) for page in pages)
 
 
 SPELLINGS = {

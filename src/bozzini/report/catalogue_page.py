@@ -23,8 +23,8 @@ stretch along the muscle, `lambda_2` around it.
 
 Equations stand as they are implemented, and as printed where that differs; `as_printed=True`
 evaluates the print. Where they have two signs of friction,
-the upper one is of the way up, inflating; in a print it may be of either. **Constants** have their
-unit, where they are from, and their default; one without a default is to be given or fitted.
+the upper one is of the way up, inflating; in a print it may be of either. **Constants** are fitted
+unless another source stands behind their unit; one without a default has to be given or fitted.
 A **law** is a function that the cited paper has. **Fields of the muscle** have groups: *strain* is
 `length`, `dead_length`, `braid_angle`; *braid* is these with `outer_radius` and `gap`; *wall* is
 those with `inner_radius`.
@@ -114,9 +114,10 @@ def _count_fields(group: str) -> int:
 
 def _format_constant(item: Parameter) -> str:
     unit = f" [{item.unit}]" if item.unit else ""
-    value = f"; {item.default:g} by default" if item.default is not None else ""
+    source = "" if item.source == "fitted" else f", {item.source}"
+    value = f" (default {item.default:g})" if item.default is not None else ""
     need = f"; with `{item.only_with}` only" if item.only_with and not value else ""
-    return f"- `{item.name}`{unit}, {item.source}: {item.what}{value}{need}."
+    return f"- `{item.name}`{unit}{source}: {item.what}{value}{need}."
 
 
 def _capitalise(text: str) -> str:
