@@ -195,7 +195,16 @@ GUIDE = [page for page in DOCS if page.parent.name == "guide"]
 
 def test_the_guide_is_short() -> None:
     assert len(GUIDE) > 15
-    assert sum(len(page.read_text("utf-8").split()) for page in GUIDE) <= 15_000
+    assert _count_words("guide") <= 15_000
+
+
+def test_the_theory_is_short() -> None:
+    assert _count_words("theory") <= 25_000
+
+
+def _count_words(folder: str) -> int:
+    pages = (ROOT / "docs" / folder).glob("*.md")
+    return sum(len(page.read_text("utf-8").split()) for page in pages)
 
 
 @pytest.mark.parametrize("page", GUIDE, ids=_name)

@@ -7,7 +7,7 @@ import re
 from pathlib import Path
 
 from bozzini.muscle.models import count_statuses
-from bozzini.report.catalogue_page import format_catalogue, format_counts
+from bozzini.report.catalogue_page import GROUPS, format_catalogue, format_counts
 from tests.muscle.models.catalogue import SURVEY
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -40,9 +40,21 @@ def test_every_model_has_a_section_with_its_equation_and_its_source():
         assert card.equation.lower() in section.lower()
         assert card.reference.rstrip(".") in section
         assert (card.latex_printed is not None) == ("As printed:" in section)
-        for word in (*card.keywords, *card.uses, *card.errata, card.missing):
+        for word in (*card.keywords, *card.errata, card.missing):
             assert word in section
+        (used,) = re.findall(r"^- Of the muscle: (.+)\.$", section, re.M)
+        group, *others = used.split(", ")
+        assert {*GROUPS[group], *(word.strip("`") for word in others)} == set(card.uses)
         assert f"(#{name})" in page
+
+
+def test_groups_of_fields_are_told_as_they_are():
+    head = format_catalogue().partition("## All models")[0].partition("**Fields of the muscle**")[2]
+    told, known = {}, set()
+    for group, text in re.findall(r"\*(\w+)\* is\s(.+?)[;.]", head, re.S):
+        known |= set(re.findall(r"`(\w+)`", text))
+        told[group] = set(known)
+    assert told == {group: set(fields) for group, fields in GROUPS.items()}
 
 
 def test_counts_add_up():

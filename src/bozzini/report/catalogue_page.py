@@ -4,31 +4,34 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ..muscle.models import MODELS, Card, count_statuses
+from ..muscle.models import MODELS, Card, Parameter, count_statuses
+from ..muscle.models.card import BRAID_FIELDS, SHAPE_FIELDS, WALL_FIELDS
 
 _HEAD = """# Catalogue of muscle models
 
-The static models of pneumatic artificial muscles that the thesis surveys in its chapter 2, and
-`ogden`, which it does not have, each as an explicit law of the pull at a pressure and a length.
-This page is made from the models' own cards, and so is what `bozzini muscle models` lists;
-`bozzini muscle models NAME` shows one.
+The static models that the thesis surveys in its chapter 2, and `ogden`. Each is an explicit law of
+the pull at a pressure and a length. The page is made from the models' cards, as is
+`bozzini muscle models NAME`. The [guide](../guide/muscle.md#comparing-models) has the commands,
+[Muscles](muscle.md) how models are fitted and ranked. Code: `MODELS` of
+[`bozzini.muscle`](../api/muscle.md).
 
-    bozzini muscle models
-    bozzini muscle solve --model kothera-balance --pressure 0.5MPa --load 0.2N
-    bozzini muscle curve --model tondu-lopez --set kappa1=-0.5 --set kappa2=1.2
-    bozzini muscle fit data.csv --model sangian
-    bozzini muscle compare data.csv --out ranking.png
+**Symbols**: `P` pressure, `F` pull, `l` length, `r` radius of the braid, `r_i` of the bore, `t`
+thickness of the wall, `V_b` its volume, `E` its modulus; index 0 for rest; `theta` angle between
+strands and axis, `b` length of a strand, `N` its turns, `m` number of strands, `r_n` their radius;
+`epsilon = (l_0 - l) / l_0`; `q_1 = 3 / tan(theta_0)**2`, `q_2 = 1 / sin(theta_0)**2`; `lambda_1`
+stretch along the muscle, `lambda_2` around it.
 
-The last fits every model that can be fitted and ranks them, see
-[Muscles](../guide/muscle.md#comparing-models).
-Symbols: `P` pressure, `F` pull, `l` length, `r` radius of
-the braid, `t` thickness of the wall, the index 0 for rest; `theta` angle between strands and axis,
-`b` length of a strand, `N` its turns; `epsilon = (l_0 - l) / l_0`; `q_1 = 3 / tan(theta_0)**2`,
-`q_2 = 1 / sin(theta_0)**2`; `V_b` volume of the wall, `E` its modulus. Equations stand as they are
-implemented, and as printed in the thesis where that differs; `as_printed=True` evaluates the print.
-Where they have two signs of friction, the upper one is of the way up, inflating; in a print it may
-be of either.
+Equations stand as they are implemented, and as printed where that differs; `as_printed=True`
+evaluates the print. Where they have two signs of friction,
+the upper one is of the way up, inflating; in a print it may be of either. **Constants** are fitted
+unless another source stands behind their unit; one without a default has to be given or fitted.
+A **law** is a function that the cited paper has. **Fields of the muscle** have groups: *strain* is
+`length`, `dead_length`, `braid_angle`; *braid* is these with `outer_radius` and `gap`; *wall* is
+those with `inner_radius`.
 """
+
+GROUPS = {"strain": SHAPE_FIELDS, "braid": BRAID_FIELDS, "wall": WALL_FIELDS}
+"""Fields of a `Muscle` that most models use together, by the name that the page gives them."""
 
 _STATUS = {
     "self-contained": "complete, right as printed",
@@ -47,9 +50,13 @@ def format_counts(cards: Sequence[Card] | None = None) -> str:
         Those of `MODELS` by default.
     """
     taken = _take(cards)
-    lines = ["| status | what it means | models | |", "|---|---|---|---|"]
+    lines = ["| status | what it means | models | with equation |", "|---|---|---|---|"]
     for status, count in count_statuses(taken).items():
-        names = ", ".join(f"`{card.name}`" for card in taken if card.status == status)
+        names = ", ".join(
+            f"[`{card.name}`](#{card.name}) {card.equation}"
+            for card in taken
+            if card.status == status
+        )
         lines.append(f"| {status} | {_STATUS[status]} | {count} | {names} |")
     lines.append(f"| | | **{len(taken)}** | |")
     return "\n".join(lines)
@@ -64,13 +71,7 @@ def format_catalogue(cards: Sequence[Card] | None = None) -> str:
         Those of `MODELS` by default.
     """
     taken = _take(cards)
-    lines = [_HEAD, format_counts(taken), "", "## All models", ""]
-    lines += ["| model | equation | authors | what | status |", "|---|---|---|---|---|"]
-    lines += [
-        f"| [`{card.name}`](#{card.name}) | {card.equation} | {card.authors} | {card.title} "
-        f"| {card.status} |"
-        for card in taken
-    ]
+    lines = [_HEAD, "## All models", "", format_counts(taken)]
     for card in taken:
         lines += ["", *_format_section(card)]
     return "\n".join(lines) + "\n"
@@ -81,17 +82,7 @@ def _format_section(card: Card) -> list[str]:
     lines += [f"{card.reference}.".replace("..", "."), "", *_format_latex(card.latex)]
     if card.latex_printed is not None:
         lines += ["", "As printed:", "", *_format_latex(card.latex_printed)]
-    if card.parameters:
-        lines += ["", "| constant | unit | what | from | value |", "|---|---|---|---|---|"]
-        for item in card.parameters:
-            if item.default is not None:
-                value = f"{item.default:g} by default"
-            elif item.only_with:
-                value = f"with `{item.only_with}` only"
-            else:
-                value = "to be given or fitted"
-            lines.append(f"| `{item.name}` | {item.unit} | {item.what} | {item.source} | {value} |")
-    lines.append("")
+    lines += ["", *map(_format_constant, card.parameters)]
     lines += [
         f"- `{item.name}`, {item.what}: {', '.join(f'`{word}`' for word in item.words)}."
         for item in card.choices
@@ -101,17 +92,32 @@ def _format_section(card: Card) -> list[str]:
         if law.only_with:
             need += f", with `{law.only_with}` only"
         unit = f" in {law.unit}" if law.unit else ""
-        lines.append(
-            f"- Law `{law.name}({', '.join(law.arguments)})`{unit}, {law.what}; {need}. "
-            f"It is in {law.paper}."
-        )
-    lines.append(f"- Of the muscle: {', '.join(f'`{name}`' for name in card.uses)}.")
+        lines.append(f"- Law `{law.name}({', '.join(law.arguments)})`{unit}, {law.what}; {need}.")
+    lines.append(f"- Of the muscle: {', '.join(_name_fields(card.uses))}.")
     lines += [f"- {text}" for text in card.errata]
     if card.unprintable:
         lines.append(f"- It cannot be evaluated as printed: {card.unprintable}.")
     if card.missing:
         lines.append(f"- Missing: {card.missing}")
     return lines
+
+
+def _name_fields(uses: tuple[str, ...]) -> list[str]:
+    """Return the fields that a model uses, those of the largest group by the group's name."""
+    group = max((name for name in GROUPS if set(GROUPS[name]) <= set(uses)), key=_count_fields)
+    return [group, *(f"`{name}`" for name in uses if name not in GROUPS[group])]
+
+
+def _count_fields(group: str) -> int:
+    return len(GROUPS[group])
+
+
+def _format_constant(item: Parameter) -> str:
+    unit = f" [{item.unit}]" if item.unit else ""
+    source = "" if item.source == "fitted" else f", {item.source}"
+    value = f" (default {item.default:g})" if item.default is not None else ""
+    need = f"; with `{item.only_with}` only" if item.only_with and not value else ""
+    return f"- `{item.name}`{unit}{source}: {item.what}{value}{need}."
 
 
 def _capitalise(text: str) -> str:

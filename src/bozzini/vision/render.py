@@ -198,10 +198,10 @@ def _trace_scene(scene: Scene, camera: Camera, samples: int) -> tuple[Floats, Fl
         render_plane(grid, turn, origin, texture, place, light, radiance, depth)
     for tube in scene.tubes:
         curve = _densify(tube.curve)
-        region, reach = _find_region(curve, tube.radius, camera, samples)
+        region = _find_region(curve, tube.radius, camera, samples)
         bands = np.array([(-np.inf, np.inf, tube.albedo), *tube.bands], dtype=float)
         render_tube(
-            *(grid, region, turn, origin, curve, measure_arc_length(curve), tube.radius, reach),
+            *(grid, region, turn, origin, curve, measure_arc_length(curve), tube.radius),
             *(bands, light, radiance, depth),
         )
     return _join(radiance, samples, np.add) / samples**2, _join(depth, samples, np.minimum)
@@ -254,10 +254,8 @@ def _cover(start: float, end: float) -> Floats:
     return np.diff(np.clip(edges, start, end))
 
 
-def _find_region(
-    curve: Floats, radius: float, camera: Camera, samples: int
-) -> tuple[NDArray[np.int64], Floats]:
-    """Return the part of the grid that a tube may be seen in, and the range of its distances."""
+def _find_region(curve: Floats, radius: float, camera: Camera, samples: int) -> NDArray[np.int64]:
+    """Return the part of the grid that a tube may be seen in."""
     points = resample_polyline(curve, max(radius, 1.0))  # the middle may be nearer than the ends
     inside = camera.to_camera(points)
     if inside[:, 2].min() <= radius:
@@ -268,9 +266,7 @@ def _find_region(
     limit = np.array(camera.size)
     first = np.clip(np.floor(low), 0, limit).astype(int) * samples
     last = np.clip(np.ceil(high) + 1, 0, limit).astype(int) * samples
-    away = np.linalg.norm(inside, axis=1)
-    reach = np.array([away.min() - 1.5 * radius, away.max() + 2.0 * radius])
-    return np.array([first[1], last[1], first[0], last[0]]), reach
+    return np.array([first[1], last[1], first[0], last[0]])
 
 
 def _defocus(radiance: Floats, depth: Floats, focal: float, sensor: Sensor) -> Floats:

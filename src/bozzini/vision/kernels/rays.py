@@ -43,24 +43,26 @@ def _square(points, i, x, y, z):
 
 
 @njit(cache=True)
-def _nearest(points, x, y, z, stride):
-    """Return (squared distance, segment, share of it) of the nearest point of a polyline."""
-    n = points.shape[0]
-    best, at = math.inf, 0
-    for i in range(0, n, stride):
+def _nearest(points, x, y, z, stride, first, last):
+    """Return (squared distance, segment, share of it) of the nearest point of a polyline.
+
+    Looked at are the points `first` to `last`.
+    """
+    best, at = math.inf, first
+    for i in range(first, last + 1, stride):
         d = _square(points, i, x, y, z)
         if d < best:
             best, at = d, i
     step = stride // 2
     while step > 0:  # halve the stride around the best point
         for i in (at - step, at + step):
-            if 0 <= i < n:
+            if first <= i <= last:
                 d = _square(points, i, x, y, z)
                 if d < best:
                     best, at = d, i
         step //= 2
     best, where, part = math.inf, 0, 0.0
-    for i in range(max(at - 1, 0), min(at + 1, n - 1)):
+    for i in range(max(at - 1, first), min(at + 1, last)):
         ax, ay, az = points[i, 0], points[i, 1], points[i, 2]
         bx, by, bz = points[i + 1, 0] - ax, points[i + 1, 1] - ay, points[i + 1, 2] - az
         u = ((x - ax) * bx + (y - ay) * by + (z - az) * bz) / (bx * bx + by * by + bz * bz)
@@ -72,28 +74,13 @@ def _nearest(points, x, y, z, stride):
 
 
 @njit(cache=True)
-def _trace(points, radius, origin, ray, start, end, stride):
-    """Return (distance along the ray, or infinity; segment; share of it) of the first hit."""
-    t = start
-    for _ in range(_TRACE_STEPS):
-        x, y, z = origin[0] + t * ray[0], origin[1] + t * ray[1], origin[2] + t * ray[2]
-        square, where, part = _nearest(points, x, y, z, stride)
-        gap = math.sqrt(square) - radius
-        if gap < 1e-5:
-            return t, where, part
-        t += gap
-        if t > end:
-            break
-    return math.inf, 0, 0.0
-
-
-@njit(cache=True)
 def _bound(points, reach, origin, ray, stride):
-    """Return the first distance along a ray at which it may meet a tube, infinity if it does not.
+    """Return where a ray may meet a tube: distances along it, and points of the polyline.
 
-    `reach` is the radius and half the length between points a `stride` apart.
+    The first distance is infinity if it does not meet it. `reach` is the radius and half the length
+    between points a `stride` apart: what is met is in a ball about one of them.
     """
-    first = math.inf
+    start, end, first, last = math.inf, 0.0, points.shape[0], 0
     n = points.shape[0]
     for i in range(0, n + stride - 1, stride):
         k = min(i, n - 1)
@@ -101,8 +88,29 @@ def _bound(points, reach, origin, ray, stride):
         along = x * ray[0] + y * ray[1] + z * ray[2]
         room = reach * reach - (x * x + y * y + z * z - along * along)
         if room > 0.0:
-            first = min(first, along - math.sqrt(room))
-    return first
+            half = math.sqrt(room)
+            start, end = min(start, along - half), max(end, along + half)
+            first, last = min(first, k), k
+    return start, end, max(first - stride, 0), min(last + stride, n - 1)
+
+
+@njit(cache=True)
+def _trace(points, radius, origin, ray, bounds, stride):
+    """Return (distance along the ray, or infinity; segment; share of it) of the first hit.
+
+    `bounds` is what `_bound` returns.
+    """
+    t, end, first, last = bounds
+    for _ in range(_TRACE_STEPS):
+        x, y, z = origin[0] + t * ray[0], origin[1] + t * ray[1], origin[2] + t * ray[2]
+        square, where, part = _nearest(points, x, y, z, stride, first, last)
+        gap = math.sqrt(square) - radius
+        if gap < 1e-5:
+            return t, where, part
+        t += gap
+        if t > end:
+            break
+    return math.inf, 0, 0.0
 
 
 @njit(cache=True)
@@ -176,12 +184,10 @@ def render_plane(grid, turn, origin, texture, place, light, radiance, depth):
 
 
 @njit(cache=True)
-def render_tube(
-    grid, region, turn, origin, points, lengths, radius, reach, bands, light, radiance, depth
-):
+def render_tube(grid, region, turn, origin, points, lengths, radius, bands, light, radiance, depth):
     """Draw a tube about a polyline into `radiance` and `depth` (h, w), where it is nearer.
 
-    `region` (y0, y1, x0, x1) is the part of the grid looked at, `reach` the range of distances.
+    `region` (y0, y1, x0, x1) is the part of the grid looked at.
     `bands` (m, 3) are ranges of arc length and their albedo, the first the tube's own. The edges of
     bands are exact: a ray counts the share of its cell of the grid that is within a band.
     """
@@ -200,10 +206,10 @@ def render_tube(
             size = math.sqrt(a * a + b * b + 1.0)
             for k in range(3):
                 ray[k] = (a * turn[0, k] + b * turn[1, k] + turn[2, k]) / size
-            start = _bound(points, near, origin, ray, stride)
-            if not start / size < depth[i, j]:
+            bounds = _bound(points, near, origin, ray, stride)
+            if not bounds[0] / size < depth[i, j]:
                 continue
-            t, where, part = _trace(points, radius, origin, ray, start, reach[1], stride)
+            t, where, part = _trace(points, radius, origin, ray, bounds, stride)
             if not t / size < depth[i, j]:
                 continue
             piece = lengths[where + 1] - lengths[where]
