@@ -20,6 +20,7 @@ from bozzini.effector import (
     sweep,
     tip_force,
     trace_circle,
+    workspace,
 )
 from bozzini.errors import InputError
 from bozzini.muscle import (
@@ -159,4 +160,12 @@ def test_large_arrays_are_shown_by_their_shape() -> None:
     tract = LabelTract(labels=labels, affine=np.eye(4), source="box")
     assert f"points=<{line.points.shape}>" in repr(line)
     assert f"labels=<{tract.labels.shape}>" in repr(tract) and repr(tract.affine) in repr(tract)
-    assert max(len(repr(line)), len(repr(tract))) < 1000
+    pressure = np.linspace(0.0, 0.6, 200)
+    results = [
+        tract,
+        line,
+        workspace(EFFECTOR),
+        EFFECTOR.forward(np.tile(pressure[:, None], 3)),
+        Measurements(pressure=pressure, contraction=pressure),
+    ]
+    assert max(len(repr(each)) for each in results) < 2000

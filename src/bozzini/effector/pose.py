@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_array, check_points, check_word
 from ..errors import GeometryError, InputError
-from ..results import Json, Result, check_drawn, list_coordinates, measured, take_axes
+from ..results import Json, Result, check_drawn, list_coordinates, measured, show_briefly, take_axes
 from .equilibrium import Settled, explain_equilibrium, list_muscles, settle_muscles
 from .kernels import balance as kernels
 from .kernels import pose as pose_kernels
@@ -162,6 +162,8 @@ class EffectorPose(Result):
         Length of the backbone's pieces together less the design's [mm]: 0 by superposition; what
         the thesis's steps lose or add.
     """
+
+    __repr__ = show_briefly
 
     rows_have_verdict = True
 

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_array, check_integer, check_points
 from ..errors import InputError
-from ..results import ClosedForm, Json, list_coordinates, measured, take_axes
+from ..results import ClosedForm, Json, list_coordinates, measured, show_briefly, take_axes
 from .design import EffectorDesign
 from .equilibrium import settle_muscles
 from .inverse import Reach, Sectors, find_reach, solve_inverse, split, take_place
@@ -63,6 +63,8 @@ class Workspace(ClosedForm):
     reach : Reach
         Amplitudes of the muscles.
     """
+
+    __repr__ = show_briefly
 
     boundary: Floats = measured("mm")
     boundary_tip: Floats = measured("mm")
