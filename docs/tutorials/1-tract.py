@@ -27,7 +27,8 @@ from bozzini.plot import draw_clearance, draw_overview
 # file below.
 
 # %%
-write_tract("my_labels.nii.gz", bz.make_phantom(seed=3).to_labels(voxel=2.0), force=True)
+phantom = bz.make_phantom(seed=3).to_labels(voxel=2.0)
+_ = write_tract("my_labels.nii.gz", phantom, force=True)
 
 # %% [markdown]
 # `labels` are the numbers that belong to the lumen; left out, the message lists what there is.
@@ -71,12 +72,12 @@ plan = bz.plan_insertion(field, line, scope=scope)
 print(plan.status, plan.reason)
 if plan.certified:
     print(f"{plan.inserted:.0f} mm in, at least {plan.certificate.clearance:.2f} mm from the wall")
-print(f"The labels may displace the wall by {field.wall_error:.2f} mm.")
+print(f"The wall itself is known to within {field.wall_error:.2f} mm.")
 
 # %% [markdown]
 # `complete` and certified: all the way, and between the steps too, the whole body is proved to
-# keep that far off the stated wall. A proof that is smaller than what the labels may displace the
-# wall by says nothing of the organ: take finer labels, a smaller `voxel`, or a thinner scope.
+# keep that far off the stated wall. A proof that is smaller than what the wall is known to says
+# nothing of the organ: take a finer file, a smaller `voxel`, or a thinner scope.
 
 # %%
 draw_overview(plan, field)

@@ -83,6 +83,7 @@ axes = draw_contraction(
 bare = table[table["load [N]"] == 0.0]
 axes.plot(bare["pressure [kPa]"], bare["contraction [mm]"], "kx", label="measured")
 axes.legend()
+axes.figure
 
 # %% [markdown]
 # ## A prediction

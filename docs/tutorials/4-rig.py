@@ -51,7 +51,7 @@ assert np.allclose(tip.forward(found.pressures).tip[:2], (3.0, -4.0), atol=1e-6)
 # %%
 rig = emulate_rig(tip.models, board="native", seed=1)
 host = Host(LockstepLink(rig), period=0.01)
-host.connect()
+board = host.connect()
 
 # %% [markdown]
 # The stick goes round once in two seconds, twice. `GamepadStick()` reads yours (extra `rig`).
@@ -79,7 +79,7 @@ figure, axes = plt.subplots(layout="constrained")
 axes.plot(log["target_x_mm"], log["target_y_mm"], "k--", label="asked for by the stick")
 axes.plot(log["tip_x_mm"], log["tip_y_mm"], label="tip")
 axes.set(xlabel="x [mm]", ylabel="y [mm]", aspect="equal")
-axes.legend()
+_ = axes.legend()
 
 # %% [markdown]
 # At full stick the circle leaves the workspace: there the target goes along its edge.
