@@ -80,7 +80,8 @@ format: $(DEV) ## Put the code into the project's format
 	@$(RUN) -m ruff check --quiet --fix-only .
 	@$(RUN) -m ruff format --quiet .
 
-dist: $(DEV) ## Build the wheel and the source archive into dist/
+dist: $(CORE) ## Build the wheel and the source archive into dist/
+	@$(PIP) 'hatchling>=1.24'
 	@rm -rf dist
 	@$(RUN) -m hatchling build --directory dist >/dev/null
 	@ls dist

@@ -177,6 +177,7 @@ def test_results_are_shown_briefly() -> None:
         bz.effector.workspace(tip),
         model.jacobian(shape),
         robot.inverse([10.0, 5.0, 55.0]),
+        Measurements(pressure=np.linspace(0.0, 0.6, 200), contraction=np.linspace(0.0, 0.2, 200)),
     ]
     for result in shown:
         assert repr(result).startswith(f"{type(result).__name__}(")

@@ -8,9 +8,11 @@
 #
 # A stick's place becomes a place of the tip, that becomes three pressures, and a board with its own
 # firmware fills and vents the muscles. All of it is emulated; a board at a serial port takes the
-# emulation's place in one line. This needs the compiler `gcc`; `bozzini doctor` tells.
+# emulation's place in one line. This needs `make` and `gcc`; `bozzini doctor` tells.
 
 # %%
+from dataclasses import replace
+
 import matplotlib.pyplot as plt
 import numpy as np
 
@@ -21,15 +23,19 @@ from bozzini.rig import Host, LockstepLink, ScriptedStick, Steering, emulate_rig
 # %% [markdown]
 # ## The tip
 #
-# Three muscles round a backbone. `effector_preset` takes changes of any dimension.
+# Three muscles round a backbone. `effector_preset` takes changes of the tip, such as `offset=3.5`;
+# length and muscles are changed as here. `bozzini muscle fit` finds the numbers of yours.
 
 # %%
-tip = Effector(effector_preset("prototype"))
+design = effector_preset("prototype").resize(45.0)  # backbone and muscles [mm]
+muscles = [replace(each, muscle=each.muscle.replace(modulus=0.56)) for each in design.muscles]
+tip = Effector(design.replace(muscles=muscles))
 pose = tip.forward({"R": 0.5, "G": 0.2})  # [MPa]
 draw_pose(tip, pose, workspace=workspace(tip))
 
 # %% [markdown]
-# The inverse is exact: of all pressures that bring the tip there, the least.
+# Shaded is where the tip can go. The inverse is exact: of all pressures that bring it there, the
+# least. Out of reach `converged` is False, and `found.reason` tells which muscle is at its most.
 
 # %%
 found = tip.inverse(tip=(3.0, -4.0))  # [mm]
@@ -45,10 +51,10 @@ assert np.allclose(tip.forward(found.pressures).tip[:2], (3.0, -4.0), atol=1e-6)
 # %%
 rig = emulate_rig(tip.models, board="native", seed=1)
 host = Host(LockstepLink(rig), period=0.01)
-host.connect()
+board = host.connect()
 
 # %% [markdown]
-# The stick goes round twice a second for two seconds. `GamepadStick()` reads yours.
+# The stick goes round once in two seconds, twice. `GamepadStick()` reads yours (extra `rig`).
 
 # %%
 stick = ScriptedStick.circle(frequency=0.5, duration=4.0)
@@ -57,6 +63,9 @@ print(f"error of the tip {run.tip_error_rms:.2f} mm rms, {run.tip_error_max:.2f}
 run.plot()
 
 # %% [markdown]
+# Dashed is what is asked for. The tip is late by what filling a muscle through a valve takes:
+# that is the error. [Control](../rig/control.md) has less of it, by a model of valves and lines.
+#
 # ## The log
 #
 # A row for each period: set-points, pressures, duties, stick, state and faults.
@@ -67,9 +76,13 @@ print(list(log.columns))
 
 # %%
 figure, axes = plt.subplots(layout="constrained")
-axes.plot(1000.0 * run.periods, ".")
-axes.set(xlabel="period", ylabel="length of a period [ms]")
+axes.plot(log["target_x_mm"], log["target_y_mm"], "k--", label="asked for by the stick")
+axes.plot(log["tip_x_mm"], log["tip_y_mm"], label="tip")
+axes.set(xlabel="x [mm]", ylabel="y [mm]", aspect="equal")
+_ = axes.legend()
 
 # %% [markdown]
+# At full stick the circle leaves the workspace: there the target goes along its edge.
+#
 # On the bench, `SerialLink("/dev/ttyACM0")` in place of `LockstepLink(rig)`. Before that, read the
 # [safety file](../rig/safety.md), and let `bozzini rig selftest --port PORT` check it.

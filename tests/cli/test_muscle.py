@@ -18,10 +18,12 @@ from bozzini.muscle import (
     PRESETS,
     EnergyMuscle,
     Measurements,
+    MuscleFile,
     ThesisMuscle,
     preset,
     read_muscle,
     write_measurements,
+    write_muscle,
 )
 from bozzini.muscle.kernels import energy as _kernels
 from bozzini.muscle.models.energy import ENDS
@@ -230,8 +232,24 @@ def test_fit_finds_the_truth(run, table, tmp_path):
     assert said["muscle"]["dead_length_mm"] == said["estimates"]["dead_length"]["value"]
     assert said["warnings"] == []
     assert (tmp_path / "fit.png").exists()
-    _, text, _ = run("fit", table, "--preset", "thesis-45")
-    assert "dead_length" in text and "converged" in text
+    both = ("--out", "fit.yaml", "--figure", "again.png", "--json")
+    assert run("fit", table, "--preset", "thesis-45", *both)[0] == 0
+    assert (tmp_path / "again.png").read_bytes() == (tmp_path / "fit.png").read_bytes()
+    assert read_muscle(tmp_path / "fit.yaml").muscle.modulus == pytest.approx(
+        said["estimates"]["modulus"]["value"], rel=1e-12
+    )
+    code, out, err = run("fit", table, "--preset", "thesis-45", "--figure", "fit.doc")
+    assert (code, out) == (2, "") and "fit.doc" in err and ".png" in err
+
+
+def test_a_file_that_names_an_unknown_model_is_one_line(run, tmp_path):
+    file = MuscleFile(muscle=preset("effector-45"), model="nobody")
+    write_muscle(tmp_path / "mine.yaml", file)
+    code, out, err = run("solve", "--muscle", "mine.yaml", "--pressure", "1kPa")
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert "mine.yaml: model is 'nobody': choose one of" in err and "energy" in err
+    known = ("solve", "--muscle", "mine.yaml", "--model", "chou", "--pressure", "1kPa")
+    assert run(*known)[0] == 0
 
 
 def test_fit_refuses_what_the_data_cannot_tell_or_warns(run, table):

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import html
 import json
 import re
+import shlex
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -112,6 +115,28 @@ def test_options_of_a_file_are_those_of_the_command_line(
     first, second = (Plan.load(Path(name, "plan.npz")) for name in ("typed", "read"))
     np.testing.assert_array_equal(first.joints, second.joints)
     assert first.input == second.input
+
+
+def test_the_command_in_a_plan_makes_it_again_at_another_place(
+    ask: Callable[..., Any], tracts: Tracts, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    options = {"head_step": "2 mm", "link": 8, "reverse": True, "diameter": "7 mm"}
+    Path("mine.json").write_text(json.dumps(options))
+    said = ask(
+        "plan", tracts.volume, "--options=mine.json", "--diameter=6 mm", "--organ", "colon",
+        "--out", "first", "--quiet", "--force",
+    )  # fmt: skip
+    first = Plan.load("first/plan.npz")
+    assert said["command"] == first.more["command"]
+    assert "8" in said["command"] and "mine.json" not in said["command"]
+    assert said["command"] in html.unescape(Path("first/report.html").read_text("utf-8"))
+    Path("else").mkdir()
+    shutil.copy(tracts.volume, "else")
+    monkeypatch.chdir("else")
+    ask(*shlex.split(said["command"])[1:], "--quiet")
+    again = Plan.load("bozzini-plan/plan.npz")
+    np.testing.assert_array_equal(again.joints, first.joints)
+    assert again.input == first.input and again.more == first.more
 
 
 @pytest.mark.parametrize(

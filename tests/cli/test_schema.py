@@ -125,20 +125,35 @@ def _damage(data: Any) -> list[tuple[str, Any]]:
     return found
 
 
-@pytest.mark.parametrize("kind", ["muscle", "robot", "study", "shapes"])
-def test_what_the_schema_refuses_the_reader_refuses(kind: str, tmp_path: Path) -> None:
-    path = tmp_path / "file.yaml"
+def _make(kind: str, path: Path) -> tuple[Any, Callable[[Any], object]]:
+    """Return the content of a file, and what reads it."""
     if kind == "shapes":
         save_shapes(OWN["cones"], path)
     else:
         assert main(["new", kind, "--out", str(path)]) == 0
-    read = {
+    readers: dict[str, Callable[[Any], object]] = {
         "muscle": lambda data: read_record(data, MuscleFile),
         "robot": lambda data: read_record(data, ContinuumRobot),
         "study": lambda data: read_record(data, StudySpec),
         "shapes": read_shapes,
-    }[kind]
-    data = load_data(path)
+    }
+    return load_data(path), readers[kind]
+
+
+@pytest.mark.parametrize(
+    ("kind", "field"), [("robot", "sections"), ("study", "factors"), ("shapes", "shapes")]
+)
+def test_what_needs_one_may_not_be_empty(kind: str, field: str, tmp_path: Path) -> None:
+    data, read = _make(kind, tmp_path / "file.yaml")
+    data[field] = type(data[field])()
+    assert _check(kind, data)
+    with pytest.raises(InputError):
+        read(data)
+
+
+@pytest.mark.parametrize("kind", ["muscle", "robot", "study", "shapes"])
+def test_what_the_schema_refuses_the_reader_refuses(kind: str, tmp_path: Path) -> None:
+    data, read = _make(kind, tmp_path / "file.yaml")
     read(data)
     refused = 0
     for what, damaged in _damage(data):

@@ -320,6 +320,13 @@ WRONG: list[tuple[dict[str, Any], str]] = [
     ({"factors": {"offset": {"range": ["2 mm", "1 mm"]}}}, "a lower and a higher"),
     ({"factors": {"offset": {"range": ["2 kg", "3 kg"]}}}, "wrong kind of unit"),
     ({"factors": {"offset": {"range": [1, 2], "values": [1]}}}, "range and values"),
+    (
+        {"factors": {"offset": {"range": ["-1 mm", "2 mm"]}}},
+        "-1 mm: it must lie in .0.001, 1000. mm",
+    ),
+    ({"factors": {"offset": {"values": ["3 mm", "2 m"]}}}, "2000 mm: it must lie in"),
+    ({"factors": {"offset": {"normal": [3, 1], "clip": [0, 4]}}}, "0 mm: it must lie in"),
+    ({"factors": {"segments": {"integers": [0, 5]}}}, "0: it must lie in .1, 1000."),
     ({"factors": {"offset": {"normal": [1, 0]}}}, "standard deviation"),
     ({"factors": {"offset": {"values": []}}}, "empty"),
     ({"factors": {"segments": {"range": [1, 5]}}}, "give integers"),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import re
+import shlex
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -487,6 +488,33 @@ def _spell_value(value: object, item: dataclasses.Field[object], folder: Path) -
     if isinstance(item.default, tuple):
         return [spell(part) for part in (value if isinstance(value, list) else [value])]
     return spell(value)
+
+
+def spell_command() -> str:
+    """Return the command line that makes this answer again: files by name, options spelled out.
+
+    It is that of a command which stands in `COMMANDS` of `bozzini.cli.main`, not of one in a group.
+    """
+    context = click.get_current_context()
+    parser = context.command.make_parser(context)
+    given, *_ = parser.parse_args(args=list(context.meta[ARGUMENTS]))
+    values = {**(context.default_map or {}), **given}
+    words = context.command_path.split()
+    for item in context.command.params:
+        value = values.get(item.name or "")
+        if item.name in _NO_CONTENT or value in (None, False):
+            continue
+        for part in value if isinstance(value, list) else [value]:
+            words += [] if isinstance(item, click.Argument) else [item.opts[0]]
+            if isinstance(part, str):
+                words.append(Path(part).name if isinstance(item.type, click.Path) else part)
+    return shlex.join(words)
+
+
+ARGUMENTS = "bozzini.arguments"
+"""Where a context keeps what was typed after the name of the command."""
+_NO_CONTENT = ("out", "force", "as_json", "quiet", "options")
+"""Options that change where the answer goes, or whose values are spelled out."""
 
 
 def refuse_options(names: Sequence[str], where: str) -> None:

@@ -24,7 +24,7 @@ from click.exceptions import Abort, Exit
 
 from .. import __version__
 from ..errors import BozziniError
-from .common import EXIT_BAD_INPUT, EXIT_DONE, add_typed, write_json
+from .common import ARGUMENTS, EXIT_BAD_INPUT, EXIT_DONE, add_typed, write_json
 
 if TYPE_CHECKING:
     from click.shell_completion import CompletionItem
@@ -248,7 +248,8 @@ class _Run:
 
     def _call(self, arguments: list[str]) -> Any:
         try:
-            self.context = root.make_context("bozzini", arguments)
+            self.context = root.make_context("bozzini", list(arguments))
+            self.context.meta[ARGUMENTS] = arguments[1:]
             with self.context:
                 return root.invoke(self.context)
         except Exception:

@@ -22,6 +22,7 @@ from .common import (
     Answer,
     ModelType,
     answer_options,
+    check_target,
     emit,
     format_csv,
     gather,
@@ -471,6 +472,7 @@ setup_options = gather(
 )
 @setup_options
 @one_model_options
+@option("--figure FILE", "A picture of the fit.", click.Path(path_type=Path))
 @answer_options(
     ".yaml", *PICTURES, quiet=False, help="The fit as a file for 'predict' (.yaml), or a picture."
 )
@@ -482,6 +484,7 @@ def fit_command(
     resamples: int,
     setup: SetupRequest,
     asked: Request,
+    figure: Path | None,
     answer: Answer,
 ) -> None:
     """Fit fields of a muscle, constants of a model and end effects to measurements.
@@ -494,6 +497,7 @@ def fit_command(
     """
     from ..muscle import calibrate
 
+    check_target(figure, PICTURES, force=answer.force)
     make, name = asked.make(), asked.model_name
     own = {item.name: item for item in list_kinds()[name].list_parameters()}
     bounds = _parse_bounds(bound_texts, own)
@@ -508,6 +512,7 @@ def fit_command(
         write_muscle(answer.out, found.to_file())
     else:
         answer.draw(lambda: _draw_fit(found))
+    dataclasses.replace(answer, out=figure).draw(lambda: _draw_fit(found))
     choices = describe_model(getattr(found.fitted, "model", found.fitted))
     result = {
         "model": name,
@@ -524,6 +529,7 @@ def fit_command(
         "notes": data.notes,
         **drop(found.to_dict(), "residual"),
         "file": answer.out,
+        "figure": figure,
     }
     answer.give(result, note_data(data) + found.format_table())
     if not found.trusted:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..checks import list_quantities
-from ..errors import InputError
+from ..errors import FileFormatError, InputError
 from ..muscle.design import Muscle
 from ..units import parse_quantity
 from .common import (
@@ -211,9 +211,12 @@ class Request:
                 raise InputError("--preset and --muscle both give the muscle: give one")
         elif values["preset"] is None and None in (fields["length"], fields["outer_radius"]):
             values |= {"preset": "effector-45", "is_named": False}
-        if "model_name" in values:
+        if "model_name" in values and not values["model_name"]:
             own = "" if file is None else file.model
-            values["model_name"] = values["model_name"] or own or "energy"
+            if own and own not in list_kinds():
+                names = ", ".join(list_kinds())
+                raise FileFormatError(f"{path}: model is '{own}': choose one of {names}")
+            values["model_name"] = own or "energy"
         return cls(fields=fields, file=file, **values)
 
     @cached_property

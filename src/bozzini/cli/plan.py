@@ -18,7 +18,15 @@ from ._tract_options import (
     report_study,
     tract_options,
 )
-from .common import EXIT_NEGATIVE, Answer, answer_options, options_file, options_of, run_exit
+from .common import (
+    EXIT_NEGATIVE,
+    Answer,
+    answer_options,
+    options_file,
+    options_of,
+    run_exit,
+    spell_command,
+)
 
 if TYPE_CHECKING:
     from ..study import InsertionStudy
@@ -94,7 +102,8 @@ def write_result(
 ) -> None:
     """Write the files of a plan and its summary, and end with the exit code of its verdict."""
     out = answer.target
-    study = replace(study, seconds=seconds | study.seconds)
+    plan = replace(study.plan, more={**study.plan.more, "command": spell_command()})
+    study = replace(study, plan=plan, seconds=seconds | study.seconds)
     with answer.show_progress() as progress:
         summary = study.write(out, force=answer.force, export=export, progress=progress)
     answer.give(summary, _describe_result(study, summary, out))

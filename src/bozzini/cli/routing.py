@@ -214,6 +214,10 @@ def read_points(path: Path) -> NDArray[np.float64]:
 
     try:
         table = pandas.read_csv(path, comment="#")
+    except pandas.errors.ParserError:
+        raise FileFormatError(
+            f"{path} is no table of points: it needs the columns x, y and z, or x_mm and so on"
+        ) from None
     except (OSError, ValueError) as error:
         words = getattr(error, "strerror", None) or str(error) or type(error).__name__
         raise FileFormatError(f"cannot read {path}: {str(words).splitlines()[0]}") from None

@@ -45,7 +45,9 @@ def _describe_robot() -> Json:
     from ..continuum import ContinuumRobot
     from ..io.schema import make_schema
 
-    return make_schema(ContinuumRobot, "Bozzini robot")
+    schema = make_schema(ContinuumRobot, "Bozzini robot")
+    schema["properties"]["sections"]["minItems"] = 1
+    return schema
 
 
 def _describe_muscle() -> Json:
@@ -67,6 +69,7 @@ def _describe_study() -> Json:
 
     schema = make_schema(StudySpec, "Bozzini study")
     schema["properties"]["format"] = {"const": FORMAT}
+    schema["properties"]["factors"]["minProperties"] = 1
     return schema
 
 

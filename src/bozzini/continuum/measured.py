@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from ..checks import check_array, check_path, check_word
 from ..errors import FileFormatError, InputError, UnitError
 from ..io.sheets import DECIMAL_COMMA, Sheet, read_sheet, show_cell, take_frame, take_number
+from ..results import show_briefly
 from ..units import parse_quantity
 from .calibration import Command, Marker
 from .checks import Floats, check_items
@@ -71,6 +72,8 @@ class RobotMeasurements:
     InputError
         If the arrays do not go together, or nothing was seen.
     """
+
+    __repr__ = show_briefly
 
     command: Command
     tendons: tuple[str, ...]

@@ -209,6 +209,7 @@ def make_shapes_schema() -> Json:
     schema = make_schema(_Record, "Bozzini shapes")
     schema["properties"]["kind"] = {"enum": kinds}
     schema["properties"]["fit"] = {"enum": ["", *FITS]}
+    schema["properties"]["shapes"]["minItems"] = 1
     return {**schema, "allOf": chosen}
 
 

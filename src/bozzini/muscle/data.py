@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_array, check_number, check_word, list_quantities
 from ..errors import InputError
-from ..results import Json, take_axes
+from ..results import Json, show_briefly, take_axes
 from ..units import parse_quantity
 from .design import PRESSURE_LIMIT, Muscle
 
@@ -93,6 +93,8 @@ class Measurements:
         If there is no row, a value is not finite or outside its range, or the geometry of a
         specimen is not constant; the row is named.
     """
+
+    __repr__ = show_briefly
 
     pressure: NDArray[np.float64]
     contraction: NDArray[np.float64]

@@ -219,7 +219,10 @@ class Axis:
         self.values: tuple[Value, ...] = (
             tuple(str(value) for value in given)
             if words
-            else tuple(self._take(value) for value in given)
+            else tuple(
+                self._take(value, legal=(kind, place) != ("normal", 1))
+                for place, value in enumerate(given)
+            )
         )
         if kind in ("range", "integers"):
             low, high = (float(value) for value in self.values)
@@ -243,8 +246,10 @@ class Axis:
             if not low < high:
                 raise InputError(f"factors.{name}.clip is {self.clip}: give low, then high")
 
-    def _take(self, value: Value) -> float:
-        known = dataclasses.replace(self.known, low=-math.inf, high=math.inf, whole=False)
+    def _take(self, value: Value, *, legal: bool = True) -> float:
+        known = dataclasses.replace(self.known, whole=False)
+        if not legal:  # a standard deviation
+            known = dataclasses.replace(known, low=-math.inf, high=math.inf)
         place = f"factors.{self.name}"
         try:
             number = take_value(value, known)

@@ -349,6 +349,8 @@ class InsertionStudy(Result):
         }
         if self.entries:
             summary["entries"] = list(self.entries)
+        if "command" in self.plan.more:
+            summary["command"] = self.plan.more["command"]
         summary["findings"] = [asdict(item) for item in self.findings]
         summary["seconds"] = {key: round(value, 4) for key, value in self.seconds.items()}
         return summary
