@@ -44,6 +44,7 @@ def _read(wheel: Path) -> dict[str, bytes]:
         return {name: archive.read(name) for name in archive.namelist()}
 
 
+@pytest.mark.slow
 def test_the_source_archive_builds_the_same_wheel(
     archives: tuple[Path, Path], tmp_path: Path
 ) -> None:

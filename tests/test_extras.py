@@ -75,6 +75,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("extra", "module", "line"),
     [(extra, *case) for extra, cases in COMMANDS.items() for case in cases],

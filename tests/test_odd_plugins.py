@@ -248,6 +248,7 @@ def test_a_name_that_two_packages_use_is_refused_with_both(run, tmp_path):
     assert words in MODELS.broken["sound"]
 
 
+@pytest.mark.slow
 def test_broken_models_are_refused_in_a_ranking_and_the_others_ranked(run, data, monkeypatch):
     one = {"thesis": MODELS["thesis"]}
     monkeypatch.setitem(MODELS.__dict__, "own", one)

@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.slow
+
 PLUGIN = Path(__file__).resolve().parents[1] / "examples" / "plugin"
 
 USE = """
@@ -151,7 +153,6 @@ assert fit.units["spring"] == "N/mm" and fit.fitted.spring == fit.estimates["spr
     )
 
 
-@pytest.mark.slow
 def test_commands_set_and_fit_the_numbers_of_the_muscle(run, tmp_path):
     solve = "-m", "bozzini", "muscle", "solve", "--pressure", "0.5MPa", "--model", "spring"
     assert json.loads(run(*solve, "--json"))["contraction_mm"] == pytest.approx(6.0)

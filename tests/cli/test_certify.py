@@ -64,6 +64,7 @@ def test_a_plan_is_certified_anew_by_both_methods(
     assert text.code == 0 and text.out.splitlines()[-1].startswith("Certified. The 5 mm scope")
 
 
+@pytest.mark.slow
 def test_without_the_input_nothing_is_said_about_the_wall(
     capsys: CAPTURE, plans: dict[str, Path]
 ) -> None:

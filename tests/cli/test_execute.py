@@ -30,6 +30,7 @@ def run(capsys: CAPTURE, *arguments: object) -> Outcome:
     return Outcome(code, *capsys.readouterr())
 
 
+@pytest.mark.slow
 def test_a_plan_is_driven_beside_a_pushed_scope(
     capsys: CAPTURE, plan: Path, tracts: Tracts, tmp_path: Path
 ) -> None:
@@ -112,6 +113,7 @@ def test_wrong_use_is_one_line(
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_phantoms_that_are_all_refused_leave_no_numbers(capsys: CAPTURE, tmp_path: Path) -> None:
     out = tmp_path / "out"
     outcome = run(capsys, "execute", "--seeds", "1", "--diameter", "30mm", "--json", "--out", out)

@@ -89,6 +89,7 @@ def test_bad_input_is_one_line(capsys, tmp_path, monkeypatch, arguments, words) 
     assert words in err
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [(("--effector", "none"), "none"), (("--rig", "serial:/dev/none"), "/dev/none")],

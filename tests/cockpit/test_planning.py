@@ -188,6 +188,7 @@ def heard(tracts) -> Iterator[Heard]:
     assert not made.planning._process.is_alive()
 
 
+@pytest.mark.slow
 def test_process_plans_what_was_asked_last(heard) -> None:
     # The title over the picture is the same before there is a plan.
     titles = [decode_view(heard.wait_for("scene"))["title"]]
@@ -209,6 +210,7 @@ def test_process_plans_what_was_asked_last(heard) -> None:
     assert "link" in heard.wait_for("refused")
 
 
+@pytest.mark.slow
 def test_process_that_was_killed_is_started_anew_with_the_next_change(heard) -> None:
     planning, first = heard.planning, heard.planning._process
     heard.wait_for("done")
@@ -226,6 +228,7 @@ def test_process_that_was_killed_is_started_anew_with_the_next_change(heard) -> 
     assert (info["inflate_mm"], info["diameter_mm"], info["link_mm"]) == (1.0, 4.0, 8.5)
 
 
+@pytest.mark.slow
 def test_asking_does_not_wait_for_a_process_that_does_not_read(heard) -> None:
     heard.wait_for("done")
     os.kill(heard.planning._process.pid, signal.SIGSTOP)

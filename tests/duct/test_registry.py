@@ -153,6 +153,7 @@ def test_every_shape_is_a_duct_that_is_saved_moved_and_drawn(name, plugins, tmp_
     assert duct.plot().get_xlabel()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", TORI)
 def test_a_shape_of_another_package_is_composed_and_planned_in(name):
     torus, stone = TORI[name], RoundCones([(20, 0, 3)], [1.0])

@@ -162,6 +162,7 @@ def test_template_takes_any_name():
     assert f"muscle {odd.name}" in {c.get("id") for c in root.findall(".//{*}circle")}
 
 
+@pytest.mark.slow
 def test_step_files_have_the_same_holes(tmp_path):
     pytest.importorskip("OCP", reason="the extra 'cad' is not installed")
     for part in build_holders(DESIGN):

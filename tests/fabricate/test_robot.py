@@ -149,6 +149,7 @@ def test_routing_is_drawn_into_given_axes():
     assert tabulate_routing(TWO).plot().get_figure() is not None
 
 
+@pytest.mark.slow
 def test_step_files_have_the_cylinders_and_the_volume(tmp_path):
     pytest.importorskip("OCP", reason="the extra 'cad' is not installed")
     for part in build_body(SHORT, BodyOptions(thickness=1.0)):

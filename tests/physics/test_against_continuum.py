@@ -19,6 +19,7 @@ from tests.shapes import bend_curve, tube_lumen
 RADIUS, RIGIDITY, LENGTH = 2.0, 500.0, 90.0
 
 
+@pytest.mark.slow
 def test_push_and_wall_forces_agree_within_a_tenth() -> None:
     curve = bend_curve(40.0, 0.5 * math.pi, 30.0)
     field, _ = tube_lumen(curve, 6.0, voxel=0.5)

@@ -32,6 +32,7 @@ def lumen(clear: Scenery) -> Lumen:
     return Lumen(duct=field, line=line.points, path=line.points, introducer=space.tube)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("robot", "observe"), [("leader", "clearance"), ("leader", "camera"), ("pushed", "clearance")]
 )

@@ -162,6 +162,7 @@ def test_a_cluster_that_is_none_is_refused() -> None:
         Engine(workers=0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("engine", ["Engine(workers=2)", 'Engine(workers=2, cluster="local")'])
 def test_a_script_without_a_guard_runs_once(tmp_path: Path, engine: str) -> None:
     """Workers do not run the caller's script, which would start the study again in each."""

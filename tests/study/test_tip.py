@@ -199,6 +199,7 @@ def test_tensions_agree_with_the_derivatives_of_the_elastic_model() -> None:
     assert found.jacobian == pytest.approx(turned[:, columns], rel=0.02, abs=0.02)
 
 
+@pytest.mark.slow
 def test_errors_of_the_base_move_and_turn_the_tip() -> None:
     robot, deviations = make_robot(), {"base.position.x": 0.5, "base.rotation.z": 0.01}
     errors = Errors.independent(deviations, {"base.position.x": "mm", "base.rotation.z": "rad"})
@@ -218,6 +219,7 @@ def write_fit(path: Path, names: list[str]) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_a_fit_of_a_robot(tmp_path: Path) -> None:
     names = ["sections.1.length", "tendons.T1.zero"]
     errors = read_robot_errors(write_fit(tmp_path / "fit.json", names))

@@ -250,6 +250,7 @@ def found(case):
     return study_contact(plan, tract, options=options, duct=duct)
 
 
+@pytest.mark.slow
 def test_the_probability_rises_with_the_diameter(found):
     table = found.over_diameters
     assert (np.diff(table["contact"]) >= 0.0).all()
@@ -259,6 +260,7 @@ def test_the_probability_rises_with_the_diameter(found):
     assert (table["contact"] <= table["contact_high"]).all()
 
 
+@pytest.mark.slow
 def test_another_diameter_from_the_same_draws_is_that_body_s_own_study(case, found):
     plan, tract, duct, _ = case
     thin = replace(plan, scope=replace(plan.scope, diameter=5.5))
@@ -408,6 +410,7 @@ def call(capsys, *arguments):
     return code, *capsys.readouterr()
 
 
+@pytest.mark.slow
 def test_the_command_writes_tables_a_figure_and_a_report(capsys, files, tmp_path):
     given = (files / "plan.npz", files / "tube.ply", "--sd", "400um", "--draws", "100")
     code, out, err = call(

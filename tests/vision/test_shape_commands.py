@@ -82,6 +82,7 @@ def test_a_pair_that_fails_is_a_row_with_its_reason(folder, bent_tube) -> None:
     assert list(summary["inputs"].values()).count(None) == 2
 
 
+@pytest.mark.slow
 def test_a_model_is_compared_in_a_figure_and_tables_may_be_parquet(folder) -> None:
     pandas = pytest.importorskip("pandas")
     pytest.importorskip("pyarrow", reason="the extra 'parquet' is not installed")
