@@ -8,6 +8,7 @@ from itertools import product
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.integrate import trapezoid
 
 from bozzini.continuum import (
     ContactModel,
@@ -120,7 +121,7 @@ def find_density(load: float, weight: float, gap: float, guide: Wave, turns: int
         zeros = zeros[(zeros > 0.15 * length) & (zeros < 0.85 * length)]
         start, end = zeros[0], zeros[-1]
     grid = np.linspace(start, end, 4001)
-    return float(np.trapezoid(np.interp(grid, inner, value), grid) / (end - start) / (weight * gap))
+    return float(trapezoid(np.interp(grid, inner, value), grid) / (end - start) / (weight * gap))
 
 
 @pytest.mark.slow

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from scipy.integrate import trapezoid
 from scipy.spatial.transform import Rotation
 
 from bozzini.cli.main import main
@@ -355,7 +356,7 @@ def test_a_loaded_rod_with_stretching_tendons_takes_both() -> None:
     model = RodModel(robot, tip_force=(0.02, -0.03, -0.05), tendon_stiffness=1e4)
     pulls = np.array([2.0, 0.3, 0.5])
     given = model.shape_under_tensions(pulls).require()
-    stretches = np.trapezoid(given.tendon_tensions, given.arc_length) / model.tendon_stiffness
+    stretches = trapezoid(given.tendon_tensions, given.arc_length) / model.tendon_stiffness
     shortened = model.natural_lengths - given.tendon_lengths
     assert given.displacements == pytest.approx(shortened + stretches, abs=1e-5)
     found = model.shape(given.displacements).require()

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.integrate import trapezoid
 
 from bozzini.continuum import ContinuumRobot, EnergyModel, Helix, RodModel, Section, Tendon
 from bozzini.errors import InputError
@@ -70,7 +71,7 @@ def test_what_a_tendon_pays_out_is_the_work_of_its_tension() -> None:
     model = RodModel(robot, between=3)
     tensions = np.linspace(0.0, 6.0, 61)[:, None]
     shapes = model.shape_under_tensions(tensions)
-    work = np.trapezoid(tensions[:, 0], shapes.displacements[:, 0])
+    work = trapezoid(tensions[:, 0], shapes.displacements[:, 0])
     frames = shapes.frames[-1, :, :3, :3]
     from scipy.spatial.transform import Rotation
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy.integrate import quad, solve_bvp
+from scipy.integrate import quad, solve_bvp, trapezoid
 from scipy.optimize import minimize_scalar
 
 from bozzini.muscle import Muscle
@@ -126,4 +126,4 @@ def taper(muscle: Muscle, pressure: float, load: float, stretch: float) -> float
     assert found.success
     fine = np.linspace(0.0, span, 20001)
     _, _, along = parts(*found.sol(fine))
-    return float(np.trapezoid(stretch * c0 - along, fine))
+    return float(trapezoid(stretch * c0 - along, fine))

@@ -38,7 +38,10 @@ from bozzini.plot.effector import (
 )
 
 # A layout that matplotlib gives up, or an empty mean, would only be a warning.
-pytestmark = pytest.mark.filterwarnings("error")
+pytestmark = [
+    pytest.mark.filterwarnings("error"),
+    pytest.mark.filterwarnings("ignore::DeprecationWarning:matplotlib"),  # its own calls
+]
 
 EFFECTOR = Effector(effector_preset("prototype"))
 

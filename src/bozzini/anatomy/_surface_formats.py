@@ -125,6 +125,10 @@ def _check_off(text: str) -> str:
     for line in rest[corners:]:
         if len(line) < 1 + max(int(line[0]), 3):
             raise ValueError(f"the face '{' '.join(line)[:60]}' is cut short")
+        if not all(0 <= int(word) < corners for word in line[1 : 1 + int(line[0])]):
+            raise ValueError(
+                f"the face '{' '.join(line)[:60]}' has vertices that are not in [0, {corners - 1}]"
+            )
     return "\n".join(" ".join(line) for line in lines)
 
 

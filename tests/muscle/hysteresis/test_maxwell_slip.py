@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from bozzini.muscle.hysteresis import MaxwellSlip
@@ -57,6 +57,7 @@ def test_saturates_when_all_slip():
 @given(slips())
 def test_virgin_curve_gives_the_elements_back(operator):
     yields = np.unique(np.array(operator.limits) / operator.stiffnesses)
+    assume(np.all(np.diff(yields) > 1e-9))  # nearer ones are alike in double precision
     again = MaxwellSlip.from_virgin_curve(yields, operator.load_virgin(yields))
     line = np.linspace(-2.0 * yields[-1], 2.0 * yields[-1], 101)
     assert again.load_virgin(line) == pytest.approx(operator.load_virgin(line), abs=1e-8)
