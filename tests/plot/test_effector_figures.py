@@ -38,10 +38,10 @@ from bozzini.plot.effector import (
 )
 
 # A layout that matplotlib gives up, or an empty mean, would only be a warning.
-pytestmark = [
-    pytest.mark.filterwarnings("error"),
-    pytest.mark.filterwarnings("ignore::DeprecationWarning:matplotlib"),  # its own calls
-]
+# What matplotlib and its parser say of each other aside.
+pytestmark = pytest.mark.filterwarnings(
+    "error", "ignore::DeprecationWarning:(matplotlib|pyparsing)"
+)
 
 EFFECTOR = Effector(effector_preset("prototype"))
 
