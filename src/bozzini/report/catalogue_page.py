@@ -104,12 +104,9 @@ def _format_section(card: Card) -> list[str]:
 
 def _name_fields(uses: tuple[str, ...]) -> list[str]:
     """Return the fields that a model uses, those of the largest group by the group's name."""
-    group = max((name for name in GROUPS if set(GROUPS[name]) <= set(uses)), key=_count_fields)
+    groups = [name for name, fields in GROUPS.items() if set(fields) <= set(uses)]
+    group = max(groups, key=lambda name: len(GROUPS[name]))
     return [group, *(f"`{name}`" for name in uses if name not in GROUPS[group])]
-
-
-def _count_fields(group: str) -> int:
-    return len(GROUPS[group])
 
 
 def _format_constant(item: Parameter) -> str:
