@@ -16,16 +16,23 @@ RADIUS = 3.0
 
 def make_tube(radius=6.0, length=60.0, spacing=1.0, bend=45.0):
     """Return a closed tube along an arc as a surface, and its middle line."""
-    turns = max(12, round(2.0 * np.pi * radius / spacing))
-    rings = round(length / spacing) + 1
-    angle = np.linspace(0.0, length / bend, rings)
+    angle = np.linspace(0.0, length / bend, round(length / spacing) + 1)
     line = bend * np.stack([1.0 - np.cos(angle), 0.0 * angle, np.sin(angle)], axis=1)
     across = np.stack([np.cos(angle), 0.0 * angle, -np.sin(angle)], axis=1)
+    return sweep_tube(line, across, radius=radius, spacing=spacing), line
+
+
+def sweep_tube(line, across, *, radius, spacing=1.0):
+    """Return a closed tube round a line (n, 3), on which `across` (n, 3) stands upright."""
+    turns = max(12, round(2.0 * np.pi * radius / spacing))
+    rings = len(line)
+    ahead = np.gradient(line, axis=0)
+    ahead /= np.linalg.norm(ahead, axis=1, keepdims=True)
     turn = 2.0 * np.pi * np.arange(turns) / turns
     ring = (
         line[:, None]
         + radius * np.cos(turn)[None, :, None] * across[:, None]
-        + radius * np.sin(turn)[None, :, None] * np.array([0.0, 1.0, 0.0])
+        + radius * np.sin(turn)[None, :, None] * np.cross(ahead, across)[:, None]
     )
     vertices = [*ring.reshape(-1, 3)]
     index = np.arange(rings * turns).reshape(rings, turns)
@@ -48,7 +55,7 @@ def make_tube(radius=6.0, length=60.0, spacing=1.0, bend=45.0):
         faces.append(tip if not out else tip[:, ::-1])
     return SurfaceTract(
         vertices=np.array(vertices), faces=np.concatenate(faces)[:, ::-1], source="tube"
-    ), line
+    )
 
 
 @pytest.fixture(scope="module")

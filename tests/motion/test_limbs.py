@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from bozzini.duct import Centreline, SampledField
-from bozzini.motion import Scope
+from bozzini.motion import FreeSpace, Introducer, Scope
+from bozzini.motion.measures import find_crossing
 from tests.motion.plans import insert
-from tests.shapes import curve_distance
+from tests.shapes import curve_distance, sample_field
 
 RADIUS, DEPTH = 5.0, 45.0
 
@@ -71,3 +72,24 @@ def test_the_bend_itself_is_passed():
     plan = insert(field, line, scope=Scope(diameter=4.0, link_length=6.0), head_step=1.0)
     assert plan.status == "complete" and plan.certified
     assert count_in_septum(plan.joints, 8.0) == 0
+
+
+def test_limbs_past_the_entry_plane_are_told_apart_too():
+    # Beside the entry a tract passes its plane twice, with a thin wall between these two limbs.
+    corners = [[0, 0, 0], [0, 0, -30], [30, 0, -30], [30, 0, 40], [42, 0, 40], [42, 0, -30]]
+    corners = np.array(corners, dtype=float)
+    low, high = corners.min(axis=0) - 13.0, corners.max(axis=0) + 13.0
+    field = sample_field(curve_distance(corners, RADIUS), low, high, 0.5, inflation=3.0)
+    line = Centreline.from_points(corners, field)
+    introducer = Introducer(entry=corners[0], outward=np.array([0.0, 0.0, 1.0]), bore=RADIUS)
+    space = FreeSpace(field, line, introducer)
+    behind = np.array([[0.0, 0.0, 20.0 + 10.0 * k] for k in range(2)])
+    way = np.array([[30.0, 0.0, -10.0], [30.0, 0.0, -30.0], [0.0, 0.0, -30.0], [0.0, 0.0, 0.0]])
+    for height in (-15.0, 25.0):
+        head = np.array([[42.0, 0.0, height], [30.0, 0.0, height]])
+        found = find_crossing(np.concatenate([head, way, behind])[None], space, radius=2.0)
+        assert found is not None
+        assert found.point[2] == pytest.approx(height, abs=1e-6)
+        # The same link is no crossing where it stays in its limb.
+        head[0] = [30.0, 0.0, height + 12.0]
+        assert find_crossing(np.concatenate([head, way, behind])[None], space, radius=2.0) is None

@@ -10,7 +10,7 @@ import pytest
 
 from bozzini.continuum import ContinuumRobot, EnergyModel, Helix, Section, Tendon
 from bozzini.errors import InputError
-from bozzini.motion import Plan, Scope
+from bozzini.motion import Plan, Scope, plan_insertion
 from bozzini.numeric.polylines import carry_frames, measure_arc_length
 from bozzini.physics.execute import execute, follow_way
 from bozzini.physics.options import ExecuteOptions, ScopeOptions, WallOptions
@@ -25,8 +25,8 @@ from bozzini.physics.robots import (
 )
 from bozzini.physics.simulate import Chain, Dynamics, Simulation
 from bozzini.physics.study import Scenery, study_execution
-from bozzini.physics.walls import NEWTON, Floats
-from tests.shapes import bend_curve
+from bozzini.physics.walls import NEWTON, Floats, LumenWall
+from tests.shapes import bend_curve, tube_lumen
 
 FAST = ExecuteOptions(speed=60.0)
 
@@ -368,3 +368,26 @@ def test_tendons_of_stated_length_bend_a_free_robot_as_arcs_do() -> None:
     arc = 60.0 / bend
     assert simulation.joints[0, 0] == pytest.approx(arc * (1.0 - math.cos(bend)), rel=0.01)
     assert simulation.joints[0, 2] == pytest.approx(arc * math.sin(bend), rel=0.01)
+
+
+def test_contacts_past_the_entry_plane_count_unless_they_are_the_introducers() -> None:
+    # A tract that comes back past its entry, and bends there where the body is too thick for it.
+    hook = bend_curve(18.0, math.pi, 20.0)
+    down = hook[-1] + np.arange(1.0, 16.0)[:, None] * [0.0, 0.0, -1.0]
+    aside = bend_curve(12.0, 0.5 * math.pi, 0.0) * [1.0, 1.0, -1.0]
+    field, line = tube_lumen(np.concatenate([hook, down, down[-1] + aside[1:]]), 6.0)
+    plan = plan_insertion(field, line, scope=Scope(diameter=6.0, link_length=8.0), method="follow")
+    assert plan.status == "complete", plan.reason
+    thick = dataclasses.replace(plan, scope=Scope(diameter=11.0, link_length=8.0))
+    found = Scenery(plan=thick, duct=field).run(FAST)
+    table = found.list_contacts()
+    places = np.stack([table["x_mm"], table["y_mm"], table["z_mm"]], axis=1)
+    tube = plan.get_introducer()
+    along = (places - tube.entry) @ tube.outward
+    away = np.linalg.norm(places - tube.entry - along[:, None] * tube.outward, axis=1)
+    past = along > 5.0
+    assert table["normal_force_N"][past].max() > 0.01
+    assert away[past].min() > 20.0
+    wall = LumenWall(duct=field, introducer=tube)
+    beside = tube.entry + 10.0 * tube.outward + [0.99 * tube.bore, 0.0, 0.0]
+    assert wall.is_introducer(np.stack([beside, places[past][0]])).tolist() == [True, False]

@@ -123,10 +123,9 @@ def certify_motion(
         )
     check_number("radius", radius, low=0.0, unit="mm")
     check_number("tolerance", tolerance, low=1e-4, high=10.0, unit="mm")
-    packed, excess = space.intro.copy(), 0.0
+    packed, excess = space.pack_exempt(radius), 0.0
     if introducer is not None:
         offered = float(duct.clearance_bound(introducer.entry))
-        packed[6] = introducer.exempt_bore(offered, radius=radius)
         most = float(-duct.signed_distance(introducer.entry)) + duct.error
         if introducer.bore > max(offered, most) + ROUND_OFF_MM:
             excess = introducer.bore - offered
@@ -163,3 +162,33 @@ def certify_motion(
         evaluations=total,
         wall=duct.wall,
     )
+
+
+def find_waiting(
+    joints: NDArray[np.float64], space: FreeSpace, *, radius: float
+) -> NDArray[np.int64]:
+    """Find which joints the certificate takes to stand in the introducer.
+
+    A joint does if the body around it is in the bore, all joints behind it stand there too, and it
+    was there from the first step on or came in through the mouth. To lie past the entry plane is
+    not enough: a tract that turns back leads the head there again.
+
+    Parameters
+    ----------
+    joints : (steps, joints, dim) float
+        World frame [mm]; joint 0 is the head.
+    space : FreeSpace
+    radius : float
+        Of the body [mm].
+
+    Returns
+    -------
+    (steps,) int
+        From this joint on they do; the number of joints where none does.
+    """
+    from .kernels.certify import mark_introduced
+
+    waiting = np.empty(len(joints), dtype=np.int64)
+    chains = np.ascontiguousarray(space.duct.to_grid(joints))
+    mark_introduced(chains, space.pack_exempt(radius), float(radius), waiting)
+    return waiting

@@ -30,7 +30,7 @@ from ..duct.deformation import Displacement, carry_tissue
 from ..duct.moving import MovedField, MovingField
 from ..errors import DeformationError, InputError
 from ..results import Json, Result, take_axes
-from .certify import certify_motion
+from .certify import certify_motion, find_waiting
 from .moving import ReplanOptions, cut_ahead, replan
 from .plan import Plan
 from .space import FreeSpace
@@ -43,8 +43,9 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 FrameStatus = Literal["held", "now", "lost", "refused"]
-"""Certified until the next frame; certified for the frame's time alone; not certified; not planned,
-because the tissue moves otherwise than stated."""
+"""Certified until the next frame, the scope standing or on its plan; certified for the frame's time
+alone; not certified; not planned, because the tissue moves otherwise than stated. How the tissue
+carries the scope on is known in the next frame: see `LiveFrame.carried` and `LiveRun.collect`."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -207,9 +208,20 @@ class LiveRun(Result):
 
     @classmethod
     def collect(cls, frames: Iterable[LiveFrame], *, rate: float, motion: TissueMotion) -> LiveRun:
-        """Run a loop to its end, and keep its frames without their fields, which are large."""
-        kept = tuple(replace(frame, field=None) for frame in frames)
-        return cls(frames=kept, rate=rate, speed=motion.speed)
+        """Run a loop to its end, and keep its frames without their fields, which are large.
+
+        A frame is no longer "held" where the next one could not certify how the scope came there.
+        """
+        kept: list[LiveFrame] = []
+        for frame in frames:
+            if frame.carried is not None and frame.carried < 0.0:
+                status, reason = _judge_move(frame.carried)
+                known = [k for k, one in enumerate(kept) if one.status != "refused"]
+                for last in known[-1:]:
+                    if kept[last].status == "held":
+                        kept[last] = replace(kept[last], status=status, reason=reason)
+            kept.append(replace(frame, field=None))
+        return cls(frames=tuple(kept), rate=rate, speed=motion.speed)
 
     def count(self, status: FrameStatus) -> int:
         """Return how many frames have a status."""
@@ -493,19 +505,21 @@ def _certify_move(
     begin = 0.5 if last.step > 0 else 0.0  # share of the time in which the head moves on
     tubes = last.plan.get_introducer(), plan.get_introducer()
     here, there = last.plan.joints[last.step], plan.joints[0]
+    radius = plan.get_scope().radius
+    spaces = FreeSpace(lumen_before, None, tubes[0]), FreeSpace(lumen, None, tubes[1])
     # Joints that stand in the introducer move with it; the first of them ends a link inside.
-    behind = [(b - t.entry) @ t.outward >= 0.0 for b, t in zip((here, there), tubes, strict=True)]
-    count = max(int(np.argmax(np.append(each, True))) for each in behind) + 1
+    count = 1 + max(
+        int(find_waiting(chain[None], space, radius=radius)[0])
+        for chain, space in zip((here, there), spaces, strict=True)
+    )
     here, there = here[: max(count, 2)], there[: max(count, 2)]
-    middle, radius = 0.5 * (here + there), plan.get_scope().radius
-    least = np.inf
+    middle, least = 0.5 * (here + there), np.inf
     if last.step > 0:
         least = (-np.inf if last.plan.proved is None else last.plan.proved) - begin * moved
-    for one, other, wall, tube, late in (
-        (here, middle, lumen_before, tubes[0], 0.5 * (1.0 + begin)),
-        (middle, there, lumen, tubes[1], 0.5 * (1.0 - begin)),
+    for one, other, space, late in (
+        (here, middle, spaces[0], 0.5 * (1.0 + begin)),
+        (middle, there, spaces[1], 0.5 * (1.0 - begin)),
     ):
-        space = FreeSpace(wall, None, tube)
         found = certify_motion(np.stack([one, other]), space, radius=radius).clearance
         least = min(least, found - late * moved)
     return float(least)
@@ -516,10 +530,15 @@ def _judge(plan: Plan, carried: float | None, margin: float) -> tuple[FrameStatu
     if plan.reason_code == "NOT_CARRIED" or plan.proved is None:
         return "lost", plan.reason or "the body's clearance could not be certified"
     if carried is not None and carried < 0.0:
-        return "now", f"while the tissue moved on, {carried:.2f} mm were certified"
+        return _judge_move(carried)
     if plan.proved < margin:
         return "now", (
             f"{plan.proved:.2f} mm are certified, the wall may move by {margin:.2f} mm until the "
             "next frame"
         )
     return "held", ""
+
+
+def _judge_move(carried: float) -> tuple[FrameStatus, str]:
+    """Return the status of a frame next to a move that is not certified, and why."""
+    return "now", f"while the tissue moved on, {carried:.2f} mm were certified"

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from .certify import find_waiting
 from .link import move_free_chain
 from .plan import Measures, Plan
 from .scope import Scope
@@ -36,7 +37,9 @@ class Crossing:
     point: tuple[float, float, float]
 
 
-def find_crossing(joints: NDArray[np.float64], space: FreeSpace) -> Crossing | None:
+def find_crossing(
+    joints: NDArray[np.float64], space: FreeSpace, *, radius: float
+) -> Crossing | None:
     """Find a link that passes between two limbs which only the inflation has joined.
 
     A wall moved outwards by c opens what is thinner than 2 c between two limbs of a tract, and the
@@ -50,6 +53,8 @@ def find_crossing(joints: NDArray[np.float64], space: FreeSpace) -> Crossing | N
         World frame [mm].
     space : FreeSpace
         With the inflated lumen. What stands in the introducer is not looked at.
+    radius : float
+        Of the body [mm].
 
     Returns
     -------
@@ -66,8 +71,9 @@ def find_crossing(joints: NDArray[np.float64], space: FreeSpace) -> Crossing | N
     length = float(np.linalg.norm(joints[0, 1] - joints[0, 0]))
     count = max(3, int(np.ceil(length / (0.5 * float(rest.spacing.min())))) + 1)
     stride = max(1, -(-joints[..., 0].size * count // CROSSING_SAMPLES))
-    chains = np.concatenate([joints[:-1:stride], joints[-1:]])
-    behind = ((chains - introducer.entry) @ introducer.outward) >= 0.0
+    rows = np.append(np.arange(0, len(joints) - 1, stride), len(joints) - 1)
+    chains, waiting = joints[rows], find_waiting(joints, space, radius=radius)[rows]
+    behind = np.arange(joints.shape[1]) >= waiting[:, None]
     arcs = line.arc_length[cKDTree(line.points).query(chains)[1]]
     arcs[behind] = 0.0
     spans = np.abs(np.diff(arcs, axis=1)) > CROSSING_SPAN * length + 2.0 * rest.error
@@ -76,7 +82,8 @@ def find_crossing(joints: NDArray[np.float64], space: FreeSpace) -> Crossing | N
         head, tail = chains[step, link], chains[step, link + 1]
         body = head + parts * (tail - head)
         depth = -rest.signed_distance(body)
-        depth[((body - introducer.entry) @ introducer.outward) >= 0.0] = np.inf
+        if behind[step, link + 1]:
+            depth[((body - introducer.entry) @ introducer.outward) >= 0.0] = np.inf
         if depth.min() >= rest.error:
             continue
         ends = rest.to_grid(np.stack([head, tail])) / rest.spacing

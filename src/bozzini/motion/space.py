@@ -313,6 +313,14 @@ class FreeSpace:
         """The introducer as compiled code takes it, (7,); zeros without one."""
         return np.zeros(7) if self.introducer is None else self.introducer.pack(self.duct)
 
+    def pack_exempt(self, radius: float) -> NDArray[np.float64]:
+        """Return `intro` with the bore that is exempt from the wall for a body of `radius` mm."""
+        packed = self.intro.copy()
+        if self.introducer is not None:
+            offered = float(self.duct.clearance_bound(self.introducer.entry))
+            packed[6] = self.introducer.exempt_bore(offered, radius=radius)
+        return packed
+
     @cached_property
     def passages(self) -> Passages:
         """The passages from the entry to the goal."""

@@ -268,7 +268,7 @@ class Job:
                 continue
             other = self.move(shaped, margin, freedom=freedom)
             if other.certificate.certified and other.refusal is None:
-                if find_crossing(other.joints, self.space) is None:
+                if find_crossing(other.joints, self.space, radius=self.scope.radius) is None:
                     tried.append(other)
         calm = [one for one in tried if one.step_ratio <= STEP_RATIO_MAX]
         if calm:
@@ -314,7 +314,7 @@ class Job:
         if not motion.certificate.certified:
             self.unresolved = motion.certificate
             return None
-        crossing = find_crossing(motion.joints, self.space)
+        crossing = find_crossing(motion.joints, self.space, radius=self.scope.radius)
         if crossing is not None:
             self.crossing = crossing
             return None

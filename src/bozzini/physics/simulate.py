@@ -556,9 +556,7 @@ class Simulation:
         self._before[self._used] = 0.0
         self._before[keys], self._used = force, keys
         on = force[:, 0] > 0.0
-        if wall.introducer is not None:
-            tube = wall.introducer
-            on &= (places - tube.entry) @ tube.outward < 0.0
+        on &= ~wall.is_introducer(places)
         if not on.any():
             return
         force = force[on] / NEWTON

@@ -244,10 +244,19 @@ class LumenWall:
 
     def measure(self, points: Floats) -> Floats:
         """Return the (...) clearance of points (..., 3) in lumen or introducer [mm]."""
+        return self._measure_both(points).max(axis=0)
+
+    def is_introducer(self, points: Floats) -> NDArray[np.bool_]:
+        """Return (...) whether the wall at points (..., 3) is the introducer's, not the lumen's."""
+        lumen, tube = self._measure_both(points)
+        return np.asarray(tube > lumen)
+
+    def _measure_both(self, points: Floats) -> Floats:
+        """Return the (2, ...) clearance in the lumen, and in the introducer [mm]."""
         clear = -self.duct.signed_distance(points)
         if self.introducer is None:
-            return clear
+            return np.stack([clear, np.full(clear.shape, -np.inf)])
         way = points - self.introducer.entry
         along = way @ self.introducer.outward
         off = np.linalg.norm(way - along[..., None] * self.introducer.outward, axis=-1)
-        return np.where(along >= 0.0, np.maximum(clear, self.bore - off), clear)
+        return np.stack([clear, np.where(along >= 0.0, self.bore - off, -np.inf)])

@@ -22,9 +22,10 @@ from numpy.typing import ArrayLike, NDArray
 from ..checks import check_fields, check_integer, check_points, quantity
 from ..duct.base import Duct
 from ..errors import InputError
-from ..motion.certify import Certificate
+from ..motion.certify import Certificate, find_waiting
 from ..motion.plan import Plan
 from ..motion.recheck import Tube, Wall
+from ..motion.space import FreeSpace
 from ..plot.plan_data import read_centreline
 from ..progress import Progress, no_progress
 from ..results import Json
@@ -226,8 +227,12 @@ def sample_body(plan: Plan, duct: Duct, wall: Wall) -> BodySamples:
     joints = plan.joints
     if joints.shape[2] != 3:
         raise InputError("the plan has 2 dimensions: a wall's error is drawn in 3")
-    waiting, tube = _find_waiting(plan, duct)
     radius, length = plan.get_scope().radius, plan.get_scope().link_length
+    space, tube = FreeSpace(duct, None, plan.introducer), None
+    waiting = find_waiting(joints, space, radius=radius)
+    if plan.introducer is not None:
+        entry, outward = plan.introducer.entry, plan.introducer.outward
+        tube = Tube(entry=entry, outward=outward, bore=float(space.pack_exempt(radius)[6]))
     shares = np.linspace(0.0, 1.0, max(2, math.ceil(length / PITCH_MM) + 1))[:, None]
     low = joints.min(axis=(0, 1)) - CUBE_MM
     sides = np.ceil((joints.max(axis=(0, 1)) - low) / CUBE_MM).astype(np.int64) + 2
@@ -272,21 +277,6 @@ def sample_body(plan: Plan, duct: Duct, wall: Wall) -> BodySamples:
         place=place[every],
         insertion=plan.head_arc_length[steps[every]],
     )
-
-
-def _find_waiting(plan: Plan, duct: Duct) -> tuple[NDArray[np.int64], Tube | None]:
-    """Return from which joint on the chain stands in the introducer, and that as it counts."""
-    from ..motion.kernels.certify import mark_introduced
-
-    introducer, radius = plan.introducer, plan.get_scope().radius
-    waiting = np.full(plan.steps, plan.links + 1, dtype=np.int64)
-    if introducer is None:
-        return waiting, None
-    bore = introducer.exempt_bore(float(duct.clearance_bound(introducer.entry)), radius=radius)
-    packed = introducer.pack(duct)
-    packed[6] = bore
-    mark_introduced(np.ascontiguousarray(duct.to_grid(plan.joints)), packed, radius, waiting)
-    return waiting, Tube(entry=introducer.entry, outward=introducer.outward, bore=bore)
 
 
 # Draws in which the plan is kept.

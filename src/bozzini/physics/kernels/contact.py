@@ -87,7 +87,8 @@ def find_contacts(duct, tube, frame, bodies, turns, along, points, size, index, 
 
     `frame` (4, 3) takes the world to the duct's own frame: three rows and the place of the origin.
     `bodies` (m, 3) and `turns` (m, 3) are the place and the axis of each sample's link, `along` how
-    far it is along that; `size` has the body's radius and how near is near.
+    far it is along that; `size` has the body's radius and how near is near. They go from the base
+    to the tip: what has once left the introducer is in the lumen alone, also past the entry plane.
 
     A sample is a ball. Its direction to the wall is that of its centre's gradient first, then twice
     that of the place on its skin which that gives: near the middle of a narrow lumen the gradient
@@ -99,7 +100,7 @@ def find_contacts(duct, tube, frame, bodies, turns, along, points, size, index, 
     """
     radius, near = size
     count, least, where = 0, math.inf, 0
-    local = np.empty(3)
+    local, lumen_alone = np.empty(3), np.zeros(7)
     for i in range(points.shape[0]):
         for k in range(3):
             points[i, k] = bodies[i, k] + along[i] * turns[i, k]
@@ -107,6 +108,11 @@ def find_contacts(duct, tube, frame, bodies, turns, along, points, size, index, 
             local[k] = frame[3, k]
             for j in range(3):
                 local[k] += frame[j, k] * points[i, j]
+        along_tube = 0.0
+        for k in range(3):
+            along_tube += (local[k] - tube[k]) * tube[3 + k]
+        if along_tube < 0.0:
+            tube = lumen_alone
         clear, gx, gy, gz = measure_gap(duct, tube, local[0], local[1], local[2])
         if clear < least:
             least, where = clear, i
