@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import importlib.util
 import json
+import posixpath
 import re
 import shlex
 import tomllib
@@ -165,9 +166,9 @@ def test_anchors_of_links_are_headings(page: Path) -> None:
             assert anchor in _slugs(other), f"{_name(page)} links to {target}#{anchor}"
 
 
-def _load_hook() -> ModuleType:
-    path = ROOT / "docs" / "command_pages.py"
-    spec = importlib.util.spec_from_file_location("command_pages", path)
+def _load_hook(name: str = "command_pages") -> ModuleType:
+    path = ROOT / "docs" / f"{name}.py"
+    spec = importlib.util.spec_from_file_location(name, path)
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
@@ -188,6 +189,48 @@ def test_the_reference_has_every_command_and_option() -> None:
         for item in command.params:
             if isinstance(item, click.Option):
                 assert f"- `{item.opts[0]}" in told[name], f"{name} {item.opts}"
+
+
+class _Source:
+    """A page as mkdocs hands it to hooks, by its place among the sources."""
+
+    def __init__(self, place: str) -> None:
+        self.src_uri, self.file = place, self
+
+    def url_relative_to(self, other: _Source) -> str:
+        built = self.src_uri.rpartition(".")[0] + "/"
+        return posixpath.relpath(built, other.src_uri.rpartition(".")[0]) + "/"
+
+    @staticmethod
+    def get_file_from_path(place: str) -> _Source | None:
+        return _Source(place) if (ROOT / "docs" / place).exists() else None
+
+
+@pytest.mark.parametrize("tutorial", TUTORIALS, ids=_name)
+def test_links_of_a_tutorial_lead_to_built_pages(tutorial: Path) -> None:
+    """They are written as links to sources, and mkdocs-jupyter leaves them as they are."""
+    hook = _load_hook("links")
+    page = _Source(f"tutorials/{tutorial.name}")
+    for target in re.findall(r"\]\((?!https?://)([^)#]+)", tutorial.read_text("utf-8")):
+        html = hook.on_page_content(f'<a href="{target}#x">', page=page, files=_Source)
+        place = posixpath.normpath(f"tutorials/{tutorial.stem}/{html.split(chr(34))[1]}")
+        source = ROOT / "docs" / place.removesuffix("/#x")
+        assert any(source.with_name(source.name + end).exists() for end in (".md", ".py")), html
+
+
+def test_a_build_names_links_that_lead_nowhere(tmp_path: Path) -> None:
+    hook = _load_hook("links")
+    for name in ("one", "two"):
+        (tmp_path / name).mkdir()
+    good = '<a href="../two/#here">, <a href="..">, <a href="https://a.b/c">, <img src="x.png">'
+    bad = '<a href="../two/#there">, <a href="../three/">, <a href="../two.md">'
+    (tmp_path / "index.html").write_text('<a href="one/">')
+    (tmp_path / "one" / "x.png").touch()
+    (tmp_path / "one" / "index.html").write_text(good + bad)
+    (tmp_path / "two" / "index.html").write_text('<h1 id="here"></h1>')
+    assert hook.find_broken(tmp_path) == [
+        ("one/index.html", link) for link in ("../two/#there", "../three/", "../two.md")
+    ]
 
 
 GUIDE = [page for page in DOCS if page.parent.name == "guide"]

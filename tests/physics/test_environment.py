@@ -39,9 +39,7 @@ def lumen(clear: Scenery) -> Lumen:
     ("robot", "observe"), [("leader", "clearance"), ("leader", "camera"), ("pushed", "clearance")]
 )
 def test_gymnasium_takes_it(lumen: Lumen, robot: str, observe: str) -> None:
-    env = gymnasium.make(
-        NAME, lumen=lumen, robot=robot, observe=observe, render_mode="rgb_array"
-    )
+    env = gymnasium.make(NAME, lumen=lumen, robot=robot, observe=observe, render_mode="rgb_array")
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         check_env(env.unwrapped)
@@ -199,7 +197,7 @@ def test_a_leader_shows_how_its_tip_is_bent(lumen: Lumen) -> None:
         ({"phantom": 1.5}, "phantom is 1.5: it must be a whole number"),
         ({"lumen": "plan.npz"}, "lumen is 'plan.npz': it must be a Lumen, or"),
         ({"wall": 3.0}, "wall is 3.0: it must be a WallOptions"),
-        ({"render_mode": "human"}, "render_mode is 'human': it must be rgb_array"),
+        ({"render_mode": "human"}, "render_mode is 'human': it must be one of rgb_array"),
         ({"robot": "snake"}, "robot is 'snake': it must be one of leader, pushed"),
     ],
 )
