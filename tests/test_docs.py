@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import importlib
 import importlib.util
 import json
@@ -17,6 +18,7 @@ import pytest
 import yaml
 
 import bozzini
+from benchmarks import claims, compare_peers, report
 from bozzini.cli.main import COMMANDS, root
 from tests.fuzz.__main__ import find_commands
 
@@ -307,6 +309,64 @@ def test_every_package_has_a_page_of_its_names() -> None:
 def test_table_of_commands_is_complete() -> None:
     text = (ROOT / "docs" / "cli.md").read_text(encoding="utf-8")
     assert set(re.findall(r"^\| `bozzini ([a-z]+)", text, re.M)) == set(COMMANDS)
+
+
+MEASURED = json.loads(report.MEASURED.read_text("utf-8"))
+
+
+@pytest.mark.parametrize("name", report.PAGES)
+def test_tables_and_sentences_about_speed_are_those_of_the_run(name: str) -> None:
+    """`python -m benchmarks.report pages` writes them from what was measured."""
+    page = (ROOT / name).read_text("utf-8")
+    assert report.fill(name, page, MEASURED) == page
+
+
+@pytest.mark.parametrize("name", ["README.md", "docs/trust.md", "docs/index.md"])
+def test_no_sentence_about_speed_or_size_is_without_a_run(name: str) -> None:
+    page = (ROOT / name).read_text("utf-8")
+    for claim in report.CLAIMS:
+        if claim.page == name:
+            page = dataclasses.replace(claim, find=lambda _: "as measured").fill(page, MEASURED)
+    page = re.sub(r"^(    .*|```.*?^```)$|`[^`]+`", "", page, flags=re.M | re.S)
+    said = r"[\d.]+ (?:[nµum]?s|[KMG]i?B|seconds?|minutes?|times as)\b|\bminutes?\b"
+    assert not re.findall(said, page)
+
+
+def test_a_sentence_follows_the_run() -> None:
+    """Another measurement changes what the README says, and a claim without a row is an error."""
+    rows = [
+        {**row, "measured": "7 ms"} if row["what"] == claims.PLAN else row
+        for row in MEASURED["rows"]
+    ]
+    readme = (ROOT / "README.md").read_text("utf-8")
+    filled = report.fill("README.md", readme, {**MEASURED, "rows": rows})
+    assert "through a human upper tract | 7 ms |" in filled
+    with pytest.raises(ValueError, match="0 times"):
+        report.fill("README.md", "nothing of it", MEASURED)
+
+
+def test_a_run_takes_the_place_of_its_own_rows() -> None:
+    old = [{"test": "a", "what": "A", "kept": True}, {"test": "b", "what": "B", "kept": True}]
+    new = [{"test": "a", "kept": False}, {"test": "c", "what": "C", "measured": "1", "kept": False}]
+    rows = report.merge(old, new)
+    assert [row["what"] for row in rows] == ["B", "C"]  # A failed before it had measured
+    assert "Bounds that were not kept: C." in report.list_table(
+        [{"measured": "", "machine": "one", **row} for row in rows]
+    )
+
+
+def test_what_is_said_of_peers_is_what_was_measured() -> None:
+    seconds = {"Bozzini rod": 2.0, "Bozzini energy": 1.0, "SoRoMoX": 5.0, "PyElastica": 80.0}
+    records = [
+        {"case": "one", "tool": tool, "pieces": 6, "miss_mm": 0.01, "seconds": took}
+        for tool, took in seconds.items()
+    ]
+    records.append({**records[0], "case": "two"})
+    records.append({"case": "two", "tool": "PyElastica", "missing": "elastica"})
+    lines = "\n".join(compare_peers.format_peers({"day": "", "versions": {}, "records": records}))
+    assert "SoRoMoX takes 2.5 to 2.5 times as long as `rod`" in lines
+    assert "`energy` takes 0.20 to 0.20 times as long as SoRoMoX" in lines
+    assert "| two | PyElastica | – | – | not run: no package `elastica` | – |" in lines
 
 
 def test_the_page_of_benchmarks_is_short_and_of_the_long_one() -> None:

@@ -1,6 +1,6 @@
 """A Gymnasium environment: bring a scope in by bending its tip and pushing.
 
-It is registered by importing this module, as ``bozzini/Insertion-v0``; Gymnasium imports it by itself
+It is registered by importing this module, as ``bozzini/Insertion-v0``; Gymnasium imports it itself
 for ``bozzini.physics.environment:bozzini/Insertion-v0``.
 """
 
