@@ -116,11 +116,16 @@ def list_headlines(rows: list[dict[str, Any]]) -> list[str]:
     return [*machines, "", "| message | case | measured |", "|---|---|---|", *cells]
 
 
+def list_peers(peers: dict[str, Any]) -> list[str]:
+    """Return the table of other packages, with the machine."""
+    return [peers["machine"], "", *format_peers(peers)]
+
+
 def fill(name: str, page: str, measured: dict[str, Any]) -> str:
     """Return a page, by its name from the root, with its numbers as they were measured."""
     parts = {"table": [], "peers": []}
     if name == "docs/benchmarks-all.md":
-        parts = {"table": list_table(measured["rows"]), "peers": format_peers(measured["peers"])}
+        parts = {"table": list_table(measured["rows"]), "peers": list_peers(measured["peers"])}
     elif name == "docs/benchmarks.md":
         parts["table"] = list_headlines(measured["rows"])
     for part, lines in parts.items():
