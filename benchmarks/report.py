@@ -1,9 +1,13 @@
-"""Run benchmarks and write their tables into the documentation.
+"""Run benchmarks, keep what they measured, and write it into the documentation.
 
-    python benchmarks/report.py                 all of them
-    python benchmarks/report.py physics study   those of bench_physics.py and bench_study.py
+    python -m benchmarks.report                 all of them, but for the peers
+    python -m benchmarks.report physics study   those of bench_physics.py and bench_study.py
+    python -m benchmarks.report peers           the comparison with other packages
+    python -m benchmarks.report pages           none: write the pages from what is kept
 
-``docs/benchmarks-all.md`` gets every row, ``docs/benchmarks.md`` those of `HEADLINES`.
+``benchmarks/measured.json`` is the one source: every row with the machine that measured it, and the
+peers. ``docs/benchmarks-all.md`` gets every row, ``docs/benchmarks.md`` those of `HEADLINES`, and
+sentences of all pages the numbers that `benchmarks.claims` lists.
 """
 
 from __future__ import annotations
@@ -17,34 +21,36 @@ import sys
 import tempfile
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
+
+from .claims import CLAIMS
+from .compare_peers import format_peers, measure_peers
 
 ROOT = Path(__file__).resolve().parents[1]
-PAGE = ROOT / "docs" / "benchmarks.md"
-ALL = ROOT / "docs" / "benchmarks-all.md"
-BEGIN, END = "<!-- table: begin -->", "<!-- table: end -->"
+MEASURED = ROOT / "benchmarks" / "measured.json"
 
 HEADLINES = (
-    ("A certified plan through a human tract in a tenth of a second", "tract, diameter 6, .*tube"),
-    ("Planning anew in a tract that moves keeps pace with a camera", "the loop on the upper tract"),
+    ("A certified plan through a human tract", "tract, diameter 6, .*tube"),
+    ("Planning anew in a tract that moves", "the loop on the upper tract"),
     ("The thesis's link step, by the formulation as printed", "one link .*as printed"),
-    ("Distances to shapes cost less than to a mesh", "signed distance of 100 round cones"),
-    ("From CT labels to a plan in seconds", "stages on the upper tract, from labels"),
-    ("A million solves of a muscle take half a second", "ends none"),
+    ("Distances to shapes, beside those to a mesh", "signed distance of 100 round cones"),
+    ("From CT labels to a plan", "stages on the upper tract, from labels"),
+    ("Solves of a muscle, in a batch", "ends none"),
     ("All models of muscles, fitted, ranked and cross-validated", "all muscle models on 40"),
     ("The pose of a catheter tip, beside SciPy's optimiser", "SLSQP on the squared"),
-    ("Its inverse is exact and fast enough for a stick", "stick readings to pressures"),
+    ("Its inverse, for a stick", "stick readings to pressures"),
     ("A robot of linkages, beside SciPy's optimiser", "backbone of 20 linkages"),
     ("The inverse of a tendon robot of six sections", "inverse to a pose, 6 section"),
     ("An elastic robot with winding tendons", r"energy \(channel\), 2 sections"),
     ("A hysteresis operator, beside plain Python", "hysteresis: plays"),
-    ("A million designs on two cores", "a study of 1,000,000 designs"),
+    ("A million designs, on two cores", "a study of 1,000,000 designs"),
     ("A motion driven with contact, against real time", "upper tract, .*prism.*"),
 )  # fmt: skip
-"""What a row shows, and what finds it among the rows' titles: at most 15."""
+"""What a row is about, without a number, and what finds it among the titles: at most 15."""
 
 
-def run_benchmarks(names: list[str]) -> list[dict[str, str]]:
-    """Run all files or those named, and return what each row has to say, bound kept or not."""
+def run_benchmarks(names: list[str]) -> list[dict[str, Any]]:
+    """Run all files or those named, and return what each has to say, bound kept or not."""
     files = [f"benchmarks/bench_{name}.py" for name in names] or ["benchmarks"]
     with tempfile.TemporaryDirectory() as folder:
         result = Path(folder) / "result.json"
@@ -54,7 +60,23 @@ def run_benchmarks(names: list[str]) -> list[dict[str, str]]:
         if not result.exists() or result.stat().st_size == 0:
             raise SystemExit(f"no benchmark was run (pytest ended with {code})")
         benchmarks = json.loads(result.read_text("utf-8"))["benchmarks"]
-    return [item["extra_info"] for item in benchmarks if "what" in item["extra_info"]]
+    return [{"test": item["fullname"], **item["extra_info"]} for item in benchmarks]
+
+
+def merge(rows: list[dict[str, Any]], new: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Return rows with those of the benchmarks that ran now in the place of their old ones.
+
+    A benchmark that failed before it had measured takes its row away.
+    """
+    ran = {row["test"] for row in new} | {row.get("what") for row in new}
+    fresh = {row["what"]: {**row, "machine": describe_machine()} for row in new if "what" in row}
+    kept = []
+    for row in rows:
+        if row["what"] in fresh:
+            kept.append(fresh.pop(row["what"]))
+        elif row["test"] not in ran:
+            kept.append(row)
+    return [*kept, *fresh.values()]
 
 
 def describe_machine() -> str:
@@ -68,40 +90,71 @@ def describe_machine() -> str:
     )
 
 
-def read_rows(page: str) -> dict[str, str]:
-    """Return the lines of a page's table by their titles."""
-    table = page.partition(BEGIN)[2].partition(END)[0]
-    lines = [line for line in table.splitlines() if line.startswith("| ")]
-    return {line.split(" | ")[0].removeprefix("| "): line for line in lines[1:]}
+def list_table(rows: list[dict[str, Any]]) -> list[str]:
+    """Return the table of all rows, in parts by the machine that measured them."""
+    lines = []
+    for machine in dict.fromkeys(row["machine"] for row in rows):
+        own = [row for row in rows if row["machine"] == machine]
+        cells = [
+            f"| {row['what']} | {row['measured']} | {row.get('required', '')} |" for row in own
+        ]
+        lines += [machine, "", "| what | measured | required |", "|---|---|---|", *cells, ""]
+    late = [row["what"] for row in rows if not row["kept"]]
+    lines.append(f"Bounds that were not kept: {'; '.join(late) or 'none'}.")
+    return lines
 
 
-def replace_table(page: Path, lines: list[str]) -> None:
-    """Write a page with other lines between its marks."""
-    before, rest = page.read_text("utf-8").split(BEGIN)
-    table = "\n".join([describe_machine(), "", *lines])
-    page.write_text(f"{before}{BEGIN}\n\n{table}\n\n{END}{rest.split(END)[1]}", "utf-8")
-
-
-def choose_headlines(rows: dict[str, str]) -> list[str]:
-    """Return the rows of the short table."""
-    chosen = []
+def list_headlines(rows: list[dict[str, Any]]) -> list[str]:
+    """Return the short table."""
+    chosen = {}
     for message, pattern in HEADLINES:
-        found = next((line for what, line in rows.items() if re.search(pattern, what)), None)
+        found = next((row for row in rows if re.search(pattern, row["what"])), None)
         if found is not None:
-            what, measured = found.removeprefix("| ").split(" | ")[:2]
-            chosen.append(f"| {message} | {what} | {measured} |")
-    return chosen
+            chosen[message] = found
+    cells = [f"| {each} | {row['what']} | {row['measured']} |" for each, row in chosen.items()]
+    machines = dict.fromkeys(row["machine"] for row in chosen.values())
+    return [*machines, "", "| message | case | measured |", "|---|---|---|", *cells]
+
+
+def list_peers(peers: dict[str, Any]) -> list[str]:
+    """Return the table of other packages, with the machine."""
+    return [peers["machine"], "", *format_peers(peers)]
+
+
+def fill(name: str, page: str, measured: dict[str, Any]) -> str:
+    """Return a page, by its name from the root, with its numbers as they were measured."""
+    parts = {"table": [], "peers": []}
+    if name == "docs/benchmarks-all.md":
+        parts = {"table": list_table(measured["rows"]), "peers": list_peers(measured["peers"])}
+    elif name == "docs/benchmarks.md":
+        parts["table"] = list_headlines(measured["rows"])
+    for part, lines in parts.items():
+        if lines:
+            marks = f"<!-- {part}: begin -->", f"<!-- {part}: end -->"
+            (before, rest), table = page.split(marks[0]), "\n".join(lines)
+            page = f"{before}{marks[0]}\n\n{table}\n\n{marks[1]}{rest.split(marks[1])[1]}"
+    for claim in CLAIMS:
+        if claim.page == name:
+            page = claim.fill(page, measured)
+    return page
+
+
+PAGES = ("README.md", "docs/trust.md", "docs/benchmarks.md", "docs/benchmarks-all.md")
+"""What states numbers of the benchmarks."""
 
 
 def main(names: list[str]) -> None:
-    """Measure and write both pages."""
-    rows = read_rows(ALL.read_text("utf-8")) if names else {}
-    for row in run_benchmarks(names):
-        line = f"| {row['what']} | {row['measured']} | {row.get('required', '')} |"
-        rows[row["what"]] = line
-    replace_table(ALL, ["| what | measured | required |", "|---|---|---|", *rows.values()])
-    short = choose_headlines(rows)
-    replace_table(PAGE, ["| message | case | measured |", "|---|---|---|", *short])
+    """Measure what is asked for, keep it in `MEASURED`, and write the pages from that."""
+    measured = json.loads(MEASURED.read_text("utf-8"))
+    wanted = [name for name in names if name not in ("peers", "pages")]
+    if wanted or not names:
+        measured["rows"] = merge(measured["rows"] if names else [], run_benchmarks(wanted))
+    if "peers" in names:
+        measured["peers"] = {"machine": describe_machine(), **measure_peers(print)}
+    MEASURED.write_text(f"{json.dumps(measured, indent=1, ensure_ascii=False)}\n", "utf-8")
+    for name in PAGES:
+        page = ROOT / name
+        page.write_text(fill(name, page.read_text("utf-8"), measured), "utf-8")
 
 
 if __name__ == "__main__":

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import dataclasses
 import importlib
 import importlib.util
 import json
+import posixpath
 import re
 import shlex
 import tomllib
@@ -16,6 +18,7 @@ import pytest
 import yaml
 
 import bozzini
+from benchmarks import claims, compare_peers, report
 from bozzini.cli.main import COMMANDS, root
 from tests.fuzz.__main__ import find_commands
 
@@ -165,9 +168,9 @@ def test_anchors_of_links_are_headings(page: Path) -> None:
             assert anchor in _slugs(other), f"{_name(page)} links to {target}#{anchor}"
 
 
-def _load_hook() -> ModuleType:
-    path = ROOT / "docs" / "command_pages.py"
-    spec = importlib.util.spec_from_file_location("command_pages", path)
+def _load_hook(name: str = "command_pages") -> ModuleType:
+    path = ROOT / "docs" / f"{name}.py"
+    spec = importlib.util.spec_from_file_location(name, path)
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
@@ -188,6 +191,48 @@ def test_the_reference_has_every_command_and_option() -> None:
         for item in command.params:
             if isinstance(item, click.Option):
                 assert f"- `{item.opts[0]}" in told[name], f"{name} {item.opts}"
+
+
+class _Source:
+    """A page as mkdocs hands it to hooks, by its place among the sources."""
+
+    def __init__(self, place: str) -> None:
+        self.src_uri, self.file = place, self
+
+    def url_relative_to(self, other: _Source) -> str:
+        built = self.src_uri.rpartition(".")[0] + "/"
+        return posixpath.relpath(built, other.src_uri.rpartition(".")[0]) + "/"
+
+    @staticmethod
+    def get_file_from_path(place: str) -> _Source | None:
+        return _Source(place) if (ROOT / "docs" / place).exists() else None
+
+
+@pytest.mark.parametrize("tutorial", TUTORIALS, ids=_name)
+def test_links_of_a_tutorial_lead_to_built_pages(tutorial: Path) -> None:
+    """They are written as links to sources, and mkdocs-jupyter leaves them as they are."""
+    hook = _load_hook("links")
+    page = _Source(f"tutorials/{tutorial.name}")
+    for target in re.findall(r"\]\((?!https?://)([^)#]+)", tutorial.read_text("utf-8")):
+        html = hook.on_page_content(f'<a href="{target}#x">', page=page, files=_Source)
+        place = posixpath.normpath(f"tutorials/{tutorial.stem}/{html.split(chr(34))[1]}")
+        source = ROOT / "docs" / place.removesuffix("/#x")
+        assert any(source.with_name(source.name + end).exists() for end in (".md", ".py")), html
+
+
+def test_a_build_names_links_that_lead_nowhere(tmp_path: Path) -> None:
+    hook = _load_hook("links")
+    for name in ("one", "two"):
+        (tmp_path / name).mkdir()
+    good = '<a href="../two/#here">, <a href="..">, <a href="https://a.b/c">, <img src="x.png">'
+    bad = '<a href="../two/#there">, <a href="../three/">, <a href="../two.md">'
+    (tmp_path / "index.html").write_text('<a href="one/">')
+    (tmp_path / "one" / "x.png").touch()
+    (tmp_path / "one" / "index.html").write_text(good + bad)
+    (tmp_path / "two" / "index.html").write_text('<h1 id="here"></h1>')
+    assert hook.find_broken(tmp_path) == [
+        ("one/index.html", link) for link in ("../two/#there", "../three/", "../two.md")
+    ]
 
 
 GUIDE = [page for page in DOCS if page.parent.name == "guide"]
@@ -264,6 +309,64 @@ def test_every_package_has_a_page_of_its_names() -> None:
 def test_table_of_commands_is_complete() -> None:
     text = (ROOT / "docs" / "cli.md").read_text(encoding="utf-8")
     assert set(re.findall(r"^\| `bozzini ([a-z]+)", text, re.M)) == set(COMMANDS)
+
+
+MEASURED = json.loads(report.MEASURED.read_text("utf-8"))
+
+
+@pytest.mark.parametrize("name", report.PAGES)
+def test_tables_and_sentences_about_speed_are_those_of_the_run(name: str) -> None:
+    """`python -m benchmarks.report pages` writes them from what was measured."""
+    page = (ROOT / name).read_text("utf-8")
+    assert report.fill(name, page, MEASURED) == page
+
+
+@pytest.mark.parametrize("name", ["README.md", "docs/trust.md", "docs/index.md"])
+def test_no_sentence_about_speed_or_size_is_without_a_run(name: str) -> None:
+    page = (ROOT / name).read_text("utf-8")
+    for claim in report.CLAIMS:
+        if claim.page == name:
+            page = dataclasses.replace(claim, find=lambda _: "as measured").fill(page, MEASURED)
+    page = re.sub(r"^(    .*|```.*?^```)$|`[^`]+`", "", page, flags=re.M | re.S)
+    said = r"[\d.]+ (?:[nµum]?s|[KMG]i?B|seconds?|minutes?|times as)\b|\bminutes?\b"
+    assert not re.findall(said, page)
+
+
+def test_a_sentence_follows_the_run() -> None:
+    """Another measurement changes what the README says, and a claim without a row is an error."""
+    rows = [
+        {**row, "measured": "7 ms"} if row["what"] == claims.PLAN else row
+        for row in MEASURED["rows"]
+    ]
+    readme = (ROOT / "README.md").read_text("utf-8")
+    filled = report.fill("README.md", readme, {**MEASURED, "rows": rows})
+    assert "through a human upper tract | 7 ms |" in filled
+    with pytest.raises(ValueError, match="0 times"):
+        report.fill("README.md", "nothing of it", MEASURED)
+
+
+def test_a_run_takes_the_place_of_its_own_rows() -> None:
+    old = [{"test": "a", "what": "A", "kept": True}, {"test": "b", "what": "B", "kept": True}]
+    new = [{"test": "a", "kept": False}, {"test": "c", "what": "C", "measured": "1", "kept": False}]
+    rows = report.merge(old, new)
+    assert [row["what"] for row in rows] == ["B", "C"]  # A failed before it had measured
+    assert "Bounds that were not kept: C." in report.list_table(
+        [{"measured": "", "machine": "one", **row} for row in rows]
+    )
+
+
+def test_what_is_said_of_peers_is_what_was_measured() -> None:
+    seconds = {"Bozzini rod": 2.0, "Bozzini energy": 1.0, "SoRoMoX": 5.0, "PyElastica": 80.0}
+    records = [
+        {"case": "one", "tool": tool, "pieces": 6, "miss_mm": 0.01, "seconds": took}
+        for tool, took in seconds.items()
+    ]
+    records.append({**records[0], "case": "two"})
+    records.append({"case": "two", "tool": "PyElastica", "missing": "elastica"})
+    lines = "\n".join(compare_peers.format_peers({"day": "", "versions": {}, "records": records}))
+    assert "SoRoMoX takes 2.5 to 2.5 times as long as `rod`" in lines
+    assert "`energy` takes 0.20 to 0.20 times as long as SoRoMoX" in lines
+    assert "| two | PyElastica | – | – | not run: no package `elastica` | – |" in lines
 
 
 def test_the_page_of_benchmarks_is_short_and_of_the_long_one() -> None:

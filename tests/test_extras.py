@@ -14,9 +14,9 @@ from bozzini.cli.main import main
 from tests.plot.fake_motion import make_plan
 
 ROOT = Path(__file__).resolve().parents[1]
-EXTRAS: dict[str, list[str]] = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))[
-    "project"
-]["optional-dependencies"]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+CORE: list[str] = PROJECT["dependencies"]
+EXTRAS: dict[str, list[str]] = PROJECT["optional-dependencies"]
 OFFERED = set(EXTRAS) - {"dev", "docs"}
 
 COMMANDS = {

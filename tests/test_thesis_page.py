@@ -76,6 +76,30 @@ def test_a_row_for_every_equation() -> None:
     }
 
 
+def test_the_footnote_to_5_21_has_the_signs_that_solve_it() -> None:
+    """Both pairs that the page states bring the footnote's point back, upper signs together."""
+    (row,) = re.findall(r"^\| footnote to \(5\.21\) \|.*$", (DOCS / "thesis.md").read_text(), re.M)
+    number = r"(−?[\d.]+) (±|∓) ([\d.]+)i"
+    found = re.findall(number, row.split("|")[3])
+    values = [
+        complex(float(real.replace("−", "-")), float(size) * (1.0 if sign == "±" else -1.0))
+        for real, sign, size in found
+    ]
+    across, along, u, v = values
+    p, q = np.array([[0.0, 15.0], [10.0, 10.0]]), np.array([[0.0, 0.0], [4.0, 1.0]])
+    for share, way in ((across, along), (v, 1.0 - u)):  # u of (5.21) is 1 at the first rung
+        back = (1.0 - share) * ((1.0 - way) * p[0] + way * p[1])
+        back = back + share * ((1.0 - way) * q[0] + way * q[1])
+        assert back == pytest.approx(np.array([10.0, -5.0]) + 0j, abs=0.02)
+
+
+def test_the_hypothesis_of_5_3_5_is_refuted_for_ducts_only() -> None:
+    for name in ("thesis.md", "thesis-figures.md", "theory/motion.md"):
+        text = " ".join((DOCS / name).read_text("utf-8").split())
+        assert "hypothesis is false" not in text
+        assert re.search(r"refuted for ducts, not for a curve|For ducts that is refuted", text)
+
+
 def test_a_row_for_every_figure_and_table() -> None:
     text = " ".join(_list_heads())
     assert _expand(text, "(?:Figs|Fig\\.)") == FIGURE_NUMBERS

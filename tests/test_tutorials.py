@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import os
 import re
 import shlex
@@ -13,6 +14,7 @@ from pathlib import Path
 import pytest
 
 from tests.fuzz.__main__ import find_commands
+from tests.test_extras import CORE, EXTRAS, PACKAGES, _name
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 TUTORIALS = sorted((DOCS / "tutorials").glob("*.py"))
@@ -32,13 +34,59 @@ def test_links_lead_somewhere(path: Path) -> None:
         assert (path.parent / target).exists(), target
 
 
+BARE = """
+import runpy, sys
+for name in sys.argv[1].split(","):
+    sys.modules[name] = None
+sys.argv = sys.argv[2:]
+runpy.run_path(sys.argv[0], run_name="__main__")
+"""
+"""Runs a file without the modules that are named: with what the extra `docs` brings."""
+
+
+def _list_modules(extra: str) -> set[str]:
+    """Return the modules that an extra brings beyond the core."""
+    within = re.findall(r"\w+", EXTRAS["all"][0])[1:] if extra == "all" else [extra]
+    names = [_name(item) for one in within for item in EXTRAS[one]]
+    modules = {package: module for module, package in PACKAGES.items()}
+    return {modules.get(name, name.replace("-", "_")) for name in names}
+
+
+def test_the_extra_docs_has_what_the_tutorials_say_they_need() -> None:
+    asked = {
+        extra
+        for path in TUTORIALS
+        for extra in re.findall(r"bozzini\[(\w+)\]", path.read_text("utf-8"))
+    }
+    assert asked and all(set(EXTRAS[extra]) <= set(EXTRAS["docs"]) for extra in asked)
+
+
+@pytest.mark.parametrize("path", TUTORIALS, ids=lambda path: path.stem)
+def test_a_tutorial_imports_the_core_and_the_extra_docs_alone(path: Path) -> None:
+    trees = ast.walk(ast.parse(path.read_text("utf-8")))
+    names = {alias.name for tree in trees if isinstance(tree, ast.Import) for alias in tree.names}
+    trees = ast.walk(ast.parse(path.read_text("utf-8")))
+    names |= {tree.module or "" for tree in trees if isinstance(tree, ast.ImportFrom)}
+    found = {name.partition(".")[0] for name in names} - set(sys.stdlib_module_names) - {"bozzini"}
+    assert found <= _list_modules("docs") | {_name(item) for item in CORE}
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("path", TUTORIALS, ids=lambda path: path.stem)
 def test_tutorial_runs(path: Path, tmp_path: Path) -> None:
     if path.stem.endswith("rig") and not os.environ.get("CI") and shutil.which("gcc") is None:
         pytest.skip("needs gcc")
+    missing = ",".join(sorted(_list_modules("all") - _list_modules("docs")))
     ran = subprocess.run(
-        [sys.executable, "-W", "error::DeprecationWarning:__main__", str(path)],
+        [
+            sys.executable,
+            "-W",
+            "error::DeprecationWarning:__main__",
+            "-c",
+            BARE,
+            missing,
+            str(path),
+        ],
         cwd=tmp_path,
         env=os.environ | {"MPLBACKEND": "Agg"},
         capture_output=True,

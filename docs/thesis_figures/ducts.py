@@ -615,8 +615,8 @@ def fig_5_32():
 
     Ours: a ring between 9 and 10 mm.
 
-    Beside the print: false. Every circle inside the outer wall rolls along it, and a link of its
-    diameter crosses the inner wall.
+    Beside the print: refuted for ducts, not for a curve alone. Every circle inside the outer wall
+    rolls along it, and a link of its diameter crosses the inner wall, never the outer one.
     """
     bend = Bend(radius=9.5, half_width=0.5)
     longest = bend.limit_rigid()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import xml.etree.ElementTree as ET
 
 import numpy as np
@@ -119,7 +120,9 @@ def test_a_random_design_is_made_or_its_thinnest_wall_is_named(design, tmp_path_
     least = min([*walls, *(apart - hole)])
     out = tmp_path_factory.mktemp("random") / "out"
     if least < given.wall - 1e-6:
-        with pytest.raises(GeometryError, match=r"left between .*: at least 0\.3 mm must be"):
+        with pytest.raises(
+            GeometryError, match=r"walls of 0\.3 mm need at least|at least 0\.3 mm must be"
+        ):
             write_holders(design, out)
         assert not out.exists()
         return
@@ -175,13 +178,43 @@ def test_step_files_have_the_same_holes(tmp_path):
         assert all(abs(way[2] - 1.0) < 1e-12 for _, way, _ in found)
 
 
+@pytest.mark.parametrize("depth", [0.0, 2.0])
+@pytest.mark.parametrize("change", [{}, {"offset": 2.5}, {"offset": 3.1}])
+def test_what_a_refusal_says_fits_fits_and_no_less(change, depth):
+    """As printed, 9 mm with holes of 2 and 3.5 mm: what is named can be made, 0.01 mm less not."""
+    printed, options = effector_preset("prototype", **change), HolderOptions(seat_depth=depth)
+    low, high = (3.05, 3.2) if depth == 0.0 else (3.35, 3.2)
+    if low <= printed.offset <= high:
+        build_holders(printed, options)
+        return
+    with pytest.raises(GeometryError) as refused:
+        build_holders(printed, options)
+    told = re.search(
+        r"^(.*) is .* least ([\d.]+) mm; the smallest .* ([\d.]+) mm, with an offset of ([\d.]+)",
+        str(refused.value),
+    )
+    name, least, holder, offset = told[1].replace(" ", "_"), *map(float, told.groups()[1:])
+    smallest = printed.replace(holder_diameter=holder, offset=offset)
+    own = smallest if name == "offset" else printed
+    for fitting in (smallest, own.replace(**{name: least})):
+        build_holders(fitting, options)
+    for tight in (
+        smallest.replace(holder_diameter=holder - 0.01),
+        own.replace(**{name: least - 0.01}),
+    ):
+        with pytest.raises(GeometryError):
+            build_holders(tight, options)
+
+
 @pytest.mark.parametrize(
     ("design", "options", "words"),
     [
         (
             effector_preset("prototype"),
             {},
-            r"no wall \(they overlap by 0.5 mm\) is left between muscle R and the outs",
+            r"holder diameter is 9 mm: muscle holes of 2 mm, 4 mm off the axis, with walls of "
+            r"0.3 mm need at least 10.6 mm; the smallest holder round the seat of the coil of "
+            r"4.1 mm is 9.3 mm",
         ),
         (DESIGN, {"wall": 0.6}, "nozzle of 1 mm is left a wall of 0.3 mm where at least 0.6"),
         (DESIGN, {"nozzle_diameter": 1.9}, r"nozzle diameter is 1.9 mm: it must be below 1.9 mm"),

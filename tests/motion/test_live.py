@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import io
 import itertools
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from bozzini.anatomy import (
     Breathing,
@@ -19,6 +21,7 @@ from bozzini.anatomy import (
 from bozzini.duct import Centreline, MovingField, build_field, carry_tissue, find_centreline
 from bozzini.errors import InputError
 from bozzini.motion import (
+    LiveFrame,
     LiveOptions,
     LiveRun,
     Plan,
@@ -31,6 +34,7 @@ from bozzini.motion import (
 from tests.duct.test_moving import make_tube
 from tests.exact import MeshWall, outside_introducer, sample_body
 from tests.motion.plans import insert
+from tests.plot.fake_motion import make_plan
 
 SCOPE = Scope(diameter=5.0, link_length=8.0)
 BREATH = Breathing(amplitude=3.0, wavelength=120.0, period=2.0, direction=(0.0, 1.0, 0.0))
@@ -362,6 +366,19 @@ def test_a_run_is_a_table_and_two_pictures(rest):
     assert found.plot_latency().get_xlabel() == "latency [ms]"
     with pytest.raises(InputError, match="at least one"):
         LiveRun(frames=(), rate=1.0, speed=1.0)
+
+
+@pytest.mark.parametrize("slow", [0.0, 2e-4, 0.4])
+def test_the_picture_of_latencies_shows_bars(slow):
+    """Steady frames of 14 ms, alike or nearly, or with one that takes long."""
+    frame = LiveFrame(number=0, time=0.0, status="held", latency=0.014, plan=make_plan())
+    frames = [frame] * 9 + [replace(frame, latency=0.014 + slow)]
+    figure = Figure(figsize=(3.0, 3.6))
+    axes = LiveRun(frames=frames, rate=20.0, speed=1.0).plot_latency(figure.subplots())
+    figure.savefig(io.BytesIO())
+    bars = [patch for patch in axes.patches if patch.get_height() > 0.0]
+    assert sum(patch.get_height() for patch in bars) == len(frames)
+    assert min(patch.get_window_extent().width for patch in bars) > 2.0  # pixels
 
 
 def test_a_motion_that_is_not_known_along_the_way_is_refused(rest):

@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bozzini.thesis.traverse_bend import Bend, limit_by_turning
+from bozzini.thesis.traverse_curvature import find_rolling_radius, measure_curve
 from tests.motion.bends import bend_room, link_passes, pull_joints
 
 bends = st.builds(
@@ -179,7 +180,7 @@ def test_a_sine_lets_longer_links_pass_than_schur_says() -> None:
 
 
 @pytest.mark.slow
-def test_the_thesis_hypothesis_is_false() -> None:
+def test_the_thesis_hypothesis_is_refuted_for_ducts() -> None:
     # Both walls of the ring 9..10 let circles of radius up to 10 roll; links of 20 do not fit.
     bend = Bend(radius=9.5, half_width=0.5, angle=math.pi / 3)
     assert limit_by_turning(1 / 10) == 20.0
@@ -189,3 +190,20 @@ def test_the_thesis_hypothesis_is_false() -> None:
     assert link_passes(8.5, **search)
     assert not link_passes(8.9, **search)
     assert not link_passes(20.0, **search)
+
+
+def test_under_one_curve_the_link_rides_in_the_rolling_circle() -> None:
+    # The circle that fits the troughs of a sine rolls along all of it, from above; so does any
+    # diameter of it, whatever way it is turned.
+    x = np.linspace(-40.0, 40.0, 8001)
+    height, slope = 2.0 * np.sin(0.2 * x), 0.4 * np.cos(0.2 * x)
+    first, second = np.stack([np.ones_like(x), slope]), np.stack([0.0 * x, -0.08 * np.sin(0.2 * x)])
+    radius = find_rolling_radius(measure_curve(first.T, second.T))
+    assert radius == pytest.approx(12.5, rel=1e-3)
+    normal = np.stack([-slope, np.ones_like(x)]) / np.hypot(slope, 1.0)
+    centres = np.stack([x, height]) + 0.999 * radius * normal
+    turn, along = np.meshgrid(np.linspace(0.0, math.pi, 37), np.linspace(-1.0, 1.0, 41))
+    for k in range(2000, 6001, 100):
+        u = centres[0, k] + 0.999 * radius * along * np.cos(turn)
+        v = centres[1, k] + 0.999 * radius * along * np.sin(turn)
+        assert (v - 2.0 * np.sin(0.2 * u)).min() > -1e-6

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import subprocess
+import sys
 import warnings
 
 import gymnasium
@@ -37,10 +39,10 @@ def lumen(clear: Scenery) -> Lumen:
     ("robot", "observe"), [("leader", "clearance"), ("leader", "camera"), ("pushed", "clearance")]
 )
 def test_gymnasium_takes_it(lumen: Lumen, robot: str, observe: str) -> None:
-    env = gymnasium.make(NAME, lumen=lumen, robot=robot, observe=observe)
+    env = gymnasium.make(NAME, lumen=lumen, robot=robot, observe=observe, render_mode="rgb_array")
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        check_env(env.unwrapped, skip_render_check=True)
+        check_env(env.unwrapped)
 
 
 @pytest.mark.parametrize(
@@ -195,7 +197,7 @@ def test_a_leader_shows_how_its_tip_is_bent(lumen: Lumen) -> None:
         ({"phantom": 1.5}, "phantom is 1.5: it must be a whole number"),
         ({"lumen": "plan.npz"}, "lumen is 'plan.npz': it must be a Lumen, or"),
         ({"wall": 3.0}, "wall is 3.0: it must be a WallOptions"),
-        ({"render_mode": "human"}, "render_mode is 'human': it must be None"),
+        ({"render_mode": "human"}, "render_mode is 'human': it must be one of rgb_array"),
         ({"robot": "snake"}, "robot is 'snake': it must be one of leader, pushed"),
     ],
 )
@@ -223,6 +225,44 @@ def test_a_wrong_action_is_named(lumen: Lumen, action: list[float]) -> None:
     env.reset(seed=0)
     with pytest.raises(InputError, match="it must be 3 numbers in"):
         env.step(np.array(action))
+
+
+def test_pictures_are_those_that_stable_baselines_asks_for(lumen: Lumen) -> None:
+    """What `make_vec_env` makes: a picture in colours, of what is in front of the tip."""
+    env = gymnasium.make(NAME, lumen=lumen, render_mode="rgb_array")
+    assert env.metadata["render_fps"] == 10
+    env.reset(seed=0)
+    picture = env.render()
+    assert picture.shape == (256, 256, 3) and picture.dtype == np.uint8
+    assert picture.min() < picture.max()
+    seen = env.unwrapped.see()  # every fourth ray or so: the same picture, coarser
+    assert np.corrcoef(picture[2::4, 2::4, 0].ravel(), seen.ravel())[0, 1] > 0.95
+    with pytest.raises(InputError, match="pictures need render_mode='rgb_array'"):
+        Insertion(lumen=lumen).render()
+    with pytest.raises(InputError, match="reset it first"):
+        Insertion(lumen=lumen, render_mode="rgb_array").render()
+
+
+def test_its_name_with_the_module_needs_no_import() -> None:
+    """In a new process, without a lumen: nothing is planned before a reset."""
+    code = (
+        "import gymnasium; "
+        f"env = gymnasium.make({environment.__name__ + ':' + NAME!r}, render_mode='rgb_array'); "
+        "print(type(env.unwrapped).__name__)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.stdout == "Insertion\n", done.stderr
+
+
+@pytest.mark.slow
+def test_stable_baselines_takes_it_by_name(lumen: Lumen) -> None:
+    baselines = pytest.importorskip("stable_baselines3", reason="needs Stable-Baselines3")
+    from stable_baselines3.common.env_util import make_vec_env
+
+    envs = make_vec_env(NAME, n_envs=2, env_kwargs={"lumen": lumen})
+    assert envs.render_mode == "rgb_array"
+    baselines.PPO("MlpPolicy", envs, n_steps=8, batch_size=8).learn(16)
+    assert baselines.PPO("MlpPolicy", NAME).get_env().render_mode == "rgb_array"
 
 
 def test_a_phantom_and_a_lumen_exclude_each_other(lumen: Lumen) -> None:

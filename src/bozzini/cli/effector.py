@@ -1031,7 +1031,8 @@ def fabricate_command(
     """Write holders and muscle fittings as STL, and a drilling template.
 
     The template is an SVG at true scale with a line to check the print. The thesis's offset of 4 mm
-    needs a wider holder than it draws: --holder-diameter 11mm, for example.
+    needs a wider holder than its 9 mm, 10.6 mm at least: --holder-diameter 11mm, for example. As
+    printed, without that offset, --offset 3.1mm --seat-depth 0mm fits in 9 mm.
     """
     from ..fabricate import write_holders
 

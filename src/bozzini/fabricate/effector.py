@@ -10,7 +10,7 @@ from xml.sax.saxutils import escape
 import numpy as np
 
 from ..checks import check_fields, quantity
-from ..errors import InputError
+from ..errors import GeometryError, InputError
 from .part import Channel, Floats, Part, drill
 
 if TYPE_CHECKING:
@@ -132,7 +132,8 @@ def build_holders(
     InputError
         If `design` is none, or a dimension does not go with another.
     GeometryError
-        If a wall is thinner than allowed; the message names the two holes.
+        If a wall is thinner than allowed; the message names what does not fit, and the smallest
+        holder or offset that does, or the two holes.
     """
     from ..effector import EffectorDesign
 
@@ -140,6 +141,7 @@ def build_holders(
         raise InputError(f"design is of type {type(design).__name__}: it must be an EffectorDesign")
     given = options or HolderOptions()
     _check_fit(design, given)
+    _check_room(design, given)
     below, above = given.proximal_length, design.holder_length
     tip = (0.0, 0.0, design.backbone_length)
     holders = (
@@ -243,6 +245,37 @@ def _check_fit(design: EffectorDesign, given: HolderOptions) -> None:
                 f"nozzle diameter is {given.nozzle_diameter:g} mm: the tube of muscle "
                 f"{placed.name} has a bore of {tube:g} mm and would not hold on it"
             )
+
+
+def _check_room(design: EffectorDesign, given: HolderOptions) -> None:
+    """Raise `GeometryError` if the muscles' holes have no room between the middle and the rim."""
+    seat = design.coil_diameter + given.clearance if given.seat_depth else 0.0
+    middle = max(design.bore_diameter, seat)
+    centre = f"the {'bore' if seat < middle else 'seat of the coil'} of {middle:g} mm"
+    rim = 0.5 * design.hole_diameter + given.wall
+    low, high = 0.5 * middle + rim, 0.5 * design.holder_diameter - rim
+    if low - 1e-9 <= design.offset <= high + 1e-9:
+        return
+    holes = f"muscle holes of {design.hole_diameter:g} mm"
+    what = (
+        f"offset is {design.offset:g} mm: {holes} beside {centre} with walls of {given.wall:g} mm "
+        f"need at least {_round_up(low)} mm"
+    )
+    if design.offset >= low - 1e-9:
+        what = (
+            f"holder diameter is {design.holder_diameter:g} mm: {holes}, {design.offset:g} mm off "
+            f"the axis, with walls of {given.wall:g} mm need at least "
+            f"{_round_up(2.0 * (design.offset + rim))} mm"
+        )
+    raise GeometryError(
+        f"{what}; the smallest holder round {centre} is {_round_up(2.0 * (low + rim))} mm, with an "
+        f"offset of {_round_up(low)} mm"
+    )
+
+
+def _round_up(length: float) -> str:
+    """Return a length [mm] to hundredths, never one that is too small."""
+    return f"{math.ceil(100.0 * length - 1e-6) / 100.0:g}"
 
 
 CHECK_LINE_MM = 50.0

@@ -1,6 +1,7 @@
 """A Gymnasium environment: bring a scope in by bending its tip and pushing.
 
-It is registered by importing this module, as ``bozzini/Insertion-v0``.
+It is registered by importing this module, as ``bozzini/Insertion-v0``; Gymnasium imports it itself
+for ``bozzini.physics.environment:bozzini/Insertion-v0``.
 """
 
 from __future__ import annotations
@@ -63,6 +64,9 @@ PIXELS, LENS = 64, (math.radians(50.0), 5.0, 100.0)
 """Of the camera: half its angle of view [rad], and up to where its light is full and reaches at all
 [mm]."""
 
+RENDERED = 256
+"""Pixels of a picture for people."""
+
 START_RAD = 0.02
 """Standard deviation of the tip's direction at the start [rad]."""
 
@@ -75,6 +79,7 @@ PUSHED_SHARE = 1.2
 
 Robot = Literal["leader", "pushed"]
 Observe = Literal["clearance", "camera"]
+RenderMode = Literal["rgb_array"]
 Observation = Floats | Json
 Policy = Callable[["Insertion"], Floats]
 
@@ -141,8 +146,8 @@ class Insertion(gymnasium.Env[Observation, Floats]):
         A chain whose links follow the tip's way, or an elastic scope that is bent at its tip.
     observe : {"clearance", "camera"}
     wall : WallOptions, optional
-    render_mode : None
-        There is none: `Insertion.see` and `bozzini execute` give pictures.
+    render_mode : {"rgb_array"}, optional
+        With it `render` gives what is seen from the tip.
 
     Raises
     ------
@@ -150,7 +155,7 @@ class Insertion(gymnasium.Env[Observation, Floats]):
         If an argument is none of these.
     """
 
-    metadata: Json = {"render_modes": []}  # noqa: RUF012 (as Gymnasium has it)
+    metadata: Json = {"render_modes": ["rgb_array"], "render_fps": round(1.0 / CONTROL_S)}  # noqa: RUF012 (as Gymnasium has it)
 
     def __init__(
         self,
@@ -160,16 +165,14 @@ class Insertion(gymnasium.Env[Observation, Floats]):
         robot: Robot = "leader",
         observe: Observe = "clearance",
         wall: WallOptions | None = None,
-        render_mode: None = None,
+        render_mode: RenderMode | None = None,
     ) -> None:
         check_word("robot", robot, get_args(Robot))
         check_word("observe", observe, get_args(Observe))
         if phantom is not None and lumen is not None:
             raise InputError(f"phantom is {phantom}: leave it out with a lumen")
         if render_mode is not None:
-            raise InputError(
-                f"render_mode is {render_mode!r}: it must be None, there are no others"
-            )
+            check_word("render_mode", render_mode, get_args(RenderMode))
         wall = WallOptions(stiffness=1.0) if wall is None else wall
         check_kind("wall", wall, WallOptions)
         if not (lumen is None or isinstance(lumen, Lumen)):
@@ -318,8 +321,25 @@ class Insertion(gymnasium.Env[Observation, Floats]):
 
     def see(self) -> NDArray[np.uint8]:
         """Return what the camera at the tip sees, (64, 64)."""
-        image = self.simulation.look(self.axes, pixels=PIXELS, lens=LENS)
+        return self._look(PIXELS)
+
+    def _look(self, pixels: int) -> NDArray[np.uint8]:
+        image = self.simulation.look(self.axes, pixels=pixels, lens=LENS)
         return np.round(255.0 * image).astype(np.uint8)
+
+    def render(self) -> NDArray[np.uint8]:
+        """Return what the camera at the tip sees, as a picture in colours (256, 256, 3).
+
+        Raises
+        ------
+        InputError
+            If the environment was made without ``render_mode="rgb_array"``, or has not begun.
+        """
+        if self.render_mode is None:
+            raise InputError("render_mode is None: pictures need render_mode='rgb_array'")
+        if self.lumen is None:
+            raise InputError("the environment has not begun: reset it first")
+        return np.repeat(self._look(RENDERED)[..., None], 3, axis=2)
 
     def _observe(self, lumen: Lumen) -> Observation:
         simulation = self.simulation

@@ -3,8 +3,9 @@
 The bend is a torus, or the ring between two circles in the plane; its limbs are straight. A link is
 a segment between two joints with a body of some radius around it (a capsule).
 
-They correct the hypothesis of thesis 5.3.5, that a link may be as long as the diameter of a circle
-that rolls along the wall; `bozzini.thesis.traverse_curvature` has that test.
+They refute for ducts the hypothesis of thesis 5.3.5, that a link may be as long as the diameter of
+a circle that rolls along the wall; under one curve alone such a link can ride in that circle.
+`bozzini.thesis.traverse_curvature` has the test by rolling circles.
 """
 
 from __future__ import annotations
