@@ -55,10 +55,15 @@ def explain(error: BaseException) -> str:
     return " ".join(str(error).split())[:160] or type(error).__name__
 
 
+_LIBRARIES = ("nibabel", "trimesh", "PIL")
+"""Whose loggers print on their own, some with a traceback, where they can go on."""
+
+
 @contextmanager
 def quiet_libraries() -> Iterator[None]:
-    """Silence the loggers and warnings of nibabel and trimesh: what matters becomes a finding."""
-    loggers = [logging.getLogger(name) for name in ("nibabel", "nibabel.global", "trimesh")]
+    """Silence all loggers and warnings of the libraries that read: what matters is a finding."""
+    known = list(logging.root.manager.loggerDict)
+    loggers = [logging.getLogger(name) for name in known if name.split(".")[0] in _LIBRARIES]
     before = [logger.disabled for logger in loggers]
     for logger in loggers:
         logger.disabled = True

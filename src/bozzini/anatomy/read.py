@@ -21,7 +21,16 @@ from .files import PathLike, check_file, explain, has_suffix
 from .frame import check_frame
 from .labels import Labels, override_frame
 from .surface import tract_from_surface, unite_parts
-from .tract import FARTHEST_MM, PLAUSIBLE_MM, Finding, LabelTract, Tract, check_scale, show_volume
+from .tract import (
+    FARTHEST_MM,
+    PLAUSIBLE_MM,
+    Finding,
+    LabelTract,
+    Tract,
+    check_scale,
+    count_noun,
+    show_volume,
+)
 from .volumes import LABEL_SUFFIXES, is_volume, read_labels
 
 GLB_FRAME = "LSA"
@@ -198,7 +207,10 @@ def read_surface(
     file = Path(path)
     is_glb = has_suffix(path, (".glb",))
     found: list[Finding] = []
-    content = read_parts(file)
+    content = read_parts(file, repair=repair)
+    if content.short:
+        message = f"{count_noun(content.short, 'face')} of one or two corners dropped"
+        found.append(Finding("faces-dropped", "note", message))
     model = find_model(file)
     sizes = np.ones(3) * (scale or (1000.0 if is_glb else 1.0))
     if scale is None and model is not None:
@@ -257,7 +269,7 @@ class Part:
         points, triangles = part.clean()
         if not len(triangles):
             return part
-        return replace(part, volume=abs(Sheet.find(points, triangles).volume))
+        return replace(part, volume=_mesh.measure_sheets(points, triangles))
 
     def clean(self) -> tuple[Vertices, Faces]:
         """Return corners and triangles, equal corners welded and bad triangles left out."""
