@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import logging
+import math
 import os
 import re
 import warnings
@@ -57,6 +58,14 @@ def explain(error: BaseException) -> str:
 
 _LIBRARIES = ("nibabel", "trimesh", "PIL")
 """Whose loggers print on their own, some with a traceback, where they can go on."""
+
+
+def read_number(word: str) -> float:
+    """Return a word as a number, NaN where it is none."""
+    try:
+        return float(word)
+    except ValueError:
+        return math.nan
 
 
 @contextmanager

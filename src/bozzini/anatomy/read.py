@@ -31,7 +31,7 @@ from .tract import (
     count_noun,
     show_volume,
 )
-from .volumes import LABEL_SUFFIXES, is_volume, read_labels
+from .volumes import LABEL_SUFFIXES, find_sidecars, is_volume, read_labels
 
 GLB_FRAME = "LSA"
 """Where the axes of a GLB point if its figure faces the viewer: +y up and +z to the front."""
@@ -87,6 +87,7 @@ def _hash_files(place: Path) -> str:
         )
         if found and (place.parent / os.fsdecode(found[1])).is_file():
             files.append(place.parent / os.fsdecode(found[1]))
+    files += find_sidecars(place)[1]
     model = find_model(place)
     files += model.files if model else ()
     for file in files:
@@ -135,10 +136,17 @@ def read_tract(
     """
     if is_volume(path):
         if unit not in (None, "mm"):
-            raise InputError(f"unit is '{unit}': a label volume states its own unit, leave it out")
+            raise InputError(
+                f"unit is '{unit}': a label volume is in the unit of its header, mm without one; "
+                f"leave it out"
+            )
         if part is not None:
             raise InputError(f"{path} is a label volume: it has labels, no parts")
-        return read_labels(path, labels=labels, frame=frame)
+        tract = read_labels(path, labels=labels, frame=frame)
+        converted = [item.message for item in tract.findings if item.code == "unit-converted"]
+        if unit is not None and converted:
+            raise InputError(f"unit is '{unit}', but {converted[0]}: leave the unit out")
+        return tract
     if has_suffix(path, SURFACE_SUFFIXES):
         if labels is not None:
             raise InputError(f"{path} is a surface: it has no labels to select")
