@@ -82,6 +82,62 @@ def test_the_largest_component_is_kept():
     assert dropped.severity == "warning"
 
 
+def turn_some(part, share, seed=0):
+    """Return a part with a share of its triangles turned inside out."""
+    vertices, faces = part
+    turned = np.random.default_rng(seed).random(len(faces)) < share
+    return vertices, np.where(turned[:, None], faces[:, ::-1], faces)
+
+
+def rod(radius, height, x=0.0):
+    mesh = trimesh.creation.cylinder(radius=radius, height=height)
+    return np.asarray(mesh.vertices) + (x, 0.0, 0.0), np.asarray(mesh.faces)
+
+
+@pytest.mark.parametrize("share", [0.3, 0.45, 1.0])
+def test_the_volumes_that_are_named_are_those_of_triangles_turned_right(share):
+    large, small = rod(8.0, 80.0), rod(6.0, 60.0, 40.0)
+    size, other = (trimesh.Trimesh(*part).volume for part in (large, small))
+    tract = tract_from_surface(*join(turn_some(large, share), turn_some(small, 0.2)))
+    assert tract.volume == pytest.approx(size)
+    assert [part.volume for part in tract.not_reached] == pytest.approx([other])
+    dropped = codes(tract)["components-dropped"].message
+    assert f"the largest ({size / 1000:.3g} mL) is kept" in dropped
+    assert f"and {other / 1000:.3g} mL, wholly outside" in dropped
+
+
+def test_a_one_sided_part_keeps_no_other_from_being_turned():
+    corners = [(np.cos(a), np.sin(a)) for a in np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)]
+    band = []
+    for k, (x, y) in enumerate(corners):
+        twist = np.pi * k / 24
+        for side in (-4.0, 4.0):
+            reach = 12.0 + side * np.cos(twist)
+            band.append((x * reach, y * reach, side * np.sin(twist)))
+    faces = []
+    for k in range(24):
+        a, b = 2 * k, 2 * k + 1
+        c, d = (2 * k + 2, 2 * k + 3) if k < 23 else (1, 0)  # joined the wrong way round
+        faces += [(a, c, b), (b, c, d)]
+    moebius = np.array(band) + (0.0, 0.0, 200.0), np.array(faces)
+    large, small = rod(8.0, 80.0), rod(6.0, 60.0, 40.0)
+    tract = tract_from_surface(*join(turn_some(large, 0.4), turn_some(small, 0.4), moebius))
+    assert tract.volume == pytest.approx(trimesh.Trimesh(*large).volume)
+    assert tract.not_reached[0].volume == pytest.approx(trimesh.Trimesh(*small).volume)
+
+
+def test_sheets_that_touch_in_a_corner_are_turned_each_for_itself():
+    low, high = ball(20.0), ball(10.0)
+    bottom, top = high[0][high[0][:, 2].argmin()], low[0][low[0][:, 2].argmax()]
+    high = high[0] - bottom + top, high[1]
+    both = sum(trimesh.Trimesh(*part).volume for part in (low, high))
+    for one, other in ((low, inside_out(high)), (inside_out(low), high)):
+        tract = tract_from_surface(*join(one, other))
+        assert tract.volume == pytest.approx(both)
+        assert winding_at(tract, (0, 0, 0), (0, 0, 30.0)) == pytest.approx(1.0)
+        assert codes(tract)["surface-turned"].severity == "note"
+
+
 def inside_out(part):
     return part[0], part[1][:, ::-1]
 

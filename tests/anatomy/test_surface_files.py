@@ -10,6 +10,7 @@ import zlib
 import numpy as np
 import pytest
 import trimesh
+from PIL import Image
 
 from bozzini.anatomy import read_surface, write_tract
 from bozzini.errors import BozziniError, FileFormatError
@@ -249,3 +250,65 @@ def test_text_that_is_cut_short_or_damaged_is_refused(tmp_path, kind):
             read_surface(write_lines(path, text))
         assert f"is not {kind.upper()} triangles" in str(caught.value)
         assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(("kind", "face"), [("obj", "f 1 2"), ("obj", "f 3"), ("off", "2 0 1")])
+def test_faces_of_two_corners_are_dropped_by_repair_and_counted(tmp_path, kind, face):
+    box = trimesh.creation.box((20.0, 30.0, 40.0))
+    lines = [line for line in box.export(file_type=kind).splitlines() if line[:1] not in ("#", "")]
+    if kind == "off":
+        lines[1] = "8 14 0"
+    at = next(k for k, line in enumerate(lines) if line[:2] in ("f ", "3 "))
+    path = write_lines(tmp_path / f"box.{kind}", [*lines[:at], face, *lines[at:], face])
+    with pytest.raises(FileFormatError) as caught:
+        read_surface(path)
+    assert f"the face '{face}' has " in str(caught.value)
+    assert "--repair" in str(caught.value)
+    tract = read_surface(path, repair=True)
+    assert tract.volume == pytest.approx(VOLUME)
+    assert [(item.code, item.message) for item in tract.findings] == [
+        ("faces-dropped", "2 faces of one or two corners dropped")
+    ]
+    cut = write_lines(path, [*lines[:2], lines[2].rsplit(" ", 1)[0], *lines[3:], face, face])
+    with pytest.raises(FileFormatError):  # half a vertex is damage
+        read_surface(cut, repair=True)
+
+
+def with_pictures(folder):
+    """Write a box in every format with pictures that are lacking, damaged or odd."""
+    box = trimesh.creation.box((20.0, 30.0, 40.0))
+    points = [" ".join(map(str, point)) for point in box.vertices]
+    rows = [" ".join(map(str, face)) for face in box.faces]
+    ply = ["ply", "format ascii 1.0", "comment TextureFile skin.png", "element vertex 8"]
+    ply += [f"property float {axis}" for axis in "xyz"]
+    ply += [f"element face {len(rows)}", "property list uchar int vertex_indices"]
+    head = "\n".join([*ply, "property list uchar float texcoord", "end_header", *points, ""])
+    (folder / "lacking.ply").write_text(head + "".join(f"3 {r} 6 0 0 1 0 1 1\n" for r in rows))
+    faces = ["f " + " ".join(f"{k + 1}/1" for k in face) for face in box.faces]
+    text = ["mtllib none.mtl", *(f"v {p} 1 0 0" for p in points), "vt 0 0", "usemtl skin", *faces]
+    write_lines(folder / "lacking.obj", text)
+    off = ["COFF", "8 12 0", *(f"{point} 255 0 0 255" for point in points)]
+    write_lines(folder / "coloured.off", [*off, *(f"3 {row}" for row in rows)])
+    box.visual = trimesh.visual.TextureVisuals(uv=np.zeros((8, 2)), image=Image.new("RGB", (4, 4)))
+    glb = box.apply_scale(1e-3).export(file_type="glb")
+    (folder / "whole.glb").write_bytes(glb)
+    at = glb.find(b"\x89PNG")
+    (folder / "damaged.glb").write_bytes(glb[:at] + b"x" * 40 + glb[at + 40 :])
+    end = 20 + int.from_bytes(glb[12:16], "little")
+    for name, images in (("outside", [{"uri": "skin.png"}]), ("none", [])):
+        tree = json.dumps({**json.loads(glb[20:end]), "images": images}).encode()
+        tree += b" " * (-len(tree) % 4)
+        body = len(tree).to_bytes(4, "little") + b"JSON" + tree + glb[end:]
+        size = (12 + len(body)).to_bytes(4, "little")
+        (folder / f"{name}.glb").write_bytes(glb[:8] + size + body)
+    return sorted(folder.iterdir())
+
+
+def test_pictures_and_colours_on_a_surface_are_passed_over_in_silence(tmp_path, capfd):
+    files = with_pictures(tmp_path)
+    assert len(files) == 7
+    for path in files:
+        tract = read_surface(path)
+        assert tract.volume == pytest.approx(VOLUME, rel=1e-5), path.name
+        assert {item.severity for item in tract.findings} <= {"note"}
+    assert capfd.readouterr() == ("", "")

@@ -189,6 +189,114 @@ def test_a_plan_that_contradicts_itself_or_its_file_is_not_accepted(
     assert check in failed
 
 
+def shift_path(plan: Plan) -> Plan:
+    return replace(plan, path_radius=plan.path_radius + 1.0)
+
+
+STATEMENTS = {
+    "errors": [change(field={"clearance_error_mm": 100.0})],
+    "measures": [
+        change(measures={"joint_travel_mm": 1.0}),
+        change(measures={"joint_angle_max_rad": 0.001}),
+        change(measures={"joint_step_max_mm": 100.0}),
+        change(measures={"joint_step_ratio_max": 1.0}),
+        change(measures={"clearance_insertion_mm": 1.0}),
+        change(measures={"clearance_min_mm": 2.9}),
+    ],
+    "closest place": [
+        change(certificate={"place_mm": [0.0, 0.0, 900.0]}),
+        change(certificate={"link": 400}),
+        change(certificate={"step": 9000.0}),
+    ],
+    "scope": [change(scope={"length_mm": 16.0})],
+    "method": [change(options={"asked": "thesis"})],
+    "refusal": [change(refusal={"code": "NO_PASSAGE", "at_mm": 5.0})],
+}
+"""Statements that are not so, by the check that must fail."""
+
+
+@pytest.mark.parametrize("check", STATEMENTS)
+def test_every_statement_of_a_plan_is_compared_with_its_motion(
+    capsys: CAPTURE, plans: dict[str, Path], tmp_path: Path, check: str
+) -> None:
+    plan = Plan.load(plans["surface"])
+    for alter in STATEMENTS[check]:
+        outcome = certify(capsys, alter(plan).save(tmp_path / "plan.npz"), "--json")
+        failed = [item for item in outcome.result["checks"] if not item["ok"]]
+        assert outcome.code == 1 and check in [item["name"] for item in failed]
+        assert all("\n" not in item["message"] for item in failed)
+
+
+def test_an_absurd_error_of_the_clearances_is_one_clear_line(
+    capsys: CAPTURE, plans: dict[str, Path], tmp_path: Path
+) -> None:
+    plan = change(field={"clearance_error_mm": 100.0})(Plan.load(plans["surface"]))
+    outcome = certify(capsys, plan.save(tmp_path / "plan.npz"))
+    line = next(line for line in outcome.out.splitlines() if line.startswith("FAILED"))
+    assert line.startswith("FAILED errors: the plan states field.clearance_error_mm 100: it is ")
+    assert outcome.out.splitlines()[-1].startswith("Not consistent.")
+
+
+@pytest.mark.parametrize(
+    ("alter", "check"),
+    [
+        (change(field={"interpolation_error_mm": 50.0, "clearance_error_mm": 50.5}), "field"),
+        (change(field={"wall_error_mm": 9.0}), "field"),
+        (change(field={"kind": "exact"}), "field"),
+        (shift_path, "path"),
+        (change(measures={"clearance_where_mm": 1.0}), "clearances"),
+    ],
+)
+def test_every_statement_of_a_plan_is_compared_with_its_wall(
+    capsys: CAPTURE,
+    plans: dict[str, Path],
+    tracts: Tracts,
+    tmp_path: Path,
+    alter: Callable[[Plan], Plan],
+    check: str,
+) -> None:
+    plan = alter(Plan.load(plans["surface"]))
+    outcome = certify(capsys, plan.save(tmp_path / "plan.npz"), tracts.surface, "--json")
+    assert outcome.code == 1 and outcome.result["certified"] is False
+    assert check in [item["name"] for item in outcome.result["checks"] if not item["ok"]]
+
+
+def test_what_was_read_is_said_by_label_name_part_and_unit(
+    capsys: CAPTURE, plans: dict[str, Path], tracts: Tracts, tmp_path: Path
+) -> None:
+    outcome = certify(capsys, plans["labels"], tracts.volume, "--json")
+    reading = outcome.result["reading"]
+    assert reading["file"] == str(tracts.volume) and reading["form"] == "labels"
+    assert reading["labels"] == [1] and reading["unit"] == "mm"
+    assert outcome.result["input_stated"]["labels"] == [1]
+    text = certify(capsys, plans["labels"], tracts.volume).out
+    assert f"ok     reading: {tracts.volume}: label 1, unit mm, frame RAS" in text
+    text = certify(capsys, plans["surface"], tracts.surface).out
+    assert f"reading: {tracts.surface}: part all of it, unit mm, by default" in text
+    alone = certify(capsys, plans["labels"])
+    assert "the plan states its input as file tube.nii.gz, labels 1" in alone.out
+    assert json.loads(certify(capsys, plans["labels"], "--json").out)["reading"] is None
+
+
+def test_what_the_file_says_twice_is_told_when_it_is_read_again(
+    capsys: CAPTURE, tracts: Tracts, tmp_path: Path
+) -> None:
+    image = nibabel.load(tracts.volume)
+    turned = image.affine.copy()
+    turned[0] = -turned[0]
+    image.set_sform(image.affine, code=1)
+    image.set_qform(turned, code=1)
+    source = tmp_path / "flip.nii.gz"
+    nibabel.save(image, source)
+    words = "bozzini: warning: the qform (scanner) and the sform (scanner) of the file differ by up"
+    assert main(["plan", str(source), *SCOPE, "--quiet", "--out", str(tmp_path / "way")]) == 0
+    said = capsys.readouterr().err
+    assert words in said and "left and right are swapped: the sform is taken" in said
+    assert words[18:] in (tmp_path / "way" / "report.html").read_text(encoding="utf-8")
+    outcome = certify(capsys, tmp_path / "way" / "plan.npz", source)
+    assert outcome.code == 0 and outcome.err.startswith(words)
+
+
 def test_a_plan_of_no_stated_file_or_planner_says_so(
     capsys: CAPTURE, plans: dict[str, Path], tracts: Tracts, tmp_path: Path
 ) -> None:

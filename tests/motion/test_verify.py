@@ -169,7 +169,7 @@ def test_each_fault_is_named(case, plan):
     joints = plan.joints.copy()
     joints[40:, 3] += [0.0, 0.01, 0.0]
     assert "links" in faults(joints=joints)
-    assert faults(joints=plan.joints + 0.1) == {"head"}
+    assert faults(joints=plan.joints + 0.1) == {"head", "closest place"}
     assert "steps" in faults(head_arc_length=plan.head_arc_length[::-1])
     jump = plan.joints.copy()
     jump[60:, :] += [0.0, 0.0, 5.0]

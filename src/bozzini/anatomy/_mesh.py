@@ -13,6 +13,9 @@ Faces = NDArray[np.int64]
 Integers = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
+MOST_PLACES = 100
+"""Corners of a sheet that are asked whether they lie inside another."""
+
 
 def weld(points: Vertices, faces: Faces, *, tolerance: float = 0.0) -> tuple[Vertices, Faces]:
     """Merge equal vertices, or those within about `tolerance` [mm] of each other."""
@@ -227,7 +230,7 @@ def agree(faces: Faces) -> tuple[Faces, int]:
 
     An edge of two triangles must be run through once each way. The turns are found on the graph
     of neighbours doubled into "as it is" and "turned" copies. Within a part the smaller number
-    is turned. Where no choice agrees everywhere (a one-sided surface) the faces stay as they are.
+    is turned. A part in which no choice agrees everywhere (a one-sided surface) stays as it is.
     """
     pairs, corners = _pair_corners(faces)
     forward = (corners[:, :, 1] - corners[:, :, 0]) % 3 == 1
@@ -238,11 +241,42 @@ def agree(faces: Faces) -> tuple[Faces, int]:
     one, other = pairs.T
     rows, columns = np.r_[one, one + m], np.r_[other + m * clash, other + m * ~clash]
     plain, flipped = np.split(label_graph(np.stack((rows, columns), axis=1), 2 * m), 2)
-    if (plain == flipped).any():
-        return faces, 0
     votes = np.bincount(plain, minlength=2 * m)  # of a part's two copies, the one of more votes
     turn = (votes[flipped] > votes[plain]) | ((votes[flipped] == votes[plain]) & (flipped < plain))
     return np.where(turn[:, None], faces[:, ::-1], faces), int(np.count_nonzero(turn))
+
+
+def turn_outwards(points: Vertices, faces: Faces, part: Integers) -> Faces:
+    """Turn faces to agree, each closed sheet outwards, and one inside another of its part inwards.
+
+    A part of several sheets is one whose sheets touch in a corner or an edge. The open ones of a
+    part are turned together, by their volume.
+    """
+    faces, _ = agree(faces)
+    fan, sheet = label_fans(faces)
+    number = int(sheet.max()) + 1
+    owner, group = np.zeros(int(fan.max()) + 1, dtype=np.int64), np.zeros(number, dtype=np.int64)
+    owner[fan], group[sheet] = sheet[:, None], part
+    edges = count_edges(fan)
+    loose = np.zeros(number, dtype=bool)
+    loose[owner[edges.pairs[edges.counts % 2 == 1, 0]]] = True
+    volume = measure_part_volumes(points, faces, sheet, number)
+    side = np.where(volume < 0.0, -1, 1)
+    total = np.bincount(group[loose], weights=volume[loose], minlength=int(group.max()) + 1)
+    side[loose] = np.where(total[group[loose]] < 0.0, -1, 1)
+    shared = ~loose & (np.bincount(group[~loose], minlength=len(total))[group] > 1)
+    for k in np.flatnonzero(shared):
+        places = points[np.unique(faces[sheet == k])[:MOST_PLACES]]
+        for j in np.flatnonzero(shared & (group == group[k]) & (np.abs(volume) > abs(volume[k]))):
+            if np.median(np.abs(wind(points, faces[sheet == j], places))) > 0.5:
+                side[k] = -side[k]
+    return np.where((side[sheet] < 0)[:, None], faces[:, ::-1], faces)
+
+
+def measure_sheets(points: Vertices, faces: Faces) -> float:
+    """Return the volume of all sheets with flat caps, without regard to how they turn [mm^3]."""
+    pieces = split_by(faces, label_sheets(faces))
+    return sum(abs(Sheet.find(points, piece).volume) for piece in pieces)
 
 
 def label_sheets(faces: Faces) -> Integers:

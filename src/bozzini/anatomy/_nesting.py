@@ -79,9 +79,9 @@ class PartSet:
 
     @cached_property
     def volume(self) -> NDArray[np.float64]:
-        """Volume of each part, without sign [mm^3]."""
-        signed = _mesh.measure_part_volumes(self.points, self.triangles, self.part, self.number)
-        return np.abs(signed)
+        """Volume of each part, its triangles turned outwards [mm^3]."""
+        faces = _mesh.turn_outwards(self.points, self.triangles, self.part)
+        return np.abs(_mesh.measure_part_volumes(self.points, faces, self.part, self.number))
 
     @cached_property
     def owner(self) -> Integers:
@@ -275,10 +275,8 @@ def _is_even(points: Vertices, outer: Faces, inner: Faces) -> bool:
 def _turn_inwards(points: Vertices, bodies: Faces) -> Faces:
     if len(bodies) == 0:
         return bodies
-    bodies, _ = _mesh.agree(bodies)
     part = _mesh.label_parts(bodies, len(points))
-    volume = _mesh.measure_part_volumes(points, bodies, part, int(part.max()) + 1)
-    return np.where((volume > 0.0)[part][:, None], bodies[:, ::-1], bodies)
+    return _mesh.turn_outwards(points, bodies, part)[:, ::-1]
 
 
 def _report(parts: PartSet, wall: int, is_body: Mask, kept: Mask, found: list[Finding]) -> None:

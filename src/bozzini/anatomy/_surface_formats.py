@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from ..errors import FileFormatError
 from ..results import Json
 from .files import FRAME_KEY, explain, has_suffix, quiet_libraries
-from .tract import Finding, Organ, Point, Tract, to_point
+from .tract import Finding, Organ, Point, Tract, count_noun, to_point
 
 SURFACE_SUFFIXES = (".stl", ".ply", ".obj", ".glb", ".off", ".vtk", ".vtp")
 
@@ -44,15 +44,21 @@ class SurfaceFile(NamedTuple):
         Whether Bozzini wrote the file, and noted the frame in it.
     frame : object
         What it noted, unchecked.
+    short : int
+        Faces of one or two corners that were dropped.
     """
 
     parts: list[tuple[str, Vertices, Faces]]
     marked: bool = False
     frame: object = None
+    short: int = 0
 
 
-def read_parts(file: Path) -> SurfaceFile:
-    """Read the meshes of a file, each where its node puts it.
+def read_parts(file: Path, *, repair: bool = False) -> SurfaceFile:
+    """Read the meshes of a file, each where its node puts it; of pictures on them nothing.
+
+    With `repair` faces of one or two corners in text (OBJ, OFF) are dropped: else they are taken
+    for lines cut short.
 
     Raises
     ------
@@ -62,6 +68,7 @@ def read_parts(file: Path) -> SurfaceFile:
     for suffix, reader in ((".stl", _read_stl), (".vtk", _read_vtk), (".vtp", _read_vtp)):
         if has_suffix(file, (suffix,)):
             return SurfaceFile([("1", *reader(file))])
+    short = 0
     import trimesh
 
     kind = file.suffix.lower().lstrip(".")
@@ -70,11 +77,14 @@ def read_parts(file: Path) -> SurfaceFile:
     with quiet_libraries():
         try:
             if kind == "off":
-                data = _check_off(data.decode("latin-1")).encode()
+                text, short = _check_off(data.decode("latin-1"), repair=repair)
+                data = text.encode()
             elif kind == "obj":
-                _check_obj(data.decode("latin-1"))
-                data = _to_utf8(data)
-            scene = trimesh.load(io.BytesIO(data), file_type=kind, process=False)
+                text, short = _check_obj(_to_text(data), repair=repair)
+                data = text.encode()
+            scene = trimesh.load(
+                io.BytesIO(data), file_type=kind, process=False, skip_materials=True
+            )
             if not isinstance(scene, trimesh.Scene):
                 scene = trimesh.Scene({"1": scene})
             parts = []
@@ -90,20 +100,26 @@ def read_parts(file: Path) -> SurfaceFile:
             raise FileFormatError(
                 f"{file} is not {kind.upper()} triangles: {explain(error)}"
             ) from None
-    return SurfaceFile(parts, marked="frame" in mark, frame=mark.get("frame"))
+    return SurfaceFile(parts, marked="frame" in mark, frame=mark.get("frame"), short=short)
 
 
-def _to_utf8(data: bytes) -> bytes:
-    """Return text as UTF-8; other text has names and remarks of Latin-1, its numbers are ASCII."""
+def _to_text(data: bytes) -> str:
+    """Return text; what is not UTF-8 has names and remarks of Latin-1, its numbers are ASCII."""
     try:
-        data.decode()
+        return data.decode()
     except UnicodeDecodeError:
-        return data.decode("latin-1").encode()
-    return data
+        return data.decode("latin-1")
 
 
-def _check_off(text: str) -> str:
-    """Return an OFF file without remarks; `ValueError` unless it has the lines that it states."""
+def _tell_short(face: str, corners: int) -> str:
+    return f"the face '{face[:60]}' has {count_noun(corners, 'corner')}: --repair drops such faces"
+
+
+def _check_off(text: str, *, repair: bool) -> tuple[str, int]:
+    """Return an OFF file without remarks, and how many faces of one or two corners it had.
+
+    `ValueError` unless it has the lines that it states.
+    """
     lines = [line.split("#")[0].split() for line in text.splitlines()]
     lines = [line for line in lines if line]
     if not lines or not lines[0][0].endswith("OFF"):
@@ -123,20 +139,34 @@ def _check_off(text: str) -> str:
         if len(line) < 3:
             raise ValueError(f"the vertex '{' '.join(line)}' has {len(line)} numbers, not 3")
     for line in rest[corners:]:
-        if len(line) < 1 + max(int(line[0]), 3):
+        if len(line) < 1 + int(line[0]):
             raise ValueError(f"the face '{' '.join(line)[:60]}' is cut short")
+        if int(line[0]) < 3 and not repair:
+            raise ValueError(_tell_short(" ".join(line), int(line[0])))
         if not all(0 <= int(word) < corners for word in line[1 : 1 + int(line[0])]):
             raise ValueError(
                 f"the face '{' '.join(line)[:60]}' has vertices that are not in [0, {corners - 1}]"
             )
-    return "\n".join(" ".join(line) for line in lines)
+    whole = [line for line in rest[corners:] if int(line[0]) > 2]
+    short = faces - len(whole)
+    kept = [lines[0], [str(corners), str(faces - short), *counts[2:]], *rest[:corners], *whole]
+    return "\n".join(" ".join(line) for line in kept), short
 
 
-def _check_obj(text: str) -> None:
-    """Raise `ValueError` for half a line of an OBJ file, or a face of vertices not there."""
-    corners, highest = 0, 0
+def _check_obj(text: str, *, repair: bool) -> tuple[str, int]:
+    """Return an OBJ file without faces of one or two corners, and how many it had.
+
+    `ValueError` for half a line, or a face of vertices not there.
+    """
+    corners, highest, kept, short = 0, 0, [], 0
     for line in text.replace("\r\n", "\n").replace("\\\n", " ").split("\n"):
         key, *words = line.split("#")[0].split() or [""]
+        if key == "f" and len(words) < 3:
+            if not repair:
+                raise ValueError(_tell_short(line.strip(), len(words)))
+            short += 1
+            continue
+        kept.append(line)
         if key not in ("v", "f"):
             continue
         if len(words) < 3:
@@ -151,6 +181,7 @@ def _check_obj(text: str) -> None:
             highest = max(highest, index)
     if highest > corners:
         raise ValueError(f"a face names vertex {highest}, but it has {corners} vertices")
+    return "\n".join(kept), short
 
 
 def _check_glb(file: Path, data: bytes) -> dict[str, object]:

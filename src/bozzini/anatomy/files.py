@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import logging
+import math
 import os
 import re
 import warnings
@@ -55,10 +56,23 @@ def explain(error: BaseException) -> str:
     return " ".join(str(error).split())[:160] or type(error).__name__
 
 
+_LIBRARIES = ("nibabel", "trimesh", "PIL")
+"""Whose loggers print on their own, some with a traceback, where they can go on."""
+
+
+def read_number(word: str) -> float:
+    """Return a word as a number, NaN where it is none."""
+    try:
+        return float(word)
+    except ValueError:
+        return math.nan
+
+
 @contextmanager
 def quiet_libraries() -> Iterator[None]:
-    """Silence the loggers and warnings of nibabel and trimesh: what matters becomes a finding."""
-    loggers = [logging.getLogger(name) for name in ("nibabel", "nibabel.global", "trimesh")]
+    """Silence all loggers and warnings of the libraries that read: what matters is a finding."""
+    known = list(logging.root.manager.loggerDict)
+    loggers = [logging.getLogger(name) for name in known if name.split(".")[0] in _LIBRARIES]
     before = [logger.disabled for logger in loggers]
     for logger in loggers:
         logger.disabled = True

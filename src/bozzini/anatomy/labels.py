@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar
@@ -12,7 +11,17 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_points
 from ..errors import GeometryError, InputError
+from ._version import check_version
 from .frame import check_frame, find_axis, measure_shift
+from .names import (
+    VERSIONS,
+    describe_label,
+    find_organ,
+    find_version,
+    is_digestive,
+    normalise,
+    split_version,
+)
 from .tract import (
     Component,
     Finding,
@@ -26,28 +35,6 @@ from .tract import (
     to_point,
 )
 
-# Names of labels: what tools call organs, how files hold names, which organ they mean.
-
-TOTALSEGMENTATOR: Mapping[str, Mapping[str, int]] = {
-    "totalsegmentator-v1": {
-        "stomach": 6, "esophagus": 42, "trachea": 43, "small_bowel": 55, "duodenum": 56,
-        "colon": 57,
-    },
-    "totalsegmentator-v2": {
-        "stomach": 6, "esophagus": 15, "trachea": 16, "small_bowel": 18, "duodenum": 19,
-        "colon": 20,
-    },
-}  # fmt: skip
-"""Numbers of hollow organs in the multi-label files of TotalSegmentator, from ``total_v1`` and
-``total`` in totalsegmentator/map_to_binary.py of github.com/wasserth/TotalSegmentator, commit
-0275d30 (Wasserthal et al., Radiology: Artificial Intelligence 2023, doi:10.1148/ryai.230024)."""
-
-_ORGANS: tuple[tuple[Organ, str], ...] = (
-    ("colon", r"colon|large (bowel|intestine)|rectum|sigmoid|c(a)?ecum"),
-    ("small-bowel", r"small (bowel|intestine)|jejunum|ileum"),
-    ("upper-tract", r"o?esophagus|stomach|duodenum|upper gi"),
-)
-
 _ABOVE = (
     ("esophagus", "S", "duodenum"),
     ("esophagus", "S", "stomach"),
@@ -57,41 +44,6 @@ _ABOVE = (
     ("spleen", "L", "liver"),
 )
 """Pairs of organs of which the first lies towards that side of the patient, centre to centre."""
-
-
-def normalise(name: str) -> str:
-    """Return a name in small letters, its words apart by one space, spelled as in America."""
-    words = re.sub(r"[\s_\-]+", " ", name.strip().lower())
-    return re.sub(r"\boesoph", "esoph", words)
-
-
-def find_organ(names: Iterable[str]) -> Organ | None:
-    """Return the organ that names of labels mean, None where they mean none or several.
-
-    Parts of the upper tract together with the small bowel are the upper tract: it is entered
-    there.
-    """
-    text = [normalise(name) for name in names]
-    found = {
-        organ
-        for organ, pattern in _ORGANS
-        if any(re.search(rf"\b({pattern})\b", name) for name in text)
-    }
-    if found == {"upper-tract", "small-bowel"}:
-        return "upper-tract"
-    return found.pop() if len(found) == 1 else None
-
-
-def is_digestive(name: str) -> bool:
-    """Whether a name is that of a hollow organ a scope goes through."""
-    text = normalise(name)
-    return text == "trachea" or find_organ([text]) is not None
-
-
-def describe_label(label: int, names: Mapping[int, str]) -> str:
-    """Return the name of a label, or ``label 3`` where it has none."""
-    return names.get(label) or f"label {label}"
-
 
 Labels = Sequence[int | str] | str
 """Labels by number or name, or ``"all"``."""
@@ -163,6 +115,7 @@ class Volume:
 
 
 _Framed = TypeVar("_Framed", bound=TractSource | Volume)
+_Tract = TypeVar("_Tract", bound=TractSource)
 
 
 def override_frame(item: _Framed, frame: str | None) -> _Framed:
@@ -178,6 +131,17 @@ def override_frame(item: _Framed, frame: str | None) -> _Framed:
         )
         found.append(Finding("frame-overridden", "warning", message))
     return replace(item, frame=code, findings=tuple(found))
+
+
+def override_organ(tract: _Tract, organ: Organ | None) -> _Tract:
+    """Return a tract with the organ that was given, if any, and not that of its file's names."""
+    if organ is None:
+        return tract
+    found = tract.findings
+    if tract.organ not in (None, organ):
+        message = f"the file's names are those of the organ {tract.organ}, but {organ} was given"
+        found += (Finding("organ-overridden", "warning", f"{message}: taken as {organ}"),)
+    return replace(tract, organ=organ, findings=found)
 
 
 def tract_from_labels(
@@ -264,6 +228,11 @@ def tract_from_volume(volume: Volume, *, labels: Labels | None = None) -> LabelT
         raise GeometryError(f"{source} is empty: every voxel is 0")
     voxel = measure_voxel(matrix)
     wanted = select_labels(sizes, labels, volume.names, source, voxel)
+    asked = find_version([labels] if isinstance(labels, str) else labels or ())
+    if asked is not None:
+        found += check_version(*asked, runs=runs, axes=axes, source=source)
+        known = {number: organ for organ, number in VERSIONS[asked[0]].items()}
+        volume = replace(volume, names={**known, **volume.names})
     others = np.setdiff1d(np.flatnonzero(sizes), wanted)
     if len(others):
         shown = ", ".join(f"{v} {volume.names.get(int(v), '')}".strip() for v in others[:10])
@@ -564,18 +533,10 @@ def _find_labels(
 
 
 def _find_name(name: str, there: Sequence[int], names: Mapping[int, str], source: str) -> list[int]:
+    versioned = split_version(name)
+    if versioned is not None:
+        return [_check_stated(*versioned, there, names, source)]
     text = normalise(name)
-    scheme, _, organ = name.strip().lower().partition(":")
-    if organ:
-        if scheme not in TOTALSEGMENTATOR or normalise(organ) not in (
-            known := {normalise(word): number for word, number in TOTALSEGMENTATOR[scheme].items()}
-        ):
-            raise InputError(
-                f"label is '{name}': known are {' and '.join(TOTALSEGMENTATOR)}, each with "
-                f"{', '.join(TOTALSEGMENTATOR['totalsegmentator-v2'])}, such as "
-                f"totalsegmentator-v2:colon"
-            )
-        return [known[normalise(organ)]]
     found = [label for label in there if normalise(names.get(label, "")) == text]
     if found:
         return found
@@ -588,12 +549,29 @@ def _find_name(name: str, there: Sequence[int], names: Mapping[int, str], source
             f"{f' and {more} more' if more else ''}"
         )
     hint = ""
-    if any(text == normalise(word) for word in TOTALSEGMENTATOR["totalsegmentator-v2"]):
+    if any(text == normalise(word) for word in VERSIONS["totalsegmentator-v2"]):
         hint = (
             f"; for a file of TotalSegmentator give totalsegmentator-v1:{text.replace(' ', '_')} "
             f"or totalsegmentator-v2:{text.replace(' ', '_')}"
         )
     raise InputError(f"label is '{name}', but {source} states no names: give numbers{hint}")
+
+
+def _check_stated(
+    version: str, organ: str, there: Sequence[int], names: Mapping[int, str], source: str
+) -> int:
+    """Return an organ's number in a version; refuse it where the file's names say otherwise."""
+    number = VERSIONS[version][organ]
+    stated = names.get(number, "")
+    others = [label for label in there if normalise(names.get(label, "")) == normalise(organ)]
+    if number not in others and (stated or others):
+        says = [f"label {number} is {stated}"] if stated else []
+        says += [f"{organ} is label {label}: give {organ}" for label in others]
+        raise InputError(
+            f"label is '{version}:{organ}', which is {number}, but {source} states that "
+            f"{' and '.join(says)}"
+        )
+    return number
 
 
 def _check_sides(runs: Runs, axes: Matrix, names: Mapping[int, str], frame: str) -> list[Finding]:

@@ -21,8 +21,17 @@ from .files import PathLike, check_file, explain, has_suffix
 from .frame import check_frame
 from .labels import Labels, override_frame
 from .surface import tract_from_surface, unite_parts
-from .tract import FARTHEST_MM, PLAUSIBLE_MM, Finding, LabelTract, Tract, check_scale, show_volume
-from .volumes import LABEL_SUFFIXES, is_volume, read_labels
+from .tract import (
+    FARTHEST_MM,
+    PLAUSIBLE_MM,
+    Finding,
+    LabelTract,
+    Tract,
+    check_scale,
+    count_noun,
+    show_volume,
+)
+from .volumes import LABEL_SUFFIXES, find_sidecars, is_volume, read_labels
 
 GLB_FRAME = "LSA"
 """Where the axes of a GLB point if its figure faces the viewer: +y up and +z to the front."""
@@ -78,6 +87,7 @@ def _hash_files(place: Path) -> str:
         )
         if found and (place.parent / os.fsdecode(found[1])).is_file():
             files.append(place.parent / os.fsdecode(found[1]))
+    files += find_sidecars(place)[1]
     model = find_model(place)
     files += model.files if model else ()
     for file in files:
@@ -126,10 +136,17 @@ def read_tract(
     """
     if is_volume(path):
         if unit not in (None, "mm"):
-            raise InputError(f"unit is '{unit}': a label volume states its own unit, leave it out")
+            raise InputError(
+                f"unit is '{unit}': a label volume is in the unit of its header, mm without one; "
+                f"leave it out"
+            )
         if part is not None:
             raise InputError(f"{path} is a label volume: it has labels, no parts")
-        return read_labels(path, labels=labels, frame=frame)
+        tract = read_labels(path, labels=labels, frame=frame)
+        converted = [item.message for item in tract.findings if item.code == "unit-converted"]
+        if unit is not None and converted:
+            raise InputError(f"unit is '{unit}', but {converted[0]}: leave the unit out")
+        return tract
     if has_suffix(path, SURFACE_SUFFIXES):
         if labels is not None:
             raise InputError(f"{path} is a surface: it has no labels to select")
@@ -198,7 +215,10 @@ def read_surface(
     file = Path(path)
     is_glb = has_suffix(path, (".glb",))
     found: list[Finding] = []
-    content = read_parts(file)
+    content = read_parts(file, repair=repair)
+    if content.short:
+        message = f"{count_noun(content.short, 'face')} of one or two corners dropped"
+        found.append(Finding("faces-dropped", "note", message))
     model = find_model(file)
     sizes = np.ones(3) * (scale or (1000.0 if is_glb else 1.0))
     if scale is None and model is not None:
@@ -257,7 +277,7 @@ class Part:
         points, triangles = part.clean()
         if not len(triangles):
             return part
-        return replace(part, volume=abs(Sheet.find(points, triangles).volume))
+        return replace(part, volume=_mesh.measure_sheets(points, triangles))
 
     def clean(self) -> tuple[Vertices, Faces]:
         """Return corners and triangles, equal corners welded and bad triangles left out."""

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from ..errors import GeometryError
 from . import _mesh
-from ._mesh import Faces, Integers, Sheet, Vertices
+from ._mesh import Faces, Integers, Vertices
 from ._nesting import PartSet, resolve_parts
 from ._solidify import (
     Choice,
@@ -118,7 +118,7 @@ def tract_from_surface(
     pieces = _mesh.split_by(triangles, part)
     wall = 0
     if len(pieces) > 1:
-        wall = int(np.argmax([abs(Sheet.find(points, piece).volume) for piece in pieces]))
+        wall = int(np.argmax([_mesh.measure_sheets(points, piece) for piece in pieces]))
     openings: tuple[Opening, ...] = ()
     missing: tuple[Component, ...] = ()
     if (_mesh.count_edges(pieces[wall]).counts % 2 == 1).any():
@@ -309,12 +309,15 @@ def _orient(points: Vertices, triangles: Faces, found: list[Finding]) -> Faces:
         place = name_place(points[triangles[(turned != triangles).any(axis=1)][0]].mean(axis=0))
         message = f"{number} triangle(s) turned to agree with their neighbours, one near {place} mm"
         found.append(Finding("faces-turned", "note", message))
-    if _mesh.measure_volume(points, turned) < 0:
-        if not number:
-            message = "the surface was turned inside out: all its triangles are turned outwards"
-            found.append(Finding("surface-turned", "note", message))
-        turned = turned[:, ::-1]
-    return np.ascontiguousarray(turned)
+    outwards = _mesh.turn_outwards(points, turned, np.zeros(len(turned), dtype=np.int64))
+    changed = (outwards != turned).any(axis=1)
+    if changed.any() and not (changed.all() and number):
+        what, which = "the surface was", "all its triangles"
+        if not changed.all():
+            what, which = "a sheet that touches the rest was", f"{int(changed.sum())} triangles"
+        message = f"{what} turned inside out: {which} are turned outwards"
+        found.append(Finding("surface-turned", "note", message))
+    return np.ascontiguousarray(outwards)
 
 
 def _check_topology(points: Vertices, triangles: Faces) -> list[Finding]:

@@ -21,22 +21,32 @@ from typing import TYPE_CHECKING, BinaryIO, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import BozziniError, FileFormatError, InputError, MissingExtraError
-from .files import PathLike, check_file, explain, has_suffix, quiet_libraries, read_label_table
+from ..errors import BozziniError, FileFormatError, InputError, UnitError
+from ..units import parse_quantity
+from ._dicom import read_dicom
+from ._statements import compare_places, compare_spacing, report_unit
+from .files import (
+    PathLike,
+    check_file,
+    explain,
+    has_suffix,
+    quiet_libraries,
+    read_label_table,
+    read_number,
+)
+from .frame import check_frame, compare_affines, find_axis, fit_frame
 from .labels import (
     MOST_LISTED,
     Labels,
     Volume,
     Voxels,
-    find_organ,
-    is_digestive,
     measure_voxel,
-    normalise,
     override_frame,
     select_labels,
     tract_from_volume,
     wants_all,
 )
+from .names import find_organ, is_digestive, normalise, read_json, read_sidecar
 from .tract import Finding, LabelTract, count_noun, show_volume
 
 if TYPE_CHECKING:
@@ -58,6 +68,8 @@ LARGEST_INFLATION = 1040
 """A deflate stream grows at most by this factor (1032 by its format)."""
 
 _SCALE_TO_MM = {"mm": 1.0, "meter": 1000.0, "micron": 0.001}
+_CODES = {1: "scanner", 2: "aligned", 3: "Talairach", 4: "MNI 152"}
+"""What the codes of qform and sform mean."""
 
 
 def read_nifti(path: PathLike) -> Volume:
@@ -70,6 +82,9 @@ def read_nifti(path: PathLike) -> Volume:
             unit = header.get_xyzt_units()[0]
             framed = int(header["qform_code"]) > 0 or int(header["sform_code"]) > 0
             affine = np.array(header.get_best_affine(), dtype=np.float64)
+            by_code = {name: int(header[f"{name}_code"]) for name in ("qform", "sform")}
+            quaternion = np.array(header.get_qform(), dtype=np.float64)
+            zooms = np.array(header.get_zooms()[:3], dtype=np.float64)
             slope, shift = header.get_slope_inter()
             shape = tuple(int(length) for length in header.get_data_shape())
             dtype = header.get_data_dtype()
@@ -80,15 +95,16 @@ def read_nifti(path: PathLike) -> Volume:
         array = _Layout(path, shape, dtype, compression).read(handle, stream)
     if slope not in (None, 1.0) or shift not in (None, 0.0):
         array = array * np.float32(slope) + np.float32(shift)
-    found = []
-    if unit in _SCALE_TO_MM:
-        affine[:3] *= _SCALE_TO_MM[unit]
-    if unit == "unknown":
-        message = "the file states no unit of length: taken as mm"
-        found.append(Finding("unit-unknown", "note", message))
-    elif unit != "mm":
-        message = f"the file is in {unit}: converted to mm"
-        found.append(Finding("unit-converted", "note", message))
+    scale = _SCALE_TO_MM.get(unit, 1.0)
+    found = report_unit(unit, scale)
+    affine[:3] *= scale
+    if by_code["sform"] > 0 and by_code["qform"] > 0:
+        quaternion[:3] *= scale
+        names = {name: f"{name} ({_CODES.get(code, code)})" for name, code in by_code.items()}
+        what = f"the {names['qform']} and the {names['sform']} of the file"
+        found += compare_places(what, affine, quaternion, shape, "RAS", taken="the sform")
+    elif by_code["sform"] > 0:
+        found += compare_spacing("pixdim", "the sform", affine, scale * zooms, shape)
     if not framed:
         message = (
             "the file states no world frame (qform and sform codes are 0): the origin is the "
@@ -235,14 +251,29 @@ def _read_nrrd_space(
         affine[:3, :3] = np.stack(columns, axis=1)
         if "space origin" in fields:
             affine[:3, 3] = _split_vector(fields["space origin"], path)
+        words = fields.get("spacings", "").split()
+        if len(words) == dimension:
+            spacing = np.array([read_number(words[at]) for at in spatial])
+            size = tuple(int(fields["sizes"].split()[at]) for at in spatial)
+            found += compare_spacing("spacings", "space directions", affine, spacing, size)
     else:
         if dimension != 3:
             raise FileFormatError(f"{path} has {dimension} dimensions: a label volume has 3")
         spatial = [0, 1, 2]
         affine[:3, :3] = np.diag(_split_numbers(fields, "spacings", path))
-    units = set(re.findall(r'"([^"]*)"', fields.get("space units", ""))) - {"", "mm"}
-    if units:
-        raise FileFormatError(f"{path} is in {', '.join(sorted(units))}: only mm is read")
+    words = f"{fields.get('space units', '')} {fields.get('units', '')}"
+    stated = set(re.findall(r'"([^"]*)"', words)) - {""}
+    if len(stated) > 1:
+        raise FileFormatError(
+            f"{path} states the units {' and '.join(sorted(stated))}: one is read"
+        )
+    for unit in stated:
+        try:
+            scale = parse_quantity(f"1 {unit}", "length")
+        except UnitError:
+            raise FileFormatError(f"{path} is in '{unit}': it must be a unit of length") from None
+        affine[:3] *= scale
+        found += report_unit(unit, scale)
     frame = _NRRD_SPACES.get(fields.get("space", "").lower())
     if frame is None:
         message = "the file does not state where its axes point in the patient"
@@ -301,16 +332,54 @@ def read_metaimage(path: PathLike) -> Volume:
         name = fields["elementdatafile"]
         with _open_data(handle, path, None if name == "LOCAL" else name) as data:
             array = _Layout(path, shape, dtype, packed).read(data)
-    turns = [word for word in ("transformmatrix", "orientation", "rotation") if word in fields]
-    turn = _split_numbers(fields, turns[0], path) if turns else np.eye(3).ravel()
-    places = [word for word in ("offset", "position", "origin") if word in fields]
-    origin = _split_numbers(fields, places[0], path) if places else np.zeros(3)
+    turn = _find_synonym(fields, ("transformmatrix", "orientation", "rotation"), path)
+    turn = np.eye(3).ravel() if turn is None else turn
+    origin = _find_synonym(fields, ("offset", "position", "origin"), path)
+    origin = np.zeros(3) if origin is None else origin
     if len(spacing) != 3 or len(turn) != 9 or len(origin) != 3:
         raise FileFormatError(f"{path} is damaged: spacing, axes or offset are not those of 3-D")
     affine = np.eye(4)
     affine[:3, :3] = np.reshape(turn, (3, 3)).T * spacing  # a line of the matrix is an axis
     affine[:3, 3] = origin
-    return Volume(array=array, affine=affine, source=Path(path).name, frame="LPS")
+    found = _compare_anatomy(fields.get("anatomicalorientation", ""), affine, shape)
+    if "elementsize" in fields:
+        size = _split_numbers(fields, "elementsize", path)
+        if size.shape == (3,):
+            found += compare_spacing("ElementSize", "ElementSpacing", affine, size, shape)
+    name = Path(path).name
+    return Volume(array=array, affine=affine, source=name, frame="LPS", findings=tuple(found))
+
+
+def _find_synonym(
+    fields: dict[str, str], words: tuple[str, ...], path: PathLike
+) -> NDArray[np.float64] | None:
+    """Return the numbers of a field of several names; refuse names that disagree."""
+    values = {word: _split_numbers(fields, word, path) for word in words if word in fields}
+    first = next(iter(values.values()), None)
+    for word, other in values.items():
+        if first is not None and (other.shape != first.shape or not np.allclose(other, first)):
+            raise FileFormatError(
+                f"{path} contradicts itself: {next(iter(values))} is "
+                f"'{fields[next(iter(values))]}', {word} is '{fields[word]}'"
+            )
+    return first
+
+
+def _compare_anatomy(
+    stated: str, affine: NDArray[np.float64], shape: tuple[int, ...]
+) -> list[Finding]:
+    """Compare a MetaImage's letters, from where each axis comes, with its matrix."""
+    try:
+        come = check_frame(stated)
+        near = np.rint(fit_frame(affine)[0])
+        axes = np.stack([-find_axis("LPS", letter) for letter in come], axis=1)
+    except (InputError, np.linalg.LinAlgError):
+        return []  # '???' states nothing; a singular matrix is refused later
+    sizes = np.linalg.norm(affine[:3, :3], axis=0)
+    one, other = affine.copy(), affine.copy()
+    one[:3, :3], other[:3, :3] = near * sizes, axes * sizes
+    what = f"AnatomicalOrientation {come} and TransformMatrix"
+    return compare_places(what, one, other, shape, "LPS", taken="TransformMatrix")
 
 
 def _split_numbers(
@@ -445,11 +514,11 @@ _READERS: dict[tuple[str, ...], Callable[[PathLike], Volume]] = {
 
 LABEL_SUFFIXES = tuple(suffix for suffixes in _READERS for suffix in suffixes)
 
+_SEVERAL = ("labels-left-out", "label-dropped")
+"""Findings that say that a volume has several labels."""
+
 SAME_PLACE_MM = 1e-3
 """Largest difference of the places of two masks' voxels [mm]."""
-
-LARGEST_UNEVENNESS = 0.02
-"""Largest departure of a distance between slices from their mean, by that mean."""
 
 
 def is_volume(path: PathLike) -> bool:
@@ -497,9 +566,10 @@ def read_labels(
     volume = override_frame(volume, frame)
     tract = tract_from_volume(volume, labels=labels)
     stem = Path(path).name.split(".")[0]
-    if labels is None and not tract.label_names and find_organ([stem]) is not None:
-        names = {tract.label_values[0]: stem}  # one label: the file is named after it
-        return replace(tract, label_names=names, organ=find_organ([stem]))
+    organ = None if tract.label_names or len(tract.label_values) > 1 else find_organ([stem])
+    if organ is not None and not any(item.code in _SEVERAL for item in tract.findings):
+        # The file has one label, and is named after it.
+        return replace(tract, label_names={tract.label_values[0]: stem}, organ=organ)
     return tract
 
 
@@ -514,13 +584,53 @@ def read_volume(path: PathLike) -> Volume:
         If it is a DICOM series and SimpleITK is not installed.
     """
     if Path(path).is_dir():
-        return _read_dicom(Path(path))
+        return read_dicom(Path(path), LABEL_SUFFIXES)
     check_file(path)
     for suffixes, reader in _READERS.items():
         if has_suffix(path, suffixes):
-            return reader(path)
+            return _add_sidecar(Path(path), reader(path))
     hint = ": give the folder of the series" if has_suffix(path, (".dcm",)) else ""
     raise FileFormatError(f"{path} is not named {', '.join(LABEL_SUFFIXES)}{hint}")
+
+
+def find_sidecars(path: PathLike) -> tuple[dict[int, str], list[Path]]:
+    """Return the names of labels that files beside a volume state, and these files."""
+    file = Path(path)
+    suffixes = [suffix for suffix in LABEL_SUFFIXES if file.name.lower().endswith(suffix)]
+    return read_sidecar(file, max(suffixes, key=len)) if suffixes else ({}, [])
+
+
+def _add_sidecar(path: Path, volume: Volume) -> Volume:
+    """Compare a volume with what files beside it state, and take the names that it lacks."""
+    names, files = find_sidecars(path)
+    found = list(volume.findings)
+    differ = [
+        f"label {label} is {volume.names[label]} and {name}"
+        for label, name in sorted(names.items())
+        if label in volume.names and normalise(volume.names[label]) != normalise(name)
+    ]
+    if differ:
+        message = (
+            f"{volume.source} and {files[0].name} beside it give other names: "
+            f"{', '.join(differ[:MOST_LISTED])}; those of {volume.source} are taken"
+        )
+        found.append(Finding("names-differ", "warning", message))
+    elif files and not volume.names:
+        message = f"names of labels read from {', '.join(file.name for file in files)}"
+        found.append(Finding("names-read", "note", message))
+    if volume.names:
+        names = {}
+    suffix = max((s for s in LABEL_SUFFIXES if path.name.lower().endswith(s)), key=len)
+    notes = path.with_name(f"{path.name[: -len(suffix)]}.json")
+    step = read_json(notes).get("SpacingBetweenSlices")
+    if isinstance(step, (int, float)) and step > 0:
+        sizes = np.linalg.norm(volume.affine[:3, :3], axis=0)
+        stated = np.array([sizes[0], sizes[1], float(step)])
+        what = f"SpacingBetweenSlices of {notes.name}"
+        found += compare_spacing(
+            what, "the volume's header", volume.affine, stated, volume.array.shape
+        )
+    return replace(volume, names={**names, **volume.names}, findings=tuple(found))
 
 
 def _list_masks(folder: Path) -> dict[str, Path]:
@@ -551,11 +661,13 @@ def _read_masks(folder: Path, masks: dict[str, Path], labels: Labels | None) -> 
     if joined is None:
         raise InputError("no labels were given: name at least one, or 'all'")
     array = np.zeros(joined.array.shape[:3], dtype=np.uint16, order="F")
+    found: list[Finding] = []
     for name, volume in zip(wanted, (joined, *volumes), strict=True):
         _check_same_grid(joined, volume, folder)
+        found += volume.findings
         mask = volume.array.reshape(array.shape, order="F") != 0
         np.copyto(array, np.uint16(names.index(name) + 1), where=mask & (array == 0))
-    findings = joined.findings
+    findings = tuple(dict.fromkeys(found))
     left = len(names) - len(wanted)
     if left:
         what = ("other mask of the folder is", "other masks of the folder are")
@@ -594,9 +706,11 @@ def _measure_mask(path: Path) -> str:
 
 
 def _check_same_grid(one: Volume, other: Volume, folder: Path) -> None:
-    shape = np.array(one.array.shape[:3])
-    corners = np.array([[0, 0, 0, 1], [*shape, 1], [shape[0], 0, 0, 1], [0, shape[1], 0, 1]])
-    apart = np.abs(corners @ (one.affine - other.affine).T).max()
+    if one.frame != other.frame and None not in (one.frame, other.frame):
+        raise FileFormatError(
+            f"{folder}: {one.source} has the frame {one.frame}, {other.source} {other.frame}"
+        )
+    apart = compare_affines(one.affine, other.affine, one.array.shape).farthest
     if other.array.shape[:3] != one.array.shape[:3] or apart > SAME_PLACE_MM:
         raise FileFormatError(
             f"{folder}: {one.source} and {other.source} do not have the same voxels: shapes "
@@ -641,88 +755,3 @@ def _merge_segments(volume: Volume, labels: Labels | None) -> Volume:
             array[mask] = 0
     chosen = {number: names[number] for number in wanted}
     return replace(volume, array=array, names=chosen, findings=tuple(findings), segments=())
-
-
-def _read_dicom(folder: Path) -> Volume:
-    """Read the series of a folder by SimpleITK, in its world frame, which is LPS, in mm."""
-    if not any(_is_dicom(file) for file in sorted(folder.iterdir())):
-        raise FileFormatError(
-            f"{folder} is a folder without volumes: known are a DICOM series, and masks named "
-            f"{', '.join(LABEL_SUFFIXES)}"
-        )
-    try:
-        import SimpleITK
-    except ImportError:
-        raise MissingExtraError("SimpleITK", "ct") from None
-    warnings = SimpleITK.ProcessObject.GetGlobalWarningDisplay()
-    SimpleITK.ProcessObject.SetGlobalWarningDisplay(False)
-    try:
-        reader = SimpleITK.ImageSeriesReader()
-        series = {
-            key: list(reader.GetGDCMSeriesFileNames(os.fspath(folder), key))
-            for key in reader.GetGDCMSeriesIDs(os.fspath(folder))
-        }
-        if not series:
-            raise FileFormatError(f"{folder} holds neither masks nor a DICOM series")
-        files = max(series.values(), key=len)
-        origins = np.array([_read_origin(file) for file in files])
-        reader.SetFileNames(files)
-        image = reader.Execute()
-        array = SimpleITK.GetArrayFromImage(image)
-        direction = np.reshape(image.GetDirection(), (3, 3))
-        spacing = np.array(image.GetSpacing())
-        origin = np.array(image.GetOrigin())
-    except FileFormatError:
-        raise
-    except Exception as error:  # SimpleITK raises RuntimeError for whatever went wrong
-        raise FileFormatError(f"{folder} cannot be read as DICOM: {explain(error)}") from None
-    finally:
-        SimpleITK.ProcessObject.SetGlobalWarningDisplay(warnings)
-    if array.ndim != 3:
-        raise FileFormatError(f"{folder} holds voxels of {array.ndim - 2} values: CT has one")
-    affine = np.eye(4)
-    affine[:3, :3] = direction * spacing
-    affine[:3, 3] = origin
-    if len(files) > 1:
-        affine[:3, 2] = _check_slices(origins, direction, folder)
-    findings: tuple[Finding, ...] = ()
-    if len(series) > 1:
-        message = f"the folder holds {len(series)} series: the one of most files is taken"
-        findings = (Finding("series-left-out", "warning", message),)
-    return Volume(array=array.T, affine=affine, source=folder.name, frame="LPS", findings=findings)
-
-
-def _is_dicom(file: Path) -> bool:
-    if not file.is_file():
-        return False
-    with file.open("rb") as handle:
-        return handle.read(132)[128:] == b"DICM"
-
-
-def _read_origin(file: str) -> tuple[float, ...]:
-    import SimpleITK
-
-    reader = SimpleITK.ImageFileReader()
-    reader.SetFileName(file)
-    reader.ReadImageInformation()
-    return tuple(reader.GetOrigin())
-
-
-def _check_slices(
-    origins: NDArray[np.float64], direction: NDArray[np.float64], folder: Path
-) -> NDArray[np.float64]:
-    """Return the mean step from slice to slice; refuse slices that are missing or slanted."""
-    steps = np.diff(origins, axis=0)
-    mean = steps.mean(axis=0)
-    length = float(np.linalg.norm(mean))
-    if length < 1e-6 or np.abs(steps - mean).max() > LARGEST_UNEVENNESS * length:
-        lengths = np.linalg.norm(steps, axis=1)
-        raise FileFormatError(
-            f"{folder}: its {len(origins)} slices are not evenly spaced, {lengths.min():.3g} to "
-            f"{lengths.max():.3g} mm apart: slices are missing or doubled"
-        )
-    if abs(float(mean @ direction[:, 2])) < 0.999 * length:
-        raise FileFormatError(
-            f"{folder}: its slices are slanted (gantry tilt): resample the series first"
-        )
-    return np.asarray(mean)

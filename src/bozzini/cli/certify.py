@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from ._tract_options import report_findings
 from .common import EXIT_NEGATIVE, Answer, answer_options, run_exit
 
 if TYPE_CHECKING:
@@ -50,6 +51,8 @@ def command(plan: Path, source: Path | None, independent: bool, answer: Answer) 
     }
     if source is not None:
         summary["certified"] = result.certified
+    if result.reading is not None:
+        report_findings(result.reading.findings)
     answer.give(summary, _describe(result, source))
     if not (result.consistent if source is None else result.certified):
         run_exit(EXIT_NEGATIVE)
@@ -61,6 +64,11 @@ def _describe(result: Verification, source: Path | None) -> str:
         f"{'ok' if item.ok else 'FAILED':<7}{item.name}: {item.message}" for item in result.checks
     ]
     plan, proof = result.plan, result.certificate
+    if result.reading is None and plan.input is not None:
+        named = ("file", "labels", "part", "unit", "frame", "organ")
+        known = {name: getattr(plan.input, name) for name in named}
+        stated = [f"{name} {_show(value)}" for name, value in known.items() if value is not None]
+        lines.append(f"{'':<7}the plan states its input as {', '.join(stated) or 'nothing'}")
     diameter = 0.0 if plan.scope is None else plan.scope.diameter
     body = f"{diameter:g} mm scope"
     way = f"{plan.inserted:.1f} mm of a path of {plan.path_arc_length[-1]:.1f} mm ({plan.status})"
@@ -89,6 +97,10 @@ def _describe(result: Verification, source: Path | None) -> str:
             f"{_describe_wall(result)} over {way}."
         )
     return "\n".join(lines)
+
+
+def _show(value: object) -> str:
+    return ",".join(map(str, value)) if isinstance(value, tuple) else str(value)
 
 
 def _describe_wall(result: Verification) -> str:

@@ -365,7 +365,7 @@ def finish_plan(
         candidates=motion.candidates if motion.method else None,
         wall=duct.wall,
         certificate=certificate,
-        field=_summarise_field(space),
+        field=summarise_field(space),
         measures=measures,
         refusal=refusal,
         versions=dict(_list_versions()),
@@ -405,7 +405,8 @@ def check_link(scope: Scope, line: Centreline) -> None:
         )
 
 
-def _summarise_field(space: FreeSpace) -> FieldSummary:
+def summarise_field(space: FreeSpace) -> FieldSummary:
+    """Return what a plan states of the field that it was made in."""
     duct, grid = space.duct, grid_of(space.duct)
     return FieldSummary(
         kind=duct.kind,

@@ -9,8 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..anatomy.files import has_suffix
+from ..anatomy.labels import MOST_LISTED
+from ..anatomy.names import describe_label
 from ..anatomy.read import hash_input, read_tract
-from ..anatomy.tract import LabelTract, SurfaceTract
+from ..anatomy.tract import Finding, LabelTract, SurfaceTract, Tract
+from ..anatomy.volumes import is_volume
 from ..checks import check_kind, check_number
 from ..duct.base import Duct
 from ..duct.field import RefinedField, SampledField, build_field, refine_field
@@ -21,15 +25,26 @@ from ..results import to_plain
 from .certify import BUDGET, TOLERANCE_MM, Certificate, certify_motion
 from .measures import measure_angles, measure_body
 from .plan import LENGTH_ROUND_OFF_MM, ROUND_OFF_MM, Plan, TractInput, write_record
-from .planners import PLANNERS
 from .recheck import Recheck, Tube, Wall, recheck_motion, surface_wall, voxel_wall
 from .space import FreeSpace, grid_of
+from .stated import (
+    STATED_ROUND_OFF_MM,
+    FaultError,
+    check_certificate,
+    check_errors,
+    check_measures,
+    check_method,
+    check_refusal,
+    check_scope,
+    check_soft_wall,
+    compare_field,
+    compare_passage,
+    compare_path,
+    compare_place,
+)
 
 CLAIM_ROUND_OFF_MM = 1e-6
 """How far a claimed clearance may lie above the one proved anew."""
-
-STATED_ROUND_OFF_MM = 0.01
-"""How far the ends of a path may be off those of its centreline, which is stated rounded."""
 
 FINE_SPACING_MIN_MM, FINE_DISTANCE_MAX_MM = 0.25, 20.0
 """Least spacing of a plan's finer grid, and how far from the centreline it may reach."""
@@ -56,6 +71,81 @@ class Check:
     message: str
 
 
+@dataclass(frozen=True, kw_only=True)
+class Reading:
+    """How the file of a plan was read again, as the plan states.
+
+    Parameters
+    ----------
+    file : str
+        What was read, as it was given.
+    form : {"labels", "surface"}
+    labels : tuple of int
+        The labels that are lumen.
+    label_names : tuple of str
+        Their names, ``"label 3"`` without one.
+    part : str
+        The parts of a surface that were asked for.
+    unit : str
+        Unit of the file's coordinates, and why it is taken.
+    frame, organ : str or None
+        As `LabelTract` has them, by the file or as the plan states.
+    repair : bool
+    volume_ml : float
+        Of the lumen [mL].
+    findings : tuple of Finding
+        What was found while reading.
+    """
+
+    file: str
+    form: str
+    labels: tuple[int, ...]
+    label_names: tuple[str, ...]
+    part: str
+    unit: str
+    frame: str | None
+    organ: str | None
+    repair: bool
+    volume_ml: float
+    findings: tuple[Finding, ...] = ()
+
+    @classmethod
+    def of(cls, plan: Plan, path: str | os.PathLike[str], tract: Tract) -> Reading:
+        """Describe a tract that `read_input` read from a file."""
+        stated = plan.input or TractInput()
+        labels = tract.label_values if isinstance(tract, LabelTract) else ()
+        known = tract.label_names if isinstance(tract, LabelTract) else {}
+        parts = stated.part if isinstance(stated.part, tuple) else (stated.part,)
+        return cls(
+            file=os.fspath(path),
+            form=tract.kind,
+            labels=labels,
+            label_names=tuple(describe_label(label, known) for label in labels),
+            part=", ".join(str(part) for part in parts if part is not None) or "all of it",
+            unit=_tell_unit(stated.unit, path, tract),
+            frame=tract.frame,
+            organ=tract.organ or stated.organ,
+            repair=bool(stated.repair),
+            volume_ml=tract.volume / 1000.0,
+            findings=tract.findings,
+        )
+
+    def __str__(self) -> str:
+        """Return one line: from which file, which labels or part, in which unit."""
+        if self.form == "labels":
+            pairs = zip(self.labels, self.label_names, strict=True)
+            shown = [f"{k} ({name})" if name != f"label {k}" else str(k) for k, name in pairs]
+            word = "label" if len(shown) == 1 else "labels"
+            what = f"{word} {', '.join(shown[:MOST_LISTED])}"
+            what += f" and {len(shown) - MOST_LISTED} more" if len(shown) > MOST_LISTED else ""
+        else:
+            what = f"part {self.part}" + (", repaired" if self.repair else "")
+        return (
+            f"{self.file}: {what}, unit {self.unit}, frame {self.frame or 'not stated'}, organ "
+            f"{self.organ or 'not stated'}, {self.volume_ml:.3g} mL"
+        )
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Verification:
     """What became of a plan's claim.
@@ -69,12 +159,15 @@ class Verification:
         The proof made anew; None without the wall.
     recheck : Recheck, optional
         What the second, independent check found, if it was asked for.
+    reading : Reading, optional
+        How the file was read, if one was given.
     """
 
     plan: Plan
     checks: tuple[Check, ...]
     certificate: Certificate | None = None
     recheck: Recheck | None = None
+    reading: Reading | None = None
 
     @property
     def consistent(self) -> bool:
@@ -110,6 +203,8 @@ class Verification:
                 "inflation_mm": None if plan.field is None else plan.inflation,
                 "soft_wall_mm": None if plan.soft_wall is None else plan.displaced,
                 "wall": None if proof is None else proof.wall,
+                "input_stated": None if plan.input is None else plan.input.describe(),
+                "reading": self.reading,
                 "checks": self.checks,
                 "second_check": None
                 if second is None
@@ -126,6 +221,21 @@ class Verification:
             }
         )
         return values
+
+
+def _tell_unit(given: str | None, path: str | os.PathLike[str], tract: Tract) -> str:
+    codes = {item.code: item.message for item in tract.findings}
+    if "unit-converted" in codes:
+        return codes["unit-converted"]
+    if "unit-unknown" in codes:
+        return "mm, as the file states none"
+    if isinstance(tract, LabelTract) and is_volume(path):
+        return "mm"
+    if given is not None:
+        return f"{given}, as the plan states"
+    if "model-read" in codes:
+        return "the voxel size of the model's JSON"
+    return "m, as of a GLB" if has_suffix(path, (".glb",)) else "mm, by default"
 
 
 def certify_plan(
@@ -193,15 +303,18 @@ def verify_file(
     if not source[0].ok:  # another file has no bearing on this plan
         return Verification(plan=plan, checks=source)
     tract = read_input(plan, path)
+    reading = Reading.of(plan, path, tract)
     field = rebuild_field(plan, tract, progress=progress)
     wall = build_wall(tract) if independent else None
     result = verify_plan(plan, field, wall=wall, progress=progress)
-    own = (*source, *_run("grid", _check_grid, plan, field))
+    read = Check(name="reading", ok=True, message=str(reading))
+    own = (*source, read, *_run("grid", _check_grid, plan, field))
     return Verification(
         plan=plan,
         checks=(*result.checks[:1], *own, *result.checks[1:]),
         certificate=result.certificate,
         recheck=result.recheck,
+        reading=reading,
     )
 
 
@@ -262,17 +375,22 @@ def verify_plan(
 
 
 def check_consistency(plan: Plan) -> tuple[Check, ...]:
-    """Check a plan against itself: links, head, steps, ends, inflation, introducer, measures."""
+    """Check a plan against itself: its motion, and all that it states of it."""
     checks = {
         "links": _check_links,
         "head": _check_head,
         "steps": _check_order,
         "moves": _check_moves,
-        "method": _check_method,
+        "method": check_method,
+        "scope": check_scope,
         "ends": _check_ends,
         "introducer": _check_introducer,
         "inflation": _check_inflation,
-        "measures": _check_measures,
+        "soft wall": check_soft_wall,
+        "errors": check_errors,
+        "measures": check_measures,
+        "closest place": check_certificate,
+        "refusal": check_refusal,
     }
     return tuple(item for name, check in checks.items() for item in _run(name, check, plan))
 
@@ -364,10 +482,6 @@ def _run_recheck(plan: Plan, wall: Wall) -> Recheck:
         tube = Tube(entry=introducer.entry, outward=introducer.outward, bore=introducer.bore)
     radius = plan.get_scope().radius
     return recheck_motion(plan.joints, wall, radius=radius, tube=tube, inflation=plan.inflation)
-
-
-class FaultError(Exception):
-    """What a check found wrong, one sentence."""
 
 
 def _run(name: str, check: Callable[..., str | None], *given: object) -> tuple[Check, ...]:
@@ -472,12 +586,6 @@ def _check_order(plan: Plan) -> str:
     return f"{plan.steps} along the route, the head up to {largest:.3g} mm each"
 
 
-def _check_method(plan: Plan) -> str | None:
-    if plan.method in PLANNERS:
-        return None
-    return f"{plan.method!r} is none of this package's planners: only its motion is judged"
-
-
 def _check_ends(plan: Plan) -> str | None:
     """Check that the path leads from the entry of the stated centreline to its goal."""
     if plan.centreline is None:
@@ -555,19 +663,6 @@ def _check_introducer(plan: Plan) -> str | None:
     return f"a straight tube of {introducer.bore:.2f} mm radius that ends where the path begins"
 
 
-def _check_measures(plan: Plan) -> str | None:
-    stated = None if plan.measures is None else plan.measures.clearance_min
-    least = plan.clearance_min
-    if stated is None or not np.isfinite(least):
-        return None
-    if abs(stated - least) > 1e-6:
-        raise FaultError(
-            f"the plan states {stated:.3f} mm as its smallest clearance, its steps have "
-            f"{least:.3f} mm"
-        )
-    return f"the smallest estimated clearance is {least:.3f} mm, as stated"
-
-
 def _is_same_grid(plan: Plan, duct: Duct) -> bool | None:
     """Whether a duct is sampled as the plan states; None where it states no grid."""
     stated, grid = plan.field, grid_of(duct)
@@ -580,6 +675,14 @@ def _is_same_grid(plan: Plan, duct: Duct) -> bool | None:
         and stated.nodes == tuple(grid.values.shape)
         and (stated.fine_spacing is not None) == fine
     )
+
+
+def _is_same_field(plan: Plan, duct: Duct) -> bool:
+    """Whether a duct is sampled as the plan states, or neither is sampled and both are inflated."""
+    if plan.field is None or abs(plan.inflation - duct.inflation) > ROUND_OFF_MM:
+        return False
+    same = _is_same_grid(plan, duct)
+    return same or (same is None and grid_of(duct) is None and plan.field.kind == duct.kind)
 
 
 def _check_grid(plan: Plan, field: SampledField | RefinedField) -> str:
@@ -597,8 +700,12 @@ def _check_grid(plan: Plan, field: SampledField | RefinedField) -> str:
 
 
 def _list_wall_checks(plan: Plan, duct: Duct) -> tuple[Check, ...]:
-    """Check what the plan states of the wall: inflation, bore, and clearances at the steps."""
+    """Check what the plan states of the wall: inflation, errors, bore, and clearances."""
     checks = [*_run("wall", _check_wall, plan, duct)]
+    if _is_same_field(plan, duct):
+        checks += _run("field", compare_field, plan, duct)
+        checks += _run("path", compare_path, plan, duct)
+        checks += _run("passage", compare_passage, plan, duct)
     if plan.introducer is not None and plan.scope is not None:
         checks += _run("bore", _check_bore, plan, duct)
         checks += _run("clearances", _check_clearances, plan, duct)
@@ -632,7 +739,7 @@ def _check_clearances(plan: Plan, duct: Duct) -> str | None:
             return None
         rest = duct.inflate(-plan.displaced)
     space = FreeSpace(rest, introducer=plan.introducer)
-    anew, _ = measure_body(space, plan.joints, plan.get_scope())
+    anew, worst = measure_body(space, plan.joints, plan.get_scope())
     error = 0.0 if plan.field is None else plan.field.clearance_error or 0.0
     over = _subtract(plan.clearance, anew)
     step, link = np.unravel_index(int(np.argmax(over)), over.shape)
@@ -648,6 +755,8 @@ def _check_clearances(plan: Plan, duct: Duct) -> str | None:
             f"link {link + 1} at step {step} is stated to have {plan.clearance[step, link]:.3f} "
             f"mm, but has {anew[step, link]:.3f} mm"
         )
+    if same:
+        compare_place(plan, worst)
     return f"none is stated {'otherwise' if same else 'larger'} than it is found anew"
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -98,6 +98,7 @@ class ReadOptions:
             As `bozzini.anatomy.read_tract`.
         """
         from ..anatomy import read_tract
+        from ..anatomy.labels import override_organ
 
         part = self._shorten(self.part)
         tract = read_tract(
@@ -108,7 +109,7 @@ class ReadOptions:
             frame=self.frame,
             repair=self.repair,
         )
-        return tract if self.organ is None else replace(tract, organ=self.organ)  # type: ignore[arg-type]
+        return override_organ(tract, self.organ)  # type: ignore[arg-type]
 
     def describe(self, source: str | os.PathLike[str]) -> Json:
         """Return what the tract was read with as JSON-able values: enough to read it again."""
