@@ -119,6 +119,22 @@ def test_what_is_degenerate_is_named():
     assert math.isfinite(find(fit, "base.position.z").standard_error)
 
 
+def test_the_output_names_the_blocks_that_the_intervals_are_of():
+    truth = RobotSetup(make_robot(offset=4.4), MARKERS[:1])
+    data = simulate(truth, noise=0.1)
+    fit = fit_robot(make_robot(), data, free=["tendons.*.offset"], options=BARE)
+    rule = "10 runs of 2 to 3 row(s), in the order of the table, count as independent"
+    assert rule in fit.format_table() and rule in fit.to_dict()["interval_rule"]
+    assert "if the model is right for these rows" in fit.interval_rule
+    labels = np.repeat(list("abcdef"), 4)
+    labelled = dataclasses.replace(data, blocks=labels)
+    other = fit_robot(make_robot(), labelled, free=["tendons.*.offset"], options=BARE)
+    assert "6 labels, count as independent" in other.interval_rule
+    assert find(other, "tendons.*.offset").value == find(fit, "tendons.*.offset").value
+    bare = fit_robot(make_robot(), data, free=[], options=BARE)
+    assert bare.interval_rule == "" and "intervals" not in bare.format_table()
+
+
 def test_points_that_were_not_seen_make_no_difference():
     truth = RobotSetup(make_robot(offset=4.4), MARKERS)
     data = simulate(truth)

@@ -457,7 +457,11 @@ def test_bands_of_a_specimen_of_the_fit_are_narrower_than_those_of_another():
         for name in ("d", "c")
     )
     assert wide == pytest.approx(student.ppf(0.995, 2) / student.ppf(0.75, 2), rel=0.05)
-    assert narrow == pytest.approx(student.ppf(0.995, 116) / student.ppf(0.75, 116), rel=1e-6)
+    assert found.freedom == 9  # ten runs of rows within each specimen
+    assert "30 runs of 4 row(s), in the order of the table, within each of 3 specimens" in (
+        found.interval_rule
+    )
+    assert narrow == pytest.approx(student.ppf(0.995, 9) / student.ppf(0.75, 9), rel=1e-6)
     # Not below the band of its own offset alone.
     stiff = found.models["c"].stiffness(parts[2].pressure, parts[2].contraction)
     assert np.mean(known.confidence) > np.mean(stiff) * found.standard_errors["offset[c]"]

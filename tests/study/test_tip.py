@@ -12,7 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 from bozzini.cli.main import main
-from bozzini.continuum import ContinuumRobot
+from bozzini.continuum import ContinuumRobot, RobotCalibration
 from bozzini.effector import Effector, effector_preset
 from bozzini.errors import FileFormatError, InputError
 from bozzini.muscle import preset
@@ -22,6 +22,7 @@ from bozzini.study.tip import (
     Errors,
     effector_tip_error,
     read_robot_errors,
+    read_robot_fit,
     robot_tip_error,
     spread_tip,
 )
@@ -213,9 +214,12 @@ def test_errors_of_the_base_move_and_turn_the_tip() -> None:
         robot_tip_error(robot, {"T1": 2.0, "T4": -2.0}, parameters=still)
 
 
-def write_fit(path: Path, names: list[str]) -> Path:
+def write_fit(path: Path, names: list[str], left_out: float = 0.0) -> Path:
     estimates = {name: {"value": 2.0, "unit": "mm", "standard_error": 0.1} for name in names}
-    path.write_text(json.dumps({"estimates": estimates, "correlations": [[1.0, 0.3], [0.3, 1.0]]}))
+    robot = replace(make_robot(), calibration=RobotCalibration(
+        values=dict.fromkeys(names, 2.0), validation_rms=left_out))  # fmt: skip
+    found = {"estimates": estimates, "correlations": [[1.0, 0.3], [0.3, 1.0]]}
+    path.write_text(json.dumps(found | {"robot": robot.to_dict()}))
     return path
 
 
@@ -278,6 +282,61 @@ def test_commands(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main([*run, "--tension", "T1=2N"]) == 2
 
 
+def test_the_ellipsoid_is_named_with_its_frame_and_the_error_left_out(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It is of the errors given alone: measured poses are off by that of the model as well."""
+    robot = str(EXAMPLES / "two_sections.yaml")
+    run = ["continuum", "tip-error", robot, "--displacement", "T1=2mm"]
+    alone = [*run, "--displacement-sd", "0.05mm", "--draws", "64"]
+    capsys.readouterr()
+    assert main(alone) == 0
+    said = capsys.readouterr().out
+    assert "of errors of commands and parameters alone: no band of poses" in said
+    assert "left-out error of the fit: not known" in said
+    assert "mm, in the frame of the base" in said
+    assert main([*alone, "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["left_out_rms_mm"] is None and found["frame"] == "base"
+    assert "no band of poses" in found["ellipse_of"]
+    fit = write_fit(tmp_path / "fit.json", ["sections.1.length", "tendons.T1.zero"], left_out=4.7)
+    assert main([*run, "--fit", str(fit), "--draws", "64"]) in (0, 1)
+    assert "left-out error of the fit: 4.7 mm rms, not in these" in capsys.readouterr().out
+    run = ["effector", "tip-error", "--pressure", "R=500kPa", "--pressure-sd", "5kPa"]
+    assert main([*run, "--draws", "64"]) == 0
+    said = capsys.readouterr().out
+    assert "in the frame of the base" in said and "not known" in said
+    for command in ("effector", "continuum"):
+        main([command, "tip-error", "--help"])
+        assert "no band of poses" in " ".join(capsys.readouterr().out.split())
+    axes = effector_tip_error(EFFECTOR, POSES[0], pressure_sd=0.005).plot()
+    assert any("of these errors alone" in text.get_text() for text in axes.get_legend().texts)
+
+
+def test_the_robot_that_was_fitted_serves_as_well_as_the_one_that_came_of_it(
+    tmp_path: Path,
+) -> None:
+    """A play that the robot as given has not is that of the fit, and never below 0."""
+    names = ["commands.backlash", "tendons.T1.zero"]
+    robot = replace(make_robot(), calibration=RobotCalibration(
+        backlash=0.02, values=dict.fromkeys(names, 0.02), validation_rms=1.0))  # fmt: skip
+    estimates = {name: {"value": 0.02, "unit": "mm", "standard_error": 0.3} for name in names}
+    found = {"estimates": estimates, "correlations": np.eye(2).tolist()}
+    place = tmp_path / "fit.json"
+    place.write_text(json.dumps(found | {"robot": robot.to_dict()}))
+    fit = read_robot_fit(place)
+    taken, notes = fit.take_robot(make_robot())
+    assert taken == fit.take_robot(robot)[0] == robot and fit.take_robot(robot)[1] == ()
+    assert notes == ("the numbers are those of fit.json, not of robot 'two sections' as given",)
+    spread = robot_tip_error(
+        taken, {"T1": 2.0}, parameters=fit.errors, options=DrawOptions(draws=64)
+    )
+    assert spread.left_out == 1.0 and spread.failed == 0
+    place.write_text(json.dumps(found))
+    with pytest.raises(InputError, match="does not have the numbers of fit.json: give the robot"):
+        read_robot_fit(place).take_robot(make_robot())
+
+
 @pytest.mark.slow(30)
 def test_fits_as_the_commands_write_them(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -305,6 +364,11 @@ def test_fits_as_the_commands_write_them(
     run = ["continuum", "tip-error", str(fitted), "--displacement", "T1=1mm,T4=3mm"]
     assert main([*run, "--fit", str(tmp_path / "fit.json"), "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
+    assert found["left_out_rms_mm"] == pytest.approx(json.loads(text)["validation"]["rms_mm"])
+    # The robot that was fitted serves as well: it is the one that the help names.
+    run[2] = source
+    assert main([*run, "--fit", str(tmp_path / "fit.json"), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["tip_mm"] == pytest.approx(found["tip_mm"])
     known = json.loads(text)["estimates"]
     for name, one in found["errors"].items():
         assert one["sd"] == pytest.approx(known[name]["standard_error"] / known[name]["value"])

@@ -570,7 +570,7 @@ def jacobian_command(
     option(
         "--fit FIT.json",
         "What 'bozzini continuum fit ROBOT.yaml DATA.csv --json' wrote: the covariance of the "
-        "numbers that were fitted.",
+        "numbers that were fitted. Of a robot that has others, those of the fit are taken.",
         click.Path(path_type=Path),
     ),
 )
@@ -584,15 +584,18 @@ def tip_error_command(
     options: DrawOptions,
     answer: Answer,
 ) -> None:
-    """Tell how far the tip may be from where the model puts it.
+    """Tell how far errors move the tip from where the model puts it.
 
     Errors of commands and of numbers of the robot are propagated to first order, as an ellipsoid,
-    and drawn and computed exactly beside it. Tendons that are left out follow the others.
+    and drawn and computed exactly beside it. Measured poses are off by the error of the model as
+    well, which is not in it: how far rows left out of the fit were missed stands beside it, where
+    it is known. Places are in the frame of the robot's base. Tendons that are left out follow the
+    others.
 
     Exit code 0: done; 1: the two differ by more than 10 %, take the draws; 2: bad input.
     """
     from ..continuum.unknowns import FIELDS
-    from ..study.tip import Errors, is_factor, read_robot_errors, robot_tip_error
+    from ..study.tip import Errors, is_factor, read_robot_fit, robot_tip_error
     from ..units import INTERNAL_UNITS
 
     if (displacement is None) == (tension is None):
@@ -620,8 +623,11 @@ def tip_error_command(
         example="sections.1.bending_stiffness=0.05",
     )
     errors = Errors.independent(deviations, {name: find_unit(name) for name in deviations})
+    notes: tuple[str, ...] = ()
     if spread.fit is not None:
-        errors = errors.join(read_robot_errors(spread.fit))
+        fit = read_robot_fit(spread.fit)
+        robot, notes = fit.take_robot(robot)
+        errors = errors.join(fit.errors)
     found = robot_tip_error(
         robot,
         commands,
@@ -630,7 +636,8 @@ def tip_error_command(
         parameters=errors,
         options=options,
     )
-    give_tip_error(found, {"commands": commands, "robot": describe_robot(robot)}, answer)
+    more = {"commands": commands, "robot": describe_robot(robot), "notes": notes}
+    give_tip_error(found, more, answer)
 
 
 def _list_derivatives(

@@ -424,10 +424,11 @@ def tip_error_command(
     options: DrawOptions,
     answer: Answer,
 ) -> None:
-    """Tell how far the tip may be from where the model puts it, seen along the axis.
+    """Tell how far errors move the tip from where the model puts it, seen along the axis.
 
     Errors of pressures and parameters are propagated to first order, as an ellipse, and drawn and
-    computed exactly beside it.
+    computed exactly beside it. Measured tips are off by the error of the model as well, which is
+    not in it. Places are in the frame of the base.
 
     Exit code 0: done; 1: the two differ by more than 10 %, take the draws; 2: bad input.
     """

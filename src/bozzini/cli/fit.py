@@ -252,7 +252,7 @@ def command(
         from ..plot import write_figure
 
         write_figure(found.plot(), figure)
-    result |= {"file": answer.out, "figure": figure}
+    result |= {"robot": found.robot.to_dict(), "file": answer.out, "figure": figure}
     answer.give(result, "\n".join(lines))
     if not found.converged or found.is_poor:
         run_exit(EXIT_NEGATIVE)

@@ -160,7 +160,11 @@ def fit_command(
     LOOP is a .csv or .parquet file with the columns time, pressure and contraction, length or
     force, units in their names.
 
-    Exit code 0: fitted; 1: the search for the operator did not converge; 2: bad input.
+    The error of a fit is that of the part of --hold-out; without one it is not known how well it
+    predicts.
+
+    Exit code 0: fitted; 1: the search for the operator did not converge, or the fit is poor: off by
+    more than 10 % of the span, fitted or held out; 2: bad input.
     """
     from ..muscle.loops import fit_loop, save_loop_model
     from ..plot import write_figure
@@ -179,17 +183,18 @@ def fit_command(
     unit = record.unit
     lines = [f"note: {text}" for text in found.notes]
     lines += [
-        f"{operator}: rms {found.deviation:.4g} {unit}, {100.0 * found.deviation / found.span:.2g} "
-        f"% of the span of {found.span:.4g} {unit}, on {len(found.samples)} samples"
-    ]
-    lines += [
-        f"  {name}: {value:.4g} {unit}" for name, value in found.parts.items() if name != "fitted"
+        f"{operator}: {found.describe_error()}",
+        *(
+            f"  {name}: {value:.4g} {unit}"
+            for name, value in found.parts.items()
+            if name not in ("fitted", "held out")
+        ),
     ]
     lines += [f"offset at the end of what was fitted {found.model.offset:.4g} {unit}"]
     lines += [f"drift {found.drift:.4g} {unit}, {options.drift}"] if found.drift else []
     lines += [str(path) for path in (answer.out, plot) if path is not None]
     answer.give(result, "\n".join(lines + ([] if found.converged else [found.reason])))
-    if not found.converged:
+    if not found.converged or found.is_poor:
         run_exit(EXIT_NEGATIVE)
 
 

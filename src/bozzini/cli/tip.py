@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
 from ..units import parse_quantity
@@ -47,7 +47,12 @@ draw_options = gather(
     _make_options,
     option("--draws", "Draws that are computed exactly.", int, default=1024),
     option("--seed", "Of the draws.", int, default=0),
-    option("--level", "Probability of the ellipse.", float, default=0.95),
+    option(
+        "--level",
+        "Share of the errors given that the ellipse holds; it is no band of poses.",
+        float,
+        default=0.95,
+    ),
 )
 
 tip_answer = answer_options(
@@ -68,8 +73,10 @@ def parse_deviations(
     return found
 
 
-def give_tip_error(found: TipError, more: Mapping[str, object], answer: Answer) -> None:
+def give_tip_error(found: TipError, more: Mapping[str, Any], answer: Answer) -> None:
     """Write the answer; a first order that does not hold is a negative one."""
+    from ..study.tip import ELLIPSE_OF
+
     answer.write(found.list_columns(), found.draw)
     plain = found.to_dict()
     lengths = ", ".join(f"{value:.3g}" for value in plain["semi_axes_mm"])
@@ -80,8 +87,12 @@ def give_tip_error(found: TipError, more: Mapping[str, object], answer: Answer) 
         for name, each in plain["errors"].items()
     ]
     lines = [
-        f"tip at ({place}) mm",
-        f"semi-axes {lengths} mm (one standard deviation), {ends} mm ({100 * found.level:g} %)",
+        *(f"note: {note}" for note in more.get("notes", ())),
+        f"tip at ({place}) mm, in the frame of the {found.frame}",
+        f"semi-axes {lengths} mm (one standard deviation), {ends} mm ({100 * found.level:g} %), of "
+        f"{ELLIPSE_OF}",
+        "left-out error of the fit: "
+        + ("not known" if found.left_out is None else f"{found.left_out:.3g} mm rms, not in these"),
         f"{plain['draws']} exact draws: covariance {100 * found.residual:.1f} % from the first "
         f"order, {100 * found.coverage:.1f} % in the ellipse",
         format_rows(["error", "sd", "moves the tip by [mm]"], rows),

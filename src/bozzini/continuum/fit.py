@@ -18,7 +18,15 @@ from numpy.typing import NDArray
 
 from ..checks import check_integer, check_kind, check_word
 from ..errors import BozziniError, InputError
-from ..numeric.estimation import describe_lost, determine, find_lost, judge_fit
+from ..numeric.estimation import (
+    Spread,
+    describe_lost,
+    determine,
+    find_lost,
+    judge_fit,
+    make_blocks,
+    measure_spread,
+)
 from ..progress import Progress, no_progress
 from ..results import Json, Result, take_axes, to_plain
 from .calibration import RobotCalibration
@@ -37,8 +45,6 @@ Split = Literal["blocks", "random"]
 
 EVALUATIONS = 60
 """Largest number of evaluations of one search, derivatives apart."""
-CLUSTERS = 30
-"""Runs of rows in time order that count as independent of each other."""
 POOR_SHARE = 0.05
 """A fit is poor if it misses by more than this share of the span of the points."""
 AT_BOUND = 1e-6
@@ -263,8 +269,11 @@ class RobotFit(Result):
     estimates : tuple of Estimate
         The fitted numbers.
     correlations : ndarray, shape (k, k)
+        Of the covariance that the intervals are of.
     condition : float
         Condition number of the Jacobian with columns of length 1.
+    interval_rule : str
+        Which rows the intervals take as independent; empty where nothing is fitted.
     prediction : RobotPrediction
         The rows that were fitted.
     validation : Validation, optional
@@ -296,6 +305,7 @@ class RobotFit(Result):
     estimates: tuple[Estimate, ...]
     correlations: Floats
     condition: float
+    interval_rule: str
     prediction: RobotPrediction
     validation: Validation | None
     smaller: Validation | None
@@ -396,6 +406,7 @@ class RobotFit(Result):
             },
             "correlations": self.correlations,
             "condition": self.condition,
+            "interval_rule": self.interval_rule,
             "fit": self.prediction.to_dict(),
             "validation": _describe_validation(self.validation),
             "smaller": _describe_validation(self.smaller),
@@ -427,6 +438,7 @@ class RobotFit(Result):
                 "not determined"
             )  # fmt: skip
             lines.append(f"{one.name:<{wide}}{value:11.4g} {unit:<7} {interval}")
+        lines += [self.interval_rule] if self.interval_rule else []
         rows = len(self.prediction.seen_rows)
         lines.append(
             f"fitted {rows} rows with {len(self.estimates)} constants: {self.rms:.3g} mm rms, "
@@ -589,8 +601,10 @@ def fit_robot(
     all of ``base`` is free the base begins where the points fit best as they are. A row without a
     converged shape counts with the shape that was found.
 
-    The intervals are of a sandwich estimator: rows that follow each other in time are not taken as
-    independent, but in at most 30 runs (Liang and Zeger 1986, *Biometrika* 73).
+    The intervals are of a jackknife of blocks: rows that follow each other are not taken as
+    independent, but in at most 10 runs, or by the labels of the data if there are 5 or more (see
+    `bozzini.numeric.estimation`). They hold if the model is right for the rows: other motions of
+    the same robot can ask for other constants.
 
     Blocks of rows are left out in turn and predicted. Fits with fewer of the names are tried in the
     same way: first all of them with the model linearised at the fit, then the best one as it is.
@@ -920,14 +934,21 @@ def _conclude(
     estimates: tuple[Estimate, ...] = ()
     undetermined: list[str] = []
     warnings: list[str] = []
+    correlations, rule = np.zeros((0, 0)), ""
     if known is not None:
         lost = {i for members, _ in find_lost(known) for i in members}
-        spread, freedom = _measure_spread(search, found)
+        spread = _measure_spread(search, found)
+        deviations, rule = spread.deviations, spread.describe()
         setups = observation.setup, setup
         estimates = tuple(
-            _estimate(one, setups, float(change), math.inf if i in lost else float(s), freedom)
-            for i, (one, change, s) in enumerate(zip(unknowns, found.changes, spread, strict=True))
+            _estimate(one, setups, float(change), math.inf if i in lost else float(s), spread)
+            for i, (one, change, s) in enumerate(
+                zip(unknowns, found.changes, deviations, strict=True)
+            )
         )
+        correlations = known.correlations
+        if not lost and deviations.all():
+            correlations = spread.covariance / np.outer(deviations, deviations)
         undetermined = describe_lost(names, known)
         if any(one.field == "friction" for one in unknowns):
             warnings.append(
@@ -957,8 +978,9 @@ def _conclude(
     fit = RobotFit(
         setup=setup,
         estimates=estimates,
-        correlations=np.zeros((0, 0)) if known is None else known.correlations,
+        correlations=correlations,
         condition=1.0 if known is None else known.condition,
+        interval_rule=rule,
         prediction=prediction,
         validation=validation,
         smaller=smaller,
@@ -983,16 +1005,14 @@ def _conclude(
 
 
 def _estimate(
-    one: Unknown, setups: tuple[RobotSetup, RobotSetup], change: float, spread: float, freedom: int
+    one: Unknown, setups: tuple[RobotSetup, RobotSetup], change: float, error: float, spread: Spread
 ) -> Estimate:
     """Return a number, of setups before and after, with its interval.
 
     That of a factor is even in its logarithm. A base that is turned has the rotation vector of
     where it ends.
     """
-    from scipy.stats import t as student
-
-    half = float(student.ppf(0.975, freedom)) * spread
+    half = spread.factor * error
     before, after = setups
     start = one.read(before)
     if one.known.change == "shift":
@@ -1003,39 +1023,27 @@ def _estimate(
         if one.known.begin and math.isfinite(half):
             lowest, highest, _ = one.limit(before)
             low, high = max(low, lowest + (start or 0.0)), min(high, highest + (start or 0.0))
-        return Estimate(one.name, value, low, high, one.known.unit, spread, "shift")
+        return Estimate(one.name, value, low, high, one.known.unit, error, "shift")
     factor, unit = (1.0, "") if start is None else (start, one.known.unit)
     value = factor * math.exp(change)
     low, high = (
         (0.0, math.inf) if half > 50.0 else (value * math.exp(-half), value * math.exp(half))
     )
-    return Estimate(one.name, value, low, high, unit, value * spread)
+    return Estimate(one.name, value, low, high, unit, value * error)
 
 
-def _measure_spread(search: _Search, found: _Found) -> tuple[Floats, int]:
-    """Return standard errors of the changes, and degrees of freedom.
-
-    Rows in time order count in runs, others each for itself.
-    """
-    jacobian, seen = found.jacobian, search.seen
-    rows, count = len(seen), jacobian.shape[1]
-    misfit = search.miss(found.observed)
-    weight, rate = _weigh(misfit / search.scale, search.loss)
-    runs = min(rows, CLUSTERS) if search.observation.data.is_ordered else rows
-    run = (np.arange(rows) * runs) // rows
-    group = np.broadcast_to(run[:, None, None], seen.shape)[seen]
-    inverse = determine(jacobian * np.sqrt(rate)[:, None]).sound_inverse
-    scores = np.stack([
-        np.bincount(group, weight * misfit * jacobian[:, k], minlength=runs) for k in range(count)
-    ], axis=1)  # fmt: skip
-    freedom = max(runs - count, 1)
-    middle = scores.T @ scores * runs / freedom
-    if runs <= count:  # too few runs for it: rows as if they were independent
-        freedom = max(len(misfit) - count, 1)
-        squares = float(weight @ misfit**2) / freedom
-        return np.sqrt(np.diag(inverse) * squares), freedom
-    covariance = inverse @ middle @ inverse
-    return np.sqrt(np.maximum(np.diag(covariance), 0.0)), freedom
+def _measure_spread(search: _Search, found: _Found) -> Spread:
+    """Return the covariance of the changes."""
+    data, rows = search.observation.data, search.observation.rows
+    misfit, seen = search.miss(found.observed), search.seen
+    row = np.broadcast_to(np.arange(len(seen))[:, None, None], seen.shape)[seen]
+    return measure_spread(
+        found.jacobian,
+        misfit,
+        make_blocks(data.blocks[rows]),
+        rows=row,
+        weights=_weigh(misfit / search.scale, search.loss),
+    )
 
 
 def _weigh(misfit: Floats, loss: Loss) -> tuple[Floats, Floats]:

@@ -49,6 +49,8 @@ class FitSummary:
         Root of the mean square of what the fit leaves over, in the unit of the response.
     rows : int
         How many rows were fitted.
+    freedom : int
+        Degrees of freedom of the covariance; 0 for rows less constants.
     anchored : bool
         Whether the offset of each specimen followed from its length without load at a pressure.
     """
@@ -62,6 +64,7 @@ class FitSummary:
     source: str = ""
     rms: float | None = None
     rows: int = 0
+    freedom: int = 0
     anchored: bool = False
 
     def __post_init__(self) -> None:
@@ -73,6 +76,7 @@ class FitSummary:
         for name in (*self.shared, *self.each):
             check_word("a name in shared or each", name, self.names)
         check_integer("rows", self.rows, low=0)
+        check_integer("freedom", self.freedom, low=0)
         if self.rms is not None:
             check_number("rms", self.rms, low=0.0)
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..checks import check_integer, check_number, describe_fields
 from ..errors import BozziniError, InputError
-from ..numeric.estimation import determine, judge_fit
+from ..numeric.estimation import Blocks, determine, judge_fit, make_blocks, measure_spread
 from ..results import Json, Result, take_axes, to_plain
 from .data import Measurements
 from .design import check_muscle
@@ -586,8 +586,8 @@ class FitOptions:
     budget : float, optional
         Processor time after which the search is stopped [s]; none by default.
     resamples : int
-        How many times the fit is repeated with rows drawn anew, for the covariance; with 0, the
-        default, it is the linearised one.
+        How many times the fit is repeated with blocks of rows drawn anew, for the covariance; with
+        0, the default, it is the linearised one.
     """
 
     response: Response | None = None
@@ -650,8 +650,14 @@ class Calibration(Result):
     standard_errors : dict
         Standard deviations of the estimates, linearised or of the resamples.
     intervals : dict
-        95 % confidence intervals, with Student's t. They hold if the model is right and the errors
-        of the rows are alike, or as stated, and independent. They are not cut at bounds.
+        95 % confidence intervals, with Student's t. They hold if the model is right and the blocks
+        of `interval_rule` are independent. They are not cut at bounds.
+    interval_rule : str
+        Which rows the intervals take as independent, see `bozzini.numeric.estimation`: runs in the
+        order of the table, within each specimen where it has constants of its own, or the specimens
+        where these are 5 or more and have none.
+    freedom : int
+        Degrees of freedom of the covariance.
     correlations, covariance : ndarray, shape (k, k)
     condition : float
         Condition number of the Jacobian with columns of length 1.
@@ -693,6 +699,8 @@ class Calibration(Result):
     estimates: dict[str, float]
     standard_errors: dict[str, float]
     intervals: dict[str, tuple[float, float]]
+    interval_rule: str
+    freedom: int
     correlations: NDArray[np.float64]
     covariance: NDArray[np.float64]
     condition: float
@@ -776,6 +784,7 @@ class Calibration(Result):
                 source=self.task.data.source,
                 rms=self.sigma,
                 rows=len(self.residuals),
+                freedom=self.freedom,
                 anchored=self.task.anchored,
             ),
         )
@@ -799,6 +808,7 @@ class Calibration(Result):
             "response": self.response,
             "estimates": estimates,
             "held": self.held,
+            "interval_rule": self.interval_rule,
             "correlations": self.correlations,
             "condition": self.condition,
             f"sigma_{self.unit}": self.sigma,
@@ -834,6 +844,7 @@ class Calibration(Result):
                 values, unit = [math.degrees(value) for value in values], "deg"
             value, low, high = values
             lines.append(f"{name:<{wide}}{value:10.4g} {unit:<4} 95 %: {low:.4g} to {high:.4g}")
+        lines.append(self.interval_rule)
         lines.append(
             f"residuals {self.sigma:.3g} {self.unit}, condition {self.condition:.1f}; "
             f"{'converged' if self.converged else 'not converged'}: {self.reason}"
@@ -1023,8 +1034,6 @@ def conclude(
     problem: Problem, found: OptimizeResult, *, held: dict[str, str], options: FitOptions
 ) -> Calibration:
     """Put the statistics together from the residuals and the Jacobian at the minimum."""
-    from scipy.stats import t as student
-
     task, unknowns = problem.task, problem.unknowns
     values = problem.name_values(found.x)
     miss, answered, errors = problem.compare(values)
@@ -1047,9 +1056,10 @@ def conclude(
     jacobian = np.where(answered[:, None], np.asarray(found.jac), 0.0) / problem.scales
     known_by = determine(jacobian)
     correlations, condition = known_by.correlations, known_by.condition
-    covariance = squares / freedom * known_by.inverse
+    blocks = _make_blocks(task)
+    spread = measure_spread(jacobian, weighted, blocks, lost=True)
     short: list[str] = []
-    drawn = _resample(problem, found.x, options) if options.resamples else []
+    drawn = _resample(problem, found.x, options, blocks) if options.resamples else []
     enough = len(drawn) > min(count, options.resamples - 1)
     if len(drawn) < options.resamples:
         short = [
@@ -1058,10 +1068,12 @@ def conclude(
         ]
     if options.resamples and enough:
         covariance = np.atleast_2d(np.cov(np.array(drawn), rowvar=False))
-        deviations = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
-        correlations = np.clip(covariance / np.outer(deviations, deviations), -1.0, 1.0)
-    spreads = dict(zip(unknowns, np.sqrt(np.diag(covariance)).tolist(), strict=True))
-    factor = float(student.ppf(0.975, freedom))
+        spread = dataclasses.replace(spread, covariance=covariance)
+    covariance, deviations = spread.covariance, spread.deviations
+    spreads = dict(zip(unknowns, deviations.tolist(), strict=True))
+    scales = np.maximum(deviations, 1e-150)
+    shown = np.clip(covariance / np.outer(scales, scales), -1.0, 1.0)
+    np.fill_diagonal(shown, 1.0)
     known = ALL_UNITS | {item.name: item.unit for item in list_parameters(problem.model_class)}
     contact = float(fitted.dead_band()) if "gap" in problem.free else 0.0
     never, doubts = judge_parameters(problem.free, task.data, contact_pressure=contact)
@@ -1091,10 +1103,12 @@ def conclude(
         estimates=values,
         standard_errors=spreads,
         intervals={
-            name: (value - factor * spreads[name], value + factor * spreads[name])
+            name: (value - spread.factor * spreads[name], value + spread.factor * spreads[name])
             for name, value in values.items()
         },
-        correlations=correlations,
+        interval_rule=spread.describe(),
+        freedom=spread.freedom,
+        correlations=shown,
         covariance=covariance,
         condition=condition,
         sigma=sigma,
@@ -1137,17 +1151,30 @@ def _build_mean(
         return next(iter(models.values()))
 
 
+def _make_blocks(task: Task) -> Blocks:
+    """Return which rows count as independent."""
+    return make_blocks(task.data.specimen, apart=bool(task.each), noun="specimens")
+
+
 def _resample(
-    problem: Problem, point: NDArray[np.float64], options: FitOptions
+    problem: Problem, point: NDArray[np.float64], options: FitOptions, blocks: Blocks
 ) -> list[list[float]]:
-    """Return the fits to rows drawn with replacement within each specimen, until time is up."""
+    """Return the fits to blocks of rows drawn with replacement, until time is up.
+
+    Where specimens have constants of their own they are drawn within each specimen.
+    """
     random = np.random.default_rng(options.seed)
     task: Task = problem.task
+    groups = [part.rows for part in task.parts] if task.each else [np.arange(len(task.data))]
     found: list[list[float]] = []
     for _ in range(options.resamples):
-        rows = np.concatenate([random.choice(p.rows, size=len(p.rows)) for p in task.parts])
+        rows: list[NDArray[np.int64]] = []
+        for group in groups:
+            own = np.unique(blocks.of_row[group])
+            for block in random.choice(own, size=len(own)):
+                rows.append(group[blocks.of_row[group] == block])
         again = dataclasses.replace(problem, task=dataclasses.replace(
-            task, data=task.data.select(np.sort(rows))))  # fmt: skip
+            task, data=task.data.select(np.sort(np.concatenate(rows)))))  # fmt: skip
         start = again.move(problem.name_values(point))
         end = find_minimum(start, start.choose_start(), limit=_SECOND)
         if end.status == OUT_OF_TIME:  # it is where it began, as all that follow would be

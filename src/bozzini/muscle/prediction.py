@@ -4,7 +4,7 @@ To first order in the errors of the fitted parameters ``p``, of covariance ``C``
 has the variance ``g C g`` with ``g = df/dp``: of its mean, the confidence band. A single reading
 scatters about that with the standard deviation ``s`` of the fit as well: the prediction band.
 Both are symmetric, with Student's t. What the specimens of a fit have of their own is known of one
-more by as few values as there are specimens; the degrees of freedom of both parts together are
+more by as few values as there are specimens; the degrees of freedom of all parts together are
 Satterthwaite's (Biometrics Bulletin 2, 1946, 110-114). The bands know only what the fit knew: what
 all specimens of the fit shared, and a new one does not, is not in them.
 """
@@ -234,21 +234,23 @@ def predict(
     freedom = max(fit.rows - fitted_count, 1)
     within = np.maximum(variance - between, 0.0)
 
-    def widen(rest: Floats) -> Floats:
-        """Half the band of a variance, with the freedom of both parts."""
-        total = np.maximum(rest + between, 1e-300)
-        parts = (rest / total) ** 2 / freedom + (between / total) ** 2 / max(
-            len(fit.specimens) - 1, 1
+    def widen(scatter: float) -> Floats:
+        """Half the band with a variance of readings, with the freedom of all parts."""
+        total = np.maximum(within + between + scatter, 1e-300)
+        shares = (
+            (within / total) ** 2 / (fit.freedom or freedom)
+            + (between / total) ** 2 / max(len(fit.specimens) - 1, 1)
+            + (scatter / total) ** 2 / freedom
         )
-        each = 1.0 / np.maximum(parts, 1.0 / freedom)
-        return np.asarray(student.ppf(0.5 + 0.5 * level, each) * np.sqrt(rest + between))
+        each = 1.0 / np.maximum(shares, 1.0 / max(freedom, fit.freedom))
+        return np.asarray(student.ppf(0.5 + 0.5 * level, each) * np.sqrt(total))
 
     return Prediction(
         task=task,
         predicted=np.where(held, predicted, 0.0),
         answered=held,
-        confidence=widen(within),
-        prediction=widen(within + fit.rms**2),
+        confidence=widen(0.0),
+        prediction=widen(fit.rms**2),
         level=level,
     )
 

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import broadcast, check_array, check_fields, check_kind, check_range, quantity
 from ..errors import InputError
+from ..numeric.estimation import make_blocks, measure_spread
 from ..results import Result, measured
 from .compose import find_limits
 from .design import Muscle
@@ -179,7 +180,8 @@ class TermFit(Result):
     contraction : float
         Contraction at the factor 1 [mm].
     standard_errors : dict
-        Of the numbers of the term and of the contraction, linearised.
+        Of the numbers of the term and of the contraction, linearised; runs of rows in the order of
+        the table count as independent (`bozzini.numeric.estimation.measure_spread`).
     converged : bool
         Whether a minimum was found, and the record determines the term.
     reason : str
@@ -293,7 +295,7 @@ def _take_rows(name: str, given: ArrayLike, contraction: ArrayLike) -> tuple[Flo
 
 
 def _find_errors(names: tuple[str, ...], jacobian: Floats, residuals: Floats) -> dict[str, float]:
-    """Return linearised standard errors by name."""
-    rest = max(residuals.size - len(names), 1)
-    covariance = np.linalg.pinv(jacobian.T @ jacobian) * float(residuals @ residuals) / rest
-    return dict(zip(names, np.sqrt(np.diag(covariance)).tolist(), strict=True))
+    """Return linearised standard errors by name; rows that follow each other err alike."""
+    blocks = make_blocks([""] * residuals.size)
+    spread = measure_spread(jacobian, residuals, blocks, lost=True)
+    return dict(zip(names, spread.deviations.tolist(), strict=True))

@@ -214,7 +214,7 @@ def draw_tip_error(
     names: Sequence[str] = ("x", "y"),
     ax: Axes | None = None,
 ) -> Axes:
-    """Draw where a tip may be, in a plane, and its ellipse to first order; return the axes.
+    """Draw how far errors move a tip, in a plane, and their ellipse to first order; return the axes.
 
     Parameters
     ----------
@@ -225,7 +225,7 @@ def draw_tip_error(
     covariance : (2, 2) float
         To first order [mm^2].
     level : float
-        Probability of the ellipse.
+        Share of the errors that the ellipse holds.
     names : (x, y)
         Of the axes.
     ax : Axes, optional
@@ -233,12 +233,12 @@ def draw_tip_error(
     from scipy.stats import chi2
 
     axes = take_panel(ax)
-    axes.plot(*drawn[:MOST_POINTS].T, ".", color=BLUE, alpha=0.25, markersize=3, label="drawn")
+    axes.plot(*drawn[:MOST_POINTS].T, ".", color=BLUE, alpha=0.25, markersize=3, label="drawn errors")
     values, vectors = np.linalg.eigh(covariance)
     radii = np.sqrt(np.maximum(values, 0.0) * chi2.ppf(level, 2))
     angle = np.linspace(0.0, 2.0 * np.pi, 181)
     ring = (vectors * radii) @ np.stack([np.cos(angle), np.sin(angle)])
-    label = f"{100.0 * level:g} %, first order"
+    label = f"{100.0 * level:g} % of these errors alone, first order"
     axes.plot(tip[0] + ring[0], tip[1] + ring[1], color=AMBER, label=label)
     axes.plot(*tip, "+", color=AMBER, markersize=10)
     axes.set(xlabel=f"{names[0]} [mm]", ylabel=f"{names[1]} [mm]")

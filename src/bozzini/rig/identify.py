@@ -13,6 +13,7 @@ import numpy as np
 
 from ..checks import check_number
 from ..errors import InputError
+from ..numeric.estimation import make_blocks, measure_spread
 from ..results import Result, measured, take_axes
 from .curves import PressureCurve
 from .kernels import fill as kernels
@@ -155,8 +156,8 @@ class CurveFit(Result):
     law : str
         One of `FILL_LAWS` or `LEAK_LAWS`.
     constants, standard_errors : dict
-        Constants of the law by name, and their standard errors [s, MPa or shares]; residuals that
-        follow each other are alike, so that the errors are rather larger.
+        Constants of the law by name, and their standard errors [s, MPa or shares], of runs of
+        points that count as independent (`bozzini.numeric.estimation.measure_spread`).
     undetermined : tuple of str
         Constants that the curve does not determine.
     residual, largest : float
@@ -617,9 +618,12 @@ def _solve(
     best = min(tried, key=lambda found: found.cost)
     values = np.asarray(best.x)
     residuals = find_residuals(values)
-    noise = float(np.mean(residuals**2)) * weight**2
-    inverse = np.linalg.pinv(best.jac.T @ best.jac)
-    errors = np.sqrt(np.maximum(np.diag(inverse) * noise, 0.0))
+    # The points are in the order of time; what was known before is a block for each constant.
+    blocks, count = make_blocks([""] * len(time)), len(best.fun)
+    known_before = blocks.of_row.max() + 1 + np.arange(count - len(time))
+    blocks = dataclasses.replace(blocks, of_row=np.append(blocks.of_row, known_before))
+    misfit = best.fun * (1.0 + best.fun**2) ** 0.25  # as SciPy scales the Jacobian of soft_l1
+    errors = measure_spread(best.jac, misfit, blocks, lost=True).deviations
     near = 1e-3 * (high - low)
     stuck = tuple(
         name

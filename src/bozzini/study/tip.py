@@ -1,4 +1,7 @@
-"""How far a tip may be from where a model puts it: errors of commands and parameters, propagated.
+"""How far errors of commands and parameters move a tip from where a model puts it.
+
+That is no band of poses: what the model itself leaves out is not in it. Where a robot was fitted and
+rows were left out, how far these were missed is stated beside it.
 
 To first order the covariance of the tip is ``J C J^T``, with the covariance ``C`` of the errors and
 the derivatives ``J`` of the tip, which are central differences of the model itself. The same errors
@@ -8,9 +11,11 @@ are drawn and computed exactly, so that it shows where the first order does not 
 from __future__ import annotations
 
 import json
+import math
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -44,6 +49,12 @@ LIMIT = 0.1
 STEP = 0.1
 """Step of the differences, in standard deviations."""
 
+ELLIPSE_OF = "errors of commands and parameters alone: no band of poses"
+"""What the ellipse is of, for people."""
+
+BASE_FRAME = "base"
+"""Of the robot or the end-effector, where it has no error: origin there, z along the backbone."""
+
 STILL_MM = 1e-9
 """Motion that is none."""
 
@@ -60,14 +71,19 @@ class DrawOptions:
     draws : int
     seed : int
     level : float
-        Probability of the ellipse.
+        Share of the errors given that the ellipse holds; it is no band of poses.
     """
 
     draws: int = quantity(
         help="Draws that are computed exactly.", default=1024, low=64, high=1_000_000, whole=True
     )
     seed: int = quantity(help="Of the draws.", default=0, low=0, high=2**32 - 1, whole=True)
-    level: float = quantity(help="Probability of the ellipse.", default=0.95, low=0.5, high=0.9999)
+    level: float = quantity(
+        help="Share of the errors given that the ellipse holds; it is no band of poses.",
+        default=0.95,
+        low=0.5,
+        high=0.9999,
+    )
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -135,7 +151,9 @@ class Errors:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TipError(Result):
-    """Where the tip may be: d is 2 for an end-effector, seen along its axis, else 3.
+    """How far the errors given move the tip: d is 2 for an end-effector, seen along its axis, else 3.
+
+    The model's own error is not in it: measured poses are off by that as well.
 
     Attributes
     ----------
@@ -149,7 +167,11 @@ class TipError(Result):
     failed : int
         Draws without one.
     level : float
-        Probability of the ellipse.
+        Share of the errors given that the ellipse holds.
+    frame : str
+        Of all places and directions.
+    left_out : float, optional
+        Root mean square distance of rows left out of the fit of the robot [mm]; None if not known.
     """
 
     tip: Floats
@@ -158,6 +180,8 @@ class TipError(Result):
     drawn: Floats
     failed: int
     level: float
+    frame: str = "as of the tips given"
+    left_out: float | None = None
 
     @property
     def covariance(self) -> Floats:
@@ -229,6 +253,7 @@ class TipError(Result):
         """Return the error as plain values."""
         lengths, ways = self.axes
         return to_plain({  # type: ignore[no-any-return]
+            "frame": self.frame,
             "tip_mm": self.tip,
             "sd_mm": np.sqrt(np.diag(self.covariance)),
             "covariance_mm2": self.covariance,
@@ -236,6 +261,8 @@ class TipError(Result):
             "directions": ways,
             "level": self.level,
             "ellipse_mm": self.factor * lengths,
+            "ellipse_of": ELLIPSE_OF,
+            "left_out_rms_mm": self.left_out,
             "errors": {
                 name: {"sd": float(sd), "unit": unit, "alone_mm": float(alone)}
                 for name, unit, sd, alone in zip(
@@ -419,7 +446,7 @@ def effector_tip_error(
             return _compute_each(find_tip, rows, 2)
         return exact.forward(find_pressures(rows)).tip[:, :2]
 
-    return spread_tip(find_tips, errors, options=options)
+    return replace(spread_tip(find_tips, errors, options=options), frame=BASE_FRAME)
 
 
 class _Muscles:
@@ -517,8 +544,8 @@ def robot_tip_error(
     held : {"displacements", "tensions"}
         Places are in the frame of the robot's base where that has no error.
     command_sd : float
-        Standard deviation of each command that is given [mm] or [N]. Draws of a tension below 0 are
-        taken as 0.
+        Standard deviation of each command that is given [mm] or [N]. Draws of a tension below 0,
+        and of a number beyond its legal range, are taken as the end of the range.
     parameters : Errors, optional
         Of the names of `bozzini continuum fit`, such as ``sections.1.bending_stiffness``: what is
         changed by a factor has the error of its logarithm. See `read_robot_errors`.
@@ -556,8 +583,10 @@ def robot_tip_error(
         tips = shape.tip @ turned[:3, :3].T + turned[:3, 3]
         return np.where(np.asarray(shape.converged)[:, None], tips, np.nan)
 
+    limits = np.array([one.limit(setup)[:2] for one in unknowns]).reshape(-1, 2)
+
     def find_tip(row: Floats) -> Floats:
-        moved = change_setup(setup, unknowns, row[len(columns) :])
+        moved = change_setup(setup, unknowns, np.clip(row[len(columns) :], *limits.T))
         zeros = dict(zip(robot.tendon_names, moved.zeros, strict=False))
         known = robot.calibration or RobotCalibration(command="tension" if pulled else
                                                       "displacement")  # fmt: skip
@@ -570,11 +599,61 @@ def robot_tip_error(
             return _compute_each(find_tip, rows, 3)
         return find_tips_of(robot, rows)
 
-    return spread_tip(find_tips, errors, options=options)
+    left_out = robot.calibration.validation_rms if robot.calibration is not None else 0.0
+    found = spread_tip(find_tips, errors, options=options)
+    return replace(found, frame=BASE_FRAME, left_out=left_out or None)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RobotFitFile:
+    """What ``bozzini continuum fit --json`` writes, as far as errors of the tip ask for it.
+
+    Parameters
+    ----------
+    path : Path
+    errors : Errors
+        Of the numbers that were fitted.
+    values : mapping of str to float
+        The numbers.
+    robot : ContinuumRobot, optional
+        With these numbers; None if the file has none.
+    """
+
+    path: Path
+    errors: Errors
+    values: Mapping[str, float]
+    robot: ContinuumRobot | None
+
+    def take_robot(self, given: ContinuumRobot) -> tuple[ContinuumRobot, tuple[str, ...]]:
+        """Return the robot with the numbers of the fit, and notes: the one given, if it has them.
+
+        Raises
+        ------
+        InputError
+            If it has not, and the file has no robot of these tendons.
+        """
+        known = {} if given.calibration is None else given.calibration.values
+        if known.keys() == self.values.keys() and all(
+            math.isclose(known[name], value, rel_tol=1e-6, abs_tol=1e-12)
+            for name, value in self.values.items()
+        ):
+            return given, ()
+        if self.robot is None or self.robot.tendon_names != given.tendon_names:
+            raise InputError(
+                f"robot '{given.name}' does not have the numbers of {self.path.name}: give the "
+                "robot that 'bozzini continuum fit --out' wrote"
+            )
+        note = f"the numbers are those of {self.path.name}, not of robot '{given.name}' as given"
+        return self.robot, (note,)
 
 
 def read_robot_errors(path: str | os.PathLike[str]) -> Errors:
-    """Return the errors of a fit of a robot, from what ``bozzini continuum fit --json`` writes.
+    """Return the errors of a fit of a robot, as `read_robot_fit` does."""
+    return read_robot_fit(path).errors
+
+
+def read_robot_fit(path: str | os.PathLike[str]) -> RobotFitFile:
+    """Return a fit of a robot, from what ``bozzini continuum fit --json`` writes.
 
     Raises
     ------
@@ -589,8 +668,12 @@ def read_robot_errors(path: str | os.PathLike[str]) -> Errors:
         estimates, correlations = found["estimates"], np.array(found["correlations"], dtype=float)
         names = tuple(str(name) for name in estimates)
         rows = [(one["value"], one["unit"], one["standard_error"]) for one in estimates.values()]
+        robot = found.get("robot")
+        robot = None if robot is None else ContinuumRobot.from_dict(robot)
     except OSError as error:
         raise FileFormatError(f"cannot read {source}: {error.strerror}") from None
+    except InputError as error:
+        raise FileFormatError(f"{source}: {error}") from None
     except (ValueError, RecursionError, TypeError, KeyError, AttributeError):
         raise FileFormatError(
             f"{source} is no fit of a robot: write one by 'bozzini continuum fit ... --json'"
@@ -602,12 +685,14 @@ def read_robot_errors(path: str | os.PathLike[str]) -> Errors:
         if not isinstance(value, (int, float)) or not isinstance(deviation, (int, float)):
             raise InputError(f"{source}: {name} is not determined by the data: fit without it")
         spread[k] = deviation / abs(value) if is_factor(name) else deviation
-    return Errors(
+    errors = Errors(
         names=names,
         units=tuple("relative" if is_factor(name) else str(unit) for name, (_, unit, _) in
                     zip(names, rows, strict=True)),
         covariance=spread[:, None] * correlations * spread,
     )  # fmt: skip
+    values = {name: float(value) for name, (value, _, _) in zip(names, rows, strict=True)}
+    return RobotFitFile(path=source, errors=errors, values=values, robot=robot)
 
 
 def is_factor(name: str) -> bool:

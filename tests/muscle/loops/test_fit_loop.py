@@ -196,7 +196,7 @@ def test_warnings_of_drift_and_of_a_first_rise_that_is_another():
         LoopRecord(time=time, pressure=pressure, response=20 * used + 0.003 * time),
         options=LoopFitOptions(drift="none", samples=400),
     )
-    assert any("is left in the residual: choose a drift" in note for note in fit.notes)
+    assert any("hold a part out to see whether a drift predicts it" in note for note in fit.notes)
     drifting = fit_loop(
         LoopRecord(time=time, pressure=pressure, response=20 * PLAYS.apply(pressure) + 0.01 * time),
         options=LoopFitOptions(samples=400),

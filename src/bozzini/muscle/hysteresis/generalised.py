@@ -194,11 +194,13 @@ class GeneralisedPrandtlIshlinskii(InvertibleOperator):
         """
         loops = Loops.take(history, response, options)
         pieces = check_integer("pieces", pieces, low=1, high=50)
-        given = choose_thresholds(loops.inputs, thresholds, count, counts=(1, 200))
-        rungs = np.array(take_increasing("thresholds", given))
-        check_number("thresholds[0]", float(rungs[0]), low=0.0, high=0.0)
+        given = choose_thresholds(loops.fitted_inputs, thresholds, count, counts=(1, 200))
+        every = take_increasing("thresholds", given)
+        check_number("thresholds[0]", every[0], low=0.0, high=0.0)
         top = float(np.abs(loops.inputs).max())
-        plays = trace_symmetric_plays(loops.inputs, rungs)
+        plays = trace_symmetric_plays(loops.inputs, every)
+        moving = ~loops.find_still(plays)
+        plays, rungs = plays[..., moving], np.array(every)[moving]
         first = loops.fit(plays, names=[""] * len(rungs), judge=False)
         virgin = np.maximum(top - rungs, 0.0)
         weights = np.maximum(first.values, _LEAST_WEIGHT * max(*first.values, 1e-12))
@@ -215,11 +217,14 @@ class GeneralisedPrandtlIshlinskii(InvertibleOperator):
         weights, corners, slopes = weights / scale, corners / scale, slopes * scale
         heights = np.append(0.0, np.cumsum(slopes * np.diff(corners)))
         heights += loops.find_offset(found) - np.interp(0.0, corners, heights)
+        whole = np.zeros(len(every))
+        whole[moving] = weights
         operator = cls(
-            PrandtlIshlinskii(tuple(rungs.tolist()), tuple(weights.tolist())),
+            PrandtlIshlinskii(every, tuple(whole.tolist())),
             MonotoneCurve(tuple(corners.tolist()), tuple(heights.tolist())),
         )
-        return loops.report(operator, found)
+        still = tuple(f"plays.weights[{i}]" for i in np.flatnonzero(~moving))
+        return loops.report(operator, found, lost=still)
 
     def _advance(self, inputs: Floats, last: Floats, memory: Floats) -> Floats:
         return self.output.apply(self.plays._advance(self.input.apply(inputs), last, memory))

@@ -488,6 +488,7 @@ EVALUATIONS = 100
 """Largest number of evaluations of one search."""
 _TRIAL = 8  # evaluations of each of its starts, of which the best goes on
 
+_STILL = 0.05  # of the range of the inputs fitted: a play that moves less hardly moves
 _FLAT = 1e-8  # what plays add at most, in spans of the response, below which it is of rounding
 
 
@@ -537,6 +538,24 @@ class Loops:
     def inputs(self) -> Floats:
         """The histories as rows (m, n)."""
         return list_rows(self.history)
+
+    @property
+    def fitted_inputs(self) -> Floats:
+        """Those of them that are fitted, without the first ones (m, n - skip)."""
+        return self.inputs[:, self.skip :]
+
+    def find_still(self, plays: Floats) -> NDArray[np.bool_]:
+        """Return which plays (m, n, k) hardly move over the samples fitted, (k,).
+
+        They move by less than 5 % of the range of the inputs. A weight of theirs is that of next to
+        nothing: it would make up for an offset, and be wrong where the play moves more.
+        """
+        moved = np.ptp(plays[:, self.skip :], axis=1).max(axis=0)
+        return np.asarray(moved < _STILL * np.ptp(self.fitted_inputs))
+
+    def leave_still(self, plays: Floats) -> Floats:
+        """Return plays (m, n, k) with 0 in place of those that hardly move: these get no weight."""
+        return np.where(self.find_still(plays), 0.0, plays)
 
     @property
     def target(self) -> Floats:

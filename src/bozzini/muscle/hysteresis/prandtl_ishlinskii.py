@@ -124,8 +124,8 @@ def choose_thresholds(
 ) -> Sequence[float]:
     """Return the thresholds of a fit: those given, or evenly spaced ones.
 
-    These begin at 0, or above it, and stay below half the span of the inputs: a play that is wider
-    never moves again once it has been at both ends.
+    These begin at 0, or above it, and stay below half the span of the inputs fitted: a play that is
+    wider never moves again once it has been at both ends.
     """
     low, high = counts
     count = check_integer("count", count, low=low, high=high)
@@ -271,10 +271,10 @@ class PrandtlIshlinskii(PlaySum):
         """
         origin = check_number("origin", origin, low=-LIMIT, high=LIMIT)
         loops = Loops.take(history, response, options)
-        given = choose_thresholds(loops.inputs, thresholds, count, counts=(1, 200))
+        given = choose_thresholds(loops.fitted_inputs, thresholds, count, counts=(1, 200))
         thresholds = take_increasing("thresholds", given)
         found = loops.fit(
-            trace_symmetric_plays(loops.inputs - origin, thresholds),
+            loops.leave_still(trace_symmetric_plays(loops.inputs - origin, thresholds)),
             names=[f"weights[{i}]" for i in range(len(thresholds))],
             limits=(-LIMIT if signed and not loops.carried else 0.0, np.inf),
         )
@@ -392,14 +392,14 @@ class AsymmetricPrandtlIshlinskii(PlaySum):
         """
         loops = Loops.take(history, response, options)
         inputs = loops.inputs
-        given = choose_thresholds(inputs, thresholds, count, counts=(1, 100), from_zero=False)
+        given = choose_thresholds(loops.fitted_inputs, thresholds, count, counts=(1, 100), from_zero=False)
         thresholds = take_increasing("thresholds", given)
         names = ["slope"]
         names += [f"{way}_weights[{i}]" for way in _WAYS for i in range(len(thresholds))]
         low, high = min(float(inputs.min()), 0.0), max(float(inputs.max()), 0.0)
 
         def trace(curve: Sequence[float]) -> Floats:
-            traced = trace_plays(inputs, *_enveloped_edges(thresholds, curve))
+            traced = loops.leave_still(trace_plays(inputs, *_enveloped_edges(thresholds, curve)))
             return np.concatenate([inputs[..., None], traced], axis=-1)
 
         found: LinearFit
@@ -587,7 +587,7 @@ class UnparallelPrandtlIshlinskii(PlaySum):
         """
         loops = Loops.take(history, response, options)
         inputs = loops.inputs
-        given = choose_thresholds(inputs, thresholds, count, counts=(2, 200))
+        given = choose_thresholds(loops.fitted_inputs, thresholds, count, counts=(2, 200))
         thresholds = take_increasing("thresholds", given)
         wide = np.array(thresholds) > 0.0
         if not wide.any():
@@ -598,7 +598,7 @@ class UnparallelPrandtlIshlinskii(PlaySum):
 
         def trace(ratio: float) -> Floats:
             down = np.where(wide, ratio, 1.0)
-            return trace_plays(inputs, *_sloped_edges(thresholds, up, down))
+            return loops.leave_still(trace_plays(inputs, *_sloped_edges(thresholds, up, down)))
 
         # It is defined beyond what was seen, too: a muscle that carries it may go there.
         low, high = _legal_ratios(first, *(BEYOND * end for end in (inputs.min(), inputs.max())))

@@ -32,6 +32,9 @@ _FLAT_SHARE = 1e-3  # of the steepest: a static curve is taken to be at least so
 _FIRST_RATIO = 3.0  # times the error of the rest: the first rise is another then
 _RISE_SHARE = 0.5  # of the span: a record rises so much again after its first maximum, at least
 _POOR_SHARE = 0.1  # of the span of the response: an error above is poor
+_MISSED_RATIO = 3.0  # times the error of the fit: the part held out is another then
+_HELPS = 0.9  # times the error of the part held out, at most: a drift that does helps
+_MOST_NAMES = 4  # of what is not determined, in a note
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,7 +90,8 @@ class LoopFit(Result):
     fit : HysteresisFit
         The last fit of the operator alone.
     converged, reason
-        Whether the fit of the operator met its tolerance, and why not.
+        Whether the search for the operator met its tolerance, and why not; `is_poor` says whether
+        what it found is any good.
     notes : tuple of str
         Warnings, and what was changed of the record.
     record : LoopRecord
@@ -115,6 +119,35 @@ class LoopFit(Result):
     def span(self) -> float:
         """Span of the measured responses [mm or N]."""
         return float(np.ptp(self.samples.response))
+
+    @property
+    def fitted(self) -> int:
+        """How many samples were fitted."""
+        return len(self.samples) - self.skipped - self.held_out
+
+    @property
+    def error(self) -> float:
+        """Root mean square of the part held out [mm or N], of that fitted if none was."""
+        return self.parts.get("held out", self.deviation)
+
+    @property
+    def is_poor(self) -> bool:
+        """Whether the part held out, or that fitted, is missed by more than a tenth of the span."""
+        return max(self.error, self.deviation) > _POOR_SHARE * self.span
+
+    def describe_error(self) -> str:
+        """Return how many samples counted, and both errors beside each other."""
+        unit, shares = self.record.unit, (100.0 / self.span) * np.array([self.deviation, self.error])
+        held = (
+            f"{self.error:.4g} {unit} held out ({shares[1]:.2g} %, {self.held_out} samples)"
+            if self.held_out
+            else "nothing held out, so that it is not known how well it predicts"
+        )
+        text = (
+            f"rms {self.deviation:.4g} {unit} fitted ({shares[0]:.2g} % of the span of "
+            f"{self.span:.4g} {unit}, {self.fitted} of {len(self.samples)} samples), {held}"
+        )
+        return text + (f"; {self.skipped} samples skipped" if self.skipped else "")
 
     @property
     def deviation(self) -> float:
@@ -154,6 +187,7 @@ class LoopFit(Result):
             "response": self.model.kind,
             "static": None if self.model.static is None else self.model.static.name,
             "samples": len(self.samples),
+            "fitted": self.fitted,
             "skipped": self.skipped,
             "held_out": self.held_out,
             f"span_{unit}": self.span,
@@ -162,6 +196,7 @@ class LoopFit(Result):
             "drift": self.options.drift,
             f"drift_{unit}": self.drift,
             "undetermined": self.fit.undetermined,
+            "poor": self.is_poor,
             "converged": self.converged,
             "reason": self.reason,
             "residual": self.deviation,
@@ -178,7 +213,9 @@ class LoopFit(Result):
         axes.plot(over[:end], self.predicted[:end], lw=1.2, label=self.model.operator_name)
         if self.held_out:
             axes.plot(over[end:], self.predicted[end:], lw=1.2, label="held out")
-        axes.set_title(f"rms {self.deviation:.3g} {unit}", fontsize=10, loc="left")
+        held = f", held out {self.error:.3g} {unit}" if self.held_out else ""
+        title = f"rms {self.deviation:.3g} {unit} fitted{held}"
+        axes.set_title(title, fontsize=10, loc="left")
         axes.legend(frameon=False, fontsize=9)
         return axes
 
@@ -326,6 +363,34 @@ def _fit(
     return found, best[2]
 
 
+def _judge_drift(fit: LoopFit) -> list[str]:
+    """Return a note where the residual of the samples fitted drifts, and what would help.
+
+    A drift is advised where it is seen to help on the part held out.
+    """
+    unit, kept = fit.record.unit, slice(fit.skipped, len(fit.samples) - fit.held_out)
+    time = fit.samples.time[kept]
+    drift = float(np.polyfit(time - time[0], fit.residual[kept], 1)[0]) * float(np.ptp(time))
+    if abs(drift) <= _DRIFT_SHARE * fit.span:
+        return []
+    said = (
+        f"the residual drifts by {drift:.3g} {unit} over the samples fitted, "
+        f"{100.0 * abs(drift) / fit.span:.1f} % of the span"
+    )
+    if not fit.held_out:
+        return [f"{said}: hold a part out to see whether a drift predicts it"]
+    errors = {}
+    for kind in (kind for kind in DRIFTS if kind != "none"):
+        options = replace(fit.options, drift=kind)
+        name, static = fit.model.operator_name, fit.model.static
+        errors[kind] = fit_loop(fit.record, name, static=static, options=options).error
+    kind = min(errors, key=errors.__getitem__)
+    change = f"{kind} drift makes it {errors[kind]:.3g} {unit} in place of {fit.error:.3g} {unit}"
+    if errors[kind] < _HELPS * fit.error:
+        return [f"{said}; on the part held out a {change}: choose it"]
+    return [f"{said}; a drift does not help on the part held out: a {change}"]
+
+
 def _judge(fit: LoopFit) -> LoopFit:
     """Return the fit with what a user should know of it."""
     unit, parts, notes = fit.record.unit, fit.parts, list(fit.notes)
@@ -347,22 +412,29 @@ def _judge(fit: LoopFit) -> LoopFit:
                 f"the first rise is missed by {rise:.3g} {unit} rms, the rest by {later:.3g}: the "
                 "muscle had not been at rest before the record"
             )
-    drift = fit.drift
-    if fit.options.drift == "none":
-        time = fit.samples.time - fit.samples.time[0]
-        drift = float(np.polyfit(time, fit.residual, 1)[0] * time[-1])
-    if abs(drift) > _DRIFT_SHARE * fit.span:
-        how = (
-            "is left in the residual: choose a drift"
-            if fit.options.drift == "none"
-            else (f"{fit.options.drift} in time, is fitted and no part of the operator")
-        )
+    if fit.options.drift != "none" and abs(fit.drift) > _DRIFT_SHARE * fit.span:
         notes.append(
-            f"a drift of {drift:.3g} {unit} over the record, {100.0 * abs(drift) / fit.span:.1f} % "
-            f"of the span, {how}"
+            f"a drift of {fit.drift:.3g} {unit} over the record, "
+            f"{100.0 * abs(fit.drift) / fit.span:.1f} % of the span, {fit.options.drift} in time, "
+            "is fitted and no part of the operator"
         )
-    if parts["fitted"] > _POOR_SHARE * fit.span:
-        notes.append(f"the fit is poor: rms {100.0 * parts['fitted'] / fit.span:.0f} % of the span")
-    if fit.fit.undetermined:
-        notes.append(f"the record does not determine {len(fit.fit.undetermined)} parameters")
+    elif fit.options.drift == "none":
+        notes += _judge_drift(fit)
+    if fit.is_poor:
+        which = "held out" if fit.error > fit.deviation else "fitted"
+        worst = max(fit.error, fit.deviation)
+        notes.append(f"the fit is poor: rms {100.0 * worst / fit.span:.0f} % of the span, {which}")
+    if fit.error > _MISSED_RATIO * fit.deviation:
+        notes.append(
+            f"the part held out is missed by {fit.error:.3g} {unit} rms, "
+            f"{fit.error / fit.deviation:.3g} times what is fitted: the rms of the fit is no error "
+            "of what it predicts"
+        )
+    if lost := fit.fit.undetermined:
+        names = ", ".join(lost[:_MOST_NAMES])
+        more = f" and {len(lost) - _MOST_NAMES} more" if len(lost) > _MOST_NAMES else ""
+        notes.append(
+            f"the samples fitted do not determine {names}{more}; plays that hardly move over them "
+            "are left out, with weight 0"
+        )
     return replace(fit, notes=tuple(notes))
