@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import BozziniError, FileFormatError, InputError, MissingExtraError
+from ..io.inputs import note_input
 from .files import PathLike, check_file, explain, has_suffix, quiet_libraries, read_label_table
 from .labels import (
     MOST_LISTED,
@@ -369,6 +370,7 @@ def _open_data(handle: BinaryIO, path: PathLike, detached: str | None) -> Iterat
         )
     if not other.is_file():
         raise FileFormatError(f"{path} has its voxels in '{detached}', which is not beside it")
+    note_input(other)
     with other.open("rb") as data:
         yield data
 

@@ -24,6 +24,7 @@ from click.exceptions import Abort, Exit
 
 from .. import __version__
 from ..errors import BozziniError
+from ..io.inputs import keep_inputs
 from .common import ARGUMENTS, EXIT_BAD_INPUT, EXIT_DONE, add_typed, write_json
 
 if TYPE_CHECKING:
@@ -250,7 +251,7 @@ class _Run:
         try:
             self.context = root.make_context("bozzini", list(arguments))
             self.context.meta[ARGUMENTS] = arguments[1:]
-            with self.context:
+            with self.context, keep_inputs():
                 return root.invoke(self.context)
         except Exception:
             if _lost:  # not an error, but what an interruption left behind

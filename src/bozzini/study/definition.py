@@ -21,6 +21,7 @@ from .. import __version__
 from ..anatomy.read import hash_input
 from ..checks import Quantity, check_path
 from ..errors import BozziniError, FileFormatError, InputError
+from ..io.inputs import note_input
 from ..io.records import load_record, read_record, write_record
 from ..units import add_unit, parse_quantity
 from .factors import Axis, Sampling, StudySpec, Value, count_rows, draw_rows, take_value
@@ -145,6 +146,7 @@ class Study:
         path = self.base / given
         if not path.is_file():
             raise InputError(f"there is no file {path}")
+        note_input(path)
         return str(path)
 
     @cached_property
