@@ -133,6 +133,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     debug, given = _take_flag("--debug", given)
     as_json, _ = _take_flag("--json", given)
     run = _Run(as_json=as_json, debug=debug)
+    _open_closed_streams()
     _allow_any_name()
     try:
         with _ending_cleanly():
@@ -198,6 +199,23 @@ _lost: list[BaseException] = []
 def _send_again(stop: BaseException) -> None:
     if stop in _lost:
         os.kill(os.getpid(), stop.signal if isinstance(stop, _Terminated) else signal.SIGINT)
+
+
+def _open_closed_streams() -> None:
+    """Point a stdin, stdout or stderr that is closed (``>&-``) at nothing.
+
+    Otherwise the next file that is opened gets its number, and what is printed.
+    """
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        try:
+            os.fstat(number)
+        except OSError:
+            # It gets the lowest number that is free, in processes of its own too.
+            os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)
+        if getattr(sys, name) is None:
+            mode = "r" if number == 0 else "w"
+            stream = open(os.devnull, mode, encoding="utf-8")  # noqa: SIM115  # to the end
+            setattr(sys, name, stream)
 
 
 def _allow_any_name() -> None:

@@ -77,6 +77,8 @@ def _give(found: StudyResult, answer: Answer, *, negative: bool) -> None:
 def run_command(file: Path, engine: Engine, answer: Answer) -> None:
     """Compute the rows of a study file.
 
+    A job module:function runs that module: trust such a study file like code.
+
     Interrupt it at any time: `bozzini study resume` goes on.
 
     Exit code 0: all rows are there and one or more is feasible; 1: none is; 2: bad input.
