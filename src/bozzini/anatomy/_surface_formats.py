@@ -15,13 +15,15 @@ import zlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import FileFormatError
+from ..io.inputs import note_input
+from ..io.records import check_depth
 from ..results import Json
 from .files import FRAME_KEY, explain, has_suffix, quiet_libraries
 from .tract import Finding, Organ, Point, Tract, count_noun, to_point
@@ -190,7 +192,7 @@ def _check_glb(file: Path, data: bytes) -> dict[str, object]:
     if data[:4] != b"glTF" or int.from_bytes(data[8:12], "little") != len(data):
         raise FileFormatError(f"{file} is not GLB triangles: it is cut short or damaged")
     try:
-        tree = json.loads(data[20 : 20 + length])
+        tree = cast(Json, check_depth(json.loads(data[20 : 20 + length])))
         counts = [int(item["count"]) for item in tree.get("accessors", [])]
         mark = tree.get("asset", {}).get("extras", {}).get(FRAME_KEY)
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
@@ -598,6 +600,8 @@ def find_model(surface: Path) -> Model | None:
             except (KeyError, TypeError, ValueError, AttributeError, IndexError, OverflowError):
                 continue
             if model is not None:
+                for used in model.files:
+                    note_input(used)
                 return model
     return None
 
@@ -605,7 +609,7 @@ def find_model(surface: Path) -> Model | None:
 def _load(file: Path) -> Json:
     try:
         if file.stat().st_size <= MOST_BYTES_JSON:
-            tree = json.loads(file.read_bytes())
+            tree = check_depth(json.loads(file.read_bytes()))
             return tree if isinstance(tree, dict) else {}
     except (OSError, ValueError, RecursionError):
         pass

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from ..checks import check_path
 from ..errors import BozziniError, FileFormatError, InputError
 from ..io.files import check_new_file, write_bytes
+from ..io.inputs import note_input
 from .frame import convert_frame
 from .tract import LabelTract, SurfaceTract
 
@@ -34,6 +35,7 @@ def has_suffix(path: PathLike, known: tuple[str, ...]) -> bool:
 def check_file(path: PathLike) -> None:
     """Raise `FileFormatError` if a file is missing, empty or cannot be read."""
     file = Path(path)
+    note_input(file)
     try:
         if not file.exists():
             raise FileFormatError(f"{path}: no such file")

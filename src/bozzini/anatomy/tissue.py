@@ -25,6 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_array, check_fields, check_points, quantity
 from ..errors import FileFormatError, InputError
+from ..io.inputs import note_input
 from ..numeric.polylines import interpolate_polyline, measure_arc_length, resample_polyline
 
 Floats = NDArray[np.float64]
@@ -325,6 +326,7 @@ class RecordedMotion(TissueMotion):
             If it is none.
         """
         names = ("displacement", "times", "origin", "spacing")
+        note_input(path)
         try:
             with np.load(path, allow_pickle=False) as archive:
                 given = {name: archive[name] for name in names}

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import BozziniError, FileFormatError, InputError, UnitError
+from ..io.inputs import note_input
 from ..units import parse_quantity
 from ._dicom import read_dicom
 from ._statements import compare_places, compare_spacing, report_unit
@@ -438,6 +439,7 @@ def _open_data(handle: BinaryIO, path: PathLike, detached: str | None) -> Iterat
         )
     if not other.is_file():
         raise FileFormatError(f"{path} has its voxels in '{detached}', which is not beside it")
+    note_input(other)
     with other.open("rb") as data:
         yield data
 

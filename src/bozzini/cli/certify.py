@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from ._tract_options import report_findings
-from .common import EXIT_NEGATIVE, Answer, answer_options, run_exit
+from .common import EXIT_NEGATIVE, INPUT, Answer, answer_options, run_exit
 
 if TYPE_CHECKING:
     from ..motion.verify import Verification
@@ -17,8 +17,8 @@ __all__ = ["command"]
 
 
 @click.command(name="certify")
-@click.argument("plan", metavar="PLAN", type=click.Path(path_type=Path))
-@click.argument("source", metavar="[INPUT]", required=False, type=click.Path(path_type=Path))
+@click.argument("plan", metavar="PLAN", type=INPUT)
+@click.argument("source", metavar="[INPUT]", required=False, type=INPUT)
 @click.option(
     "--independent",
     is_flag=True,

@@ -11,6 +11,7 @@ from ..study.options import PathOptions, ReadOptions
 from ._tract_options import Body, list_given, tract_options
 from .common import (
     EXIT_NEGATIVE,
+    INPUT,
     PICTURES,
     Answer,
     answer_options,
@@ -23,7 +24,7 @@ __all__ = ["command"]
 
 
 @click.command(name="cockpit")
-@click.argument("source", metavar="[INPUT]", required=False, type=click.Path(path_type=Path))
+@click.argument("source", metavar="[INPUT]", required=False, type=INPUT)
 @tract_options
 @options_of(Body, "body")
 @options_of(PathOptions, "options")

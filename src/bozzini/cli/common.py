@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import os
 import re
 import shlex
 import sys
@@ -20,6 +21,7 @@ from click.shell_completion import CompletionItem
 
 from ..checks import Quantity, choose, show_value
 from ..errors import BozziniError, FileFormatError, InputError
+from ..io.inputs import check_no_input, note_input
 from ..progress import Progress, no_progress
 from ..registry import Registry
 from ..results import Json, Result, to_plain
@@ -181,6 +183,25 @@ class _Parsed(_AnyType):
         except BozziniError as error:
             self.fail(str(error), param, ctx)
 
+
+class _InputType(click.Path):
+    """The path of what a command reads; no output of the command may take its place."""
+
+    def convert(
+        self,
+        value: str | os.PathLike[str],
+        param: click.Parameter | None,
+        ctx: click.Context | None,
+    ) -> str | bytes | os.PathLike[str]:
+        """Return the path, and note it."""
+        note_input(value)
+        return super().convert(value, param, ctx)
+
+
+INPUT = _InputType(path_type=Path)
+"""A file or directory that a command reads."""
+OUTPUT = click.Path(path_type=Path)
+"""A file or directory that it writes."""
 
 _TYPED = "bozzini.typed"
 
@@ -460,7 +481,7 @@ def options_file(*kinds: type) -> Callable[[Command], Command]:
 
     return click.option(
         "--options",
-        type=click.Path(path_type=Path),
+        type=INPUT,
         metavar="FILE",
         is_eager=True,
         expose_value=False,
@@ -597,7 +618,7 @@ _TYPES: dict[str, _AnyType | type] = {
     "text": str,
     "labels": LabelsType(),
     "end": EndType(),
-    "file": click.Path(path_type=Path),
+    "file": INPUT,
 }
 
 
@@ -667,6 +688,8 @@ def answer_options(
 
     def make(**values: Any) -> Answer:
         answer = Answer(**values)
+        if answer.out is not None and not answer.out.is_dir():
+            check_no_input(answer.out)
         if suffixes:
             check_target(answer.out, suffixes, force=answer.force)
         return answer
@@ -675,7 +698,7 @@ def answer_options(
     if suffixes:
         out.setdefault("help", "A picture.")
     if out:
-        given = {"type": click.Path(path_type=Path), "metavar": "FILE", **out}
+        given = {"type": OUTPUT, "metavar": "FILE", **out}
         options += [click.option(name, "out", **given), force_option]
     options += [json_option, quiet_option] if quiet else [json_option]
     return gather("answer", make, *options)

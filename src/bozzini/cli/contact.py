@@ -23,6 +23,8 @@ from ._tract_options import (
 )
 from .common import (
     EXIT_NEGATIVE,
+    INPUT,
+    OUTPUT,
     PICTURES,
     Answer,
     QuantityType,
@@ -219,13 +221,13 @@ def _describe_shape(shape: ContactShape) -> str:
 
 
 @click.command("contact")
-@click.argument("robot_file", metavar="ROBOT.yaml", type=click.Path(path_type=Path))
-@click.argument("source", metavar="[INPUT]", required=False, type=click.Path(path_type=Path))
+@click.argument("robot_file", metavar="ROBOT.yaml", type=INPUT)
+@click.argument("source", metavar="[INPUT]", required=False, type=INPUT)
 @click.option(
     "--obstacle",
     "obstacles",
     multiple=True,
-    type=click.Path(path_type=Path),
+    type=INPUT,
     metavar="SHAPES",
     help="A file of shapes (.json, .yaml) that the robot is outside of; may be repeated.",
 )
@@ -314,11 +316,11 @@ def contact_command(
 
 
 @click.command("insert")
-@click.argument("robot_file", metavar="ROBOT.yaml", type=click.Path(path_type=Path))
-@click.argument("source", metavar="INPUT", type=click.Path(path_type=Path))
+@click.argument("robot_file", metavar="ROBOT.yaml", type=INPUT)
+@click.argument("source", metavar="INPUT", type=INPUT)
 @click.option(
     "--drives",
-    type=click.Path(path_type=Path),
+    type=INPUT,
     metavar="TENDONS.csv",
     help="The time table of the drives that bozzini plan --robot writes (default: passive); the "
     "base stands as in the robot.npz beside it.",
@@ -328,7 +330,7 @@ def contact_command(
 @click.option(
     "--contacts",
     "forces",
-    type=click.Path(path_type=Path),
+    type=OUTPUT,
     metavar="FILE.csv",
     help="Also write the contact forces of all steps as a table.",
 )

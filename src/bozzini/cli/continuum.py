@@ -23,6 +23,7 @@ from ..io.files import write_text
 from ..results import Json
 from .common import (
     EXIT_NEGATIVE,
+    INPUT,
     PICTURES,
     Answer,
     Command,
@@ -90,7 +91,7 @@ NEEDED_FREEDOMS = 5
 # Options: a robot, displacements of its tendons, and what its models take.
 
 
-robot_argument = click.argument("robot_file", metavar="ROBOT.yaml", type=click.Path(path_type=Path))
+robot_argument = click.argument("robot_file", metavar="ROBOT.yaml", type=INPUT)
 
 DISPLACEMENT_HELP = (
     "How far tendons are pulled, such as T1=2mm,T2=-1mm; negative lets them out, and those left "
@@ -571,7 +572,7 @@ def jacobian_command(
         "--fit FIT.json",
         "What 'bozzini continuum fit ROBOT.yaml DATA.csv --json' wrote: the covariance of the "
         "numbers that were fitted. Of a robot that has others, those of the fit are taken.",
-        click.Path(path_type=Path),
+        INPUT,
     ),
 )
 @draw_options

@@ -19,6 +19,7 @@ from ._tract_options import (
 )
 from .common import (
     EXIT_NEGATIVE,
+    INPUT,
     PICTURES,
     Answer,
     QuantityType,
@@ -71,7 +72,7 @@ def kinds_command(answer: Answer) -> None:
 
 
 @command.command("limits")
-@click.argument("source", metavar="INPUT", type=click.Path(path_type=Path))
+@click.argument("source", metavar="INPUT", type=INPUT)
 @click.option(
     "--diameter",
     type=QuantityType("length"),
@@ -175,7 +176,7 @@ def _round_up(value: float, digits: int = 1) -> str:
 
 
 @command.command("fit")
-@click.argument("source", metavar="INPUT", type=click.Path(path_type=Path))
+@click.argument("source", metavar="INPUT", type=INPUT)
 @tract_options
 @options_of(TractFitOptions, "options")
 @answer_options(help="Where to write the shapes (.json, .yaml).")
@@ -207,10 +208,10 @@ def fit_command(
 
 
 @command.command("show")
-@click.argument("source", metavar="INPUT", type=click.Path(path_type=Path))
+@click.argument("source", metavar="INPUT", type=INPUT)
 @click.option(
     "--over",
-    type=click.Path(path_type=Path),
+    type=INPUT,
     metavar="TRACT",
     help="Draw shapes over the tract that they stand for.",
 )

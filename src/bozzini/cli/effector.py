@@ -6,7 +6,6 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
@@ -17,6 +16,7 @@ from ..errors import InputError
 from ..fabricate import HolderOptions
 from .common import (
     EXIT_NEGATIVE,
+    INPUT,
     PICTURES,
     Answer,
     ModelType,
@@ -411,7 +411,7 @@ def pose_command(
         "--fit FIT.yaml",
         "A fit of the muscles by 'bozzini muscle fit --out': they have its model, and the "
         "covariance of what was fitted.",
-        click.Path(path_type=Path),
+        INPUT,
     ),
 )
 @draw_options

@@ -18,7 +18,7 @@ from ._tract_options import (
     report_findings,
     tract_options,
 )
-from .common import EXIT_NEGATIVE, Answer, answer_options, format_rows, options_of, run_exit
+from .common import EXIT_NEGATIVE, INPUT, Answer, answer_options, format_rows, options_of, run_exit
 from .plan import reserve_target
 
 if TYPE_CHECKING:
@@ -26,12 +26,10 @@ if TYPE_CHECKING:
 
 __all__ = ["command"]
 
-_path = click.Path(path_type=Path)
-
 
 @click.command(name="execute")
-@click.argument("source", metavar="[PLAN|TRACT]", required=False, type=_path)
-@click.argument("tract", metavar="[INPUT]", required=False, type=_path)
+@click.argument("source", metavar="[PLAN|TRACT]", required=False, type=INPUT)
+@click.argument("tract", metavar="[INPUT]", required=False, type=INPUT)
 @tract_options
 @options_of(Body, "body")
 @options_of(ExecuteOptions, "options")

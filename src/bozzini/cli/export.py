@@ -9,18 +9,17 @@ import click
 
 from ..errors import InputError
 from ..physics.options import WallOptions
-from .common import Answer, answer_options, option, options_of, refuse_options
+from .common import INPUT, Answer, answer_options, option, options_of, refuse_options
 
 __all__ = ["command"]
 
-_path = click.Path(path_type=Path)
 _SUFFIXES = {"mujoco": ".xml", "urdf": ".urdf", "ros2": ".yaml"}
 
 
 @click.command(name="export")
 @click.argument("form", metavar="FORM", type=click.Choice(tuple(_SUFFIXES)))
-@click.argument("source", metavar="PLAN", type=_path)
-@click.argument("tract", metavar="[INPUT]", required=False, type=_path)
+@click.argument("source", metavar="PLAN", type=INPUT)
+@click.argument("tract", metavar="[INPUT]", required=False, type=INPUT)
 @options_of(WallOptions, "wall", leave_out=("kind", "stiffness", "damping", "friction"))
 @option("--speed", "Of the head, for the times of a trajectory.", "speed", default="20mm/s")
 @answer_options(".xml", ".urdf", ".yaml", required=True, help="The file.")

@@ -13,6 +13,8 @@ from ..errors import InputError
 from ..units import parse_quantity
 from .common import (
     EXIT_NEGATIVE,
+    INPUT,
+    OUTPUT,
     PICTURES,
     Answer,
     ModelType,
@@ -179,8 +181,8 @@ fit_options = gather(
 
 
 @click.command("fit")
-@click.argument("robot_file", metavar="ROBOT.yaml", type=click.Path(path_type=Path))
-@click.argument("data_file", metavar="DATA.csv", type=click.Path(path_type=Path))
+@click.argument("robot_file", metavar="ROBOT.yaml", type=INPUT)
+@click.argument("data_file", metavar="DATA.csv", type=INPUT)
 @option(
     "--free names NAME,...",
     "What is fitted, such as base,sections.each.bending_stiffness,tendons.*.stiffness.",
@@ -189,9 +191,8 @@ fit_options = gather(
 @table_options
 @fit_options
 @option("--check others FILE", "Measurements to predict, not to fit; can be repeated.",
-        click.Path(path_type=Path), multiple=True)  # fmt: skip
-@option("--figure FILE", "A picture of the distances over the rows.",
-        click.Path(path_type=Path))  # fmt: skip
+        INPUT, multiple=True)  # fmt: skip
+@option("--figure FILE", "A picture of the distances over the rows.", OUTPUT)
 @answer_options(".yaml", ".yml", ".json", help="The fitted robot (.yaml, .json).")
 def command(
     robot_file: Path,

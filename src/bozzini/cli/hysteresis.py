@@ -13,6 +13,8 @@ from ..errors import FileFormatError, InputError
 from ..results import Json
 from .common import (
     EXIT_NEGATIVE,
+    INPUT,
+    OUTPUT,
     PICTURES,
     Answer,
     ModelType,
@@ -95,7 +97,7 @@ unit_option = option(
 loop_options = gather(
     "loop",
     LoopRequest,
-    click.argument("source", metavar="LOOP", type=click.Path(path_type=Path)),
+    click.argument("source", metavar="LOOP", type=INPUT),
     option(
         "--response",
         "What was recorded (default: the column that changes more).",
@@ -150,7 +152,7 @@ def command() -> None:
 @loop_options
 @option("--operator", "The operator.", OPERATORS, default="generalised")
 @static_options
-@option("--plot FILE", "A picture of the loop with the fit.", click.Path(path_type=Path))
+@option("--plot FILE", "A picture of the loop with the fit.", OUTPUT)
 @answer_options(*_RECORDS, help="The operator (.yaml, .json), for trace and invert.", quiet=False)
 def fit_command(
     loop: LoopRequest, operator: str, asked: Request | None, plot: Path | None, answer: Answer
@@ -198,12 +200,12 @@ def fit_command(
         run_exit(EXIT_NEGATIVE)
 
 
-model_argument = click.argument("fitted", metavar="FIT", type=click.Path(path_type=Path))
+model_argument = click.argument("fitted", metavar="FIT", type=INPUT)
 
 
 @command.command("trace")
 @model_argument
-@click.argument("source", metavar="HISTORY", type=click.Path(path_type=Path))
+@click.argument("source", metavar="HISTORY", type=INPUT)
 @resume_option
 @unit_option
 @answer_options(*_TABLES, help="The table (.csv, .parquet).", quiet=False)
@@ -228,7 +230,7 @@ def trace_command(
 
 @command.command("invert")
 @model_argument
-@click.argument("source", metavar="WANTED", type=click.Path(path_type=Path))
+@click.argument("source", metavar="WANTED", type=INPUT)
 @option("--highest", "Highest pressure (default: the highest of the fit).", "pressure")
 @resume_option
 @unit_option

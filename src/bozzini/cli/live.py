@@ -14,7 +14,7 @@ from ..errors import InputError
 from ..motion.live import LiveOptions
 from ..study.options import InsertionOptions, PathOptions, ReadOptions
 from ._tract_options import Body, read_with_options, report_findings, tract_options
-from .common import EXIT_NEGATIVE, PICTURES, Answer, answer_options, options_of, run_exit
+from .common import EXIT_NEGATIVE, INPUT, PICTURES, Answer, answer_options, options_of, run_exit
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -91,7 +91,7 @@ class TissueOptions:
 
 
 @click.command(name="live")
-@click.argument("source", metavar="INPUT", type=click.Path(path_type=Path))
+@click.argument("source", metavar="INPUT", type=INPUT)
 @tract_options
 @options_of(Body, "body", leave_out=("robot",))
 @options_of(PathOptions, "options", leave_out=("inflate",))

@@ -24,6 +24,7 @@ from click.exceptions import Abort, Exit
 
 from .. import __version__
 from ..errors import BozziniError
+from ..io.inputs import keep_inputs
 from .common import ARGUMENTS, EXIT_BAD_INPUT, EXIT_DONE, add_typed, write_json
 
 if TYPE_CHECKING:
@@ -132,6 +133,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     debug, given = _take_flag("--debug", given)
     as_json, _ = _take_flag("--json", given)
     run = _Run(as_json=as_json, debug=debug)
+    _open_closed_streams()
     _allow_any_name()
     try:
         with _ending_cleanly():
@@ -199,6 +201,23 @@ def _send_again(stop: BaseException) -> None:
         os.kill(os.getpid(), stop.signal if isinstance(stop, _Terminated) else signal.SIGINT)
 
 
+def _open_closed_streams() -> None:
+    """Point a stdin, stdout or stderr that is closed (``>&-``) at nothing.
+
+    Otherwise the next file that is opened gets its number, and what is printed.
+    """
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        try:
+            os.fstat(number)
+        except OSError:
+            # It gets the lowest number that is free, in processes of its own too.
+            os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)
+        if getattr(sys, name) is None:
+            mode = "r" if number == 0 else "w"
+            stream = open(os.devnull, mode, encoding="utf-8")  # noqa: SIM115  # to the end
+            setattr(sys, name, stream)
+
+
 def _allow_any_name() -> None:
     """Let stdout and stderr take names of files that are not of their encoding."""
     for stream in (sys.stdout, sys.stderr):
@@ -250,7 +269,7 @@ class _Run:
         try:
             self.context = root.make_context("bozzini", list(arguments))
             self.context.meta[ARGUMENTS] = arguments[1:]
-            with self.context:
+            with self.context, keep_inputs():
                 return root.invoke(self.context)
         except Exception:
             if _lost:  # not an error, but what an interruption left behind

@@ -18,6 +18,8 @@ from ..results import Json
 from ..units import INTERNAL_UNITS
 from .common import (
     EXIT_NEGATIVE,
+    INPUT,
+    OUTPUT,
     PICTURES,
     Answer,
     ModelType,
@@ -472,7 +474,7 @@ setup_options = gather(
 )
 @setup_options
 @one_model_options
-@option("--figure FILE", "A picture of the fit.", click.Path(path_type=Path))
+@option("--figure FILE", "A picture of the fit.", OUTPUT)
 @answer_options(
     ".yaml", *PICTURES, quiet=False, help="The fit as a file for 'predict' (.yaml), or a picture."
 )
@@ -584,8 +586,8 @@ def _parse_bounds(
 
 
 @command.command("predict")
-@click.argument("file", metavar="FIT.yaml", type=click.Path(path_type=Path))
-@click.argument("source", metavar="[TABLE]", type=click.Path(path_type=Path), required=False)
+@click.argument("file", metavar="FIT.yaml", type=INPUT)
+@click.argument("source", metavar="[TABLE]", type=INPUT, required=False)
 @option("--pressure", "Gauge pressure, without a table.", "pressure")
 @option("--contraction", "Contraction, without a table.", "length")
 @option("--load", "Tension held, without a table.", "force")

@@ -14,14 +14,7 @@ from ..checks import list_quantities
 from ..errors import FileFormatError, InputError
 from ..muscle.design import Muscle
 from ..units import parse_quantity
-from .common import (
-    ModelType,
-    QuantityType,
-    gather,
-    make_option,
-    option,
-    split_setting,
-)
+from .common import INPUT, ModelType, QuantityType, gather, make_option, option, split_setting
 
 if TYPE_CHECKING:
     from ..muscle.data import Measurements
@@ -52,7 +45,7 @@ def design_options(function: _Function) -> _Function:
     function = option(
         "--muscle muscle_file FILE",
         "A muscle file, where the fields, the model and its constants begin.",
-        click.Path(path_type=Path),
+        INPUT,
     )(function)
     return option(
         "--preset NAME",
@@ -441,7 +434,7 @@ class DataRequest:
 data_options = gather(
     "table",
     DataRequest,
-    click.argument("source", metavar="DATA", type=click.Path(path_type=Path)),
+    click.argument("source", metavar="DATA", type=INPUT),
     option(
         "--unit units COLUMN=UNIT",
         "Unit of a column that states none, e.g. pressure=kPa; can be repeated.",

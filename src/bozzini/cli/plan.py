@@ -20,6 +20,7 @@ from ._tract_options import (
 )
 from .common import (
     EXIT_NEGATIVE,
+    INPUT,
     Answer,
     answer_options,
     options_file,
@@ -35,7 +36,7 @@ __all__ = ["command", "write_result"]
 
 
 @click.command(name="plan")
-@click.argument("source", metavar="INPUT", type=click.Path(path_type=Path))
+@click.argument("source", metavar="INPUT", type=INPUT)
 @options_file(*PLAN_OPTIONS)
 @tract_options
 @options_of(Body, "body")

@@ -7,15 +7,15 @@ from pathlib import Path
 import click
 
 from ..scene.film import SUFFIXES, FilmOptions
-from .common import Answer, answer_options, options_of
+from .common import INPUT, Answer, answer_options, options_of
 from .routing import read_plan, rebuild_lumen
 
 __all__ = ["command"]
 
 
 @click.command("record")
-@click.argument("source", metavar="PLAN", type=click.Path(path_type=Path))
-@click.argument("tract", metavar="[INPUT]", required=False, type=click.Path(path_type=Path))
+@click.argument("source", metavar="PLAN", type=INPUT)
+@click.argument("tract", metavar="[INPUT]", required=False, type=INPUT)
 @options_of(FilmOptions, "options")
 @answer_options(*SUFFIXES, required=True, help="The film: .mp4 (needs the extra 'film') or .gif.")
 def command(source: Path, tract: Path | None, options: FilmOptions, answer: Answer) -> None:

@@ -18,6 +18,8 @@ from ..errors import InputError
 from ..rig.stairs import Stairs
 from .common import (
     EXIT_NEGATIVE,
+    INPUT,
+    OUTPUT,
     PICTURES,
     Answer,
     QuantityType,
@@ -199,7 +201,7 @@ def run_command(
 
 
 @command.command("replay")
-@click.argument("log", type=click.Path(path_type=Path))
+@click.argument("log", type=INPUT)
 @port_option
 @board_option
 @seed_option
@@ -292,7 +294,7 @@ def selftest_command(port: str | None, board: BoardKind, answer: Answer) -> None
 @options_of(Stairs, "stairs")
 @option("--hook PROGRAM", "Takes a picture at each step, see above.")
 @option("--hook-timeout TIME", "Longest time a picture may take.", "time", default="10s")
-@option("--plot FILE", "A picture of the curve.", click.Path(path_type=Path))
+@option("--plot FILE", "A picture of the curve.", OUTPUT)
 @answer_options(".csv", ".parquet", required=True, help="The table (.csv, .parquet).")
 def characterise_command(
     port: str | None,
@@ -371,14 +373,12 @@ def characterise_command(
 
 
 @command.command("identify")
-@click.argument(
-    "files", metavar="FILE...", nargs=-1, required=True, type=click.Path(path_type=Path)
-)
+@click.argument("files", metavar="FILE...", nargs=-1, required=True, type=INPUT)
 @click.option(
     "--check",
     "checked",
     multiple=True,
-    type=click.Path(path_type=Path),
+    type=INPUT,
     metavar="FILE",
     help="A curve to check: the rest of it is predicted from its beginning; can be repeated.",
 )

@@ -16,6 +16,8 @@ from ..study.options import ReadOptions
 from ._tract_options import read_with_options, tract_options
 from .common import (
     EXIT_NEGATIVE,
+    INPUT,
+    OUTPUT,
     PICTURES,
     Answer,
     answer_options,
@@ -38,8 +40,6 @@ if TYPE_CHECKING:
 
 __all__ = ["design_command", "rank_command"]
 
-_file = click.Path(path_type=Path)
-
 WALL_DOUBT = 1.0
 """By which a wall may differ from that of a plan [mm], beside one and a half voxels."""
 
@@ -60,13 +60,13 @@ _asked = gather(
     click.option(
         "--lumen",
         metavar="INPUT",
-        type=_file,
+        type=INPUT,
         help="The file that PLAN was made from: the pose is certified in it.",
     ),
     click.option(
         "--robot",
         metavar="ROBOT.yaml",
-        type=_file,
+        type=INPUT,
         help="A robot of one section, whose radius and stiffnesses are taken.",
     ),
     click.option("--tendons", default=2, show_default=True, help="Number of tendons: 1 to 4."),
@@ -77,15 +77,15 @@ _asked = gather(
 
 
 @click.command("design")
-@click.argument("source", metavar="[CURVE.csv | PLAN.npz]", required=False, type=_file)
+@click.argument("source", metavar="[CURVE.csv | PLAN.npz]", required=False, type=INPUT)
 @click.option(
-    "--tract", metavar="INPUT", type=_file, help="Find a robot of sections for this tract."
+    "--tract", metavar="INPUT", type=INPUT, help="Find a robot of sections for this tract."
 )
 @_asked
 @options_of(RoutingLimits, "limits")
 @options_of(RobotSearch, "search")
 @tract_options
-@click.option("--figure", metavar="FILE", type=_file, help="Also write a picture of the design.")
+@click.option("--figure", metavar="FILE", type=OUTPUT, help="Also write a picture of the design.")
 @answer_options(".yaml", ".yml", help="The robot's file.")
 def design_command(
     source: Path | None,
@@ -333,7 +333,7 @@ def _format_search(found: TractRobot) -> str:
 
 
 @click.command("rank")
-@click.argument("plan", metavar="PLAN.npz", type=_file)
+@click.argument("plan", metavar="PLAN.npz", type=INPUT)
 @options_of(InsertionRankOptions, "options")
 @click.option("--modes", default="4,6,8,10,12,16", show_default=True, help="Numbers of routings.")
 @click.option("--sections", default="4,6,8,12", show_default=True, help="Numbers of sections.")

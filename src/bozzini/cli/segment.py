@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from .common import Answer, VectorType, answer_options
+from .common import INPUT, Answer, VectorType, answer_options
 
 if TYPE_CHECKING:
     from ..anatomy.segment import Segmentation
@@ -22,7 +22,7 @@ LIMITS = (
 
 
 @click.command("segment")
-@click.argument("source", metavar="CT", type=click.Path(path_type=Path))
+@click.argument("source", metavar="CT", type=INPUT)
 @click.option(
     "--threshold",
     type=click.FloatRange(-1000.0, -400.0),

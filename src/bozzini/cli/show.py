@@ -12,7 +12,7 @@ import click
 from ..errors import FileFormatError, InputError
 from ..study.options import ReadOptions
 from ._tract_options import list_given, report_findings
-from .common import Answer, answer_options, options_of
+from .common import INPUT, Answer, answer_options, options_of
 
 if TYPE_CHECKING:
     from ..anatomy.tract import LabelTract, SurfaceTract
@@ -26,9 +26,7 @@ _DATA = (".json", ".yaml", ".yml")
 
 
 @click.command("show")
-@click.argument(
-    "sources", metavar="FILE...", nargs=-1, required=True, type=click.Path(path_type=Path)
-)
+@click.argument("sources", metavar="FILE...", nargs=-1, required=True, type=INPUT)
 @options_of(ReadOptions, "reading")
 @click.option("--open", "opened", is_flag=True, help="Open the page in the browser.")
 @answer_options(

@@ -10,6 +10,7 @@ import click
 from ..errors import InputError
 from .common import (
     EXIT_NEGATIVE,
+    INPUT,
     PICTURES,
     Answer,
     answer_options,
@@ -45,7 +46,7 @@ engine_options = gather(
         str,
     ),
 )
-_FOLDER = click.argument("folder", type=click.Path(path_type=Path))
+_FOLDER = click.argument("folder", type=INPUT)
 
 
 @click.group("study")
@@ -66,7 +67,7 @@ def _give(found: StudyResult, answer: Answer, *, negative: bool) -> None:
 
 
 @command.command("run")
-@click.argument("file", type=click.Path(path_type=Path))
+@click.argument("file", type=INPUT)
 @engine_options
 @answer_options(
     required=True,
@@ -75,6 +76,8 @@ def _give(found: StudyResult, answer: Answer, *, negative: bool) -> None:
 )
 def run_command(file: Path, engine: Engine, answer: Answer) -> None:
     """Compute the rows of a study file.
+
+    A job module:function runs that module: trust such a study file like code.
 
     Interrupt it at any time: `bozzini study resume` goes on.
 

@@ -15,6 +15,7 @@ from ..study.options import ContactOptions
 from ..units import parse_quantity
 from .common import (
     EXIT_NEGATIVE,
+    INPUT,
     Answer,
     answer_options,
     format_csv,
@@ -45,8 +46,8 @@ class _More:
 
 
 @click.command("uncertainty")
-@click.argument("source", metavar="PLAN|STUDY", type=click.Path(path_type=Path))
-@click.argument("tract", metavar="[INPUT]", required=False, type=click.Path(path_type=Path))
+@click.argument("source", metavar="PLAN|STUDY", type=INPUT)
+@click.argument("tract", metavar="[INPUT]", required=False, type=INPUT)
 @options_of(ContactOptions, "options")
 @gather(
     "more",

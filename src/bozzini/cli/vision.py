@@ -19,6 +19,7 @@ from ..vision.shape_series import ALIGNMENTS
 from ..vision.track import TrackOptions
 from .common import (
     EXIT_NEGATIVE,
+    INPUT,
     Answer,
     Command,
     QuantityType,
@@ -53,19 +54,17 @@ jobs_option = click.option(
     help="Pictures read at the same time.",
 )
 strict_option = click.option("--strict", is_flag=True, help="Exit code 1 for what is flagged, too.")
-table_argument = click.argument("table", metavar="TABLE.csv", type=click.Path(path_type=Path))
+table_argument = click.argument("table", metavar="TABLE.csv", type=INPUT)
 
 
 def board_option(help: str, *, required: bool = True) -> Callable[[Command], Command]:
     """Return the option ``--board``, the file that describes a board."""
-    kind = click.Path(path_type=Path)
-    return option("--board board_file BOARD.yaml", help, kind, required=required)
+    return option("--board board_file BOARD.yaml", help, INPUT, required=required)
 
 
 def cameras_option(help: str, *, required: bool = True) -> Callable[[Command], Command]:
     """Return the option ``--cameras``, a file of calibrated cameras."""
-    kind = click.Path(path_type=Path)
-    return option("--cameras cameras_file CAMERAS.yaml", help, kind, required=required)
+    return option("--cameras cameras_file CAMERAS.yaml", help, INPUT, required=required)
 
 
 @command.command("board")
@@ -119,7 +118,7 @@ def board_command(kind: str, answer: Answer, **given: float | None) -> None:
 
 
 @command.command("calibrate")
-@click.argument("folder", metavar="FOLDER", type=click.Path(path_type=Path))
+@click.argument("folder", metavar="FOLDER", type=INPUT)
 @board_option("The description of the board.")
 @options_of(CalibrationOptions, "options")
 @jobs_option
@@ -478,7 +477,7 @@ def plan_setup_command(
     "--model",
     "model_file",
     metavar="MODEL.csv",
-    type=click.Path(path_type=Path),
+    type=INPUT,
     help="Curves to compare with: columns pose, x_mm, y_mm, z_mm, in order from the base. Without "
     "pose it is one curve for all rows.",
 )

@@ -24,6 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_fields, check_number, quantity
 from ..errors import InputError
+from ..io.records import check_depth
 
 MAGIC = 0x315A4342
 """The first four bytes of a frame of the body, ``BCZ1``."""
@@ -228,6 +229,7 @@ def read_message(text: str) -> Message:
     """
     try:
         given = json.loads(text, parse_constant=_take_finite, parse_float=_take_finite)
+        check_depth(given)
     except (ValueError, RecursionError):
         raise MessageError("the message is no JSON of finite numbers") from None
     if not isinstance(given, dict):

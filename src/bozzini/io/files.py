@@ -6,17 +6,20 @@ import atexit
 import hashlib
 import json
 import os
+import platform
+import re
 import shutil
 import stat
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..checks import check_path
 from ..errors import MissingExtraError, OutputError
+from .inputs import check_no_input, find_input
 
 if TYPE_CHECKING:
     import pandas
@@ -25,21 +28,30 @@ if TYPE_CHECKING:
 def write_atomically(path: str | os.PathLike[str], write: Callable[[Path], None]) -> Path:
     """Let `write` fill a temporary file beside `path`, then rename it to `path`.
 
+    A symbolic link is followed, also one to a file that is not there yet.
+
+    Returns
+    -------
+    Path
+        `path`.
+
     Raises
     ------
     OutputError
-        If the place cannot be written; nothing is left behind.
+        If the place cannot be written, or is an input of the command; nothing is left behind.
     """
-    target = check_path("path", path)
+    given = check_path("path", path)
+    check_no_input(given)
     try:
+        target = _follow_to_file(given)
         handle, name = tempfile.mkstemp(
             dir=target.parent, prefix=f".{target.stem[:16]}.", suffix=target.suffix
         )
         os.close(handle)
     except OSError as error:
-        raise OutputError(f"cannot write {target}: {error.strerror or error}") from None
+        raise OutputError(f"cannot write {given}: {error.strerror or error}") from None
     except ValueError as error:  # a null byte in the name
-        raise OutputError(f"cannot write {target}: {error}") from None
+        raise OutputError(f"cannot write {given}: {error}") from None
     temporary = Path(name)
     try:
         write(temporary)
@@ -50,9 +62,25 @@ def write_atomically(path: str | os.PathLike[str], write: Callable[[Path], None]
     except OutputError:
         raise
     except OSError as error:
-        raise OutputError(f"cannot write {target}: {error.strerror or error}") from None
+        raise OutputError(f"cannot write {given}: {error.strerror or error}") from None
     finally:
         temporary.unlink(missing_ok=True)
+    return given
+
+
+def _follow(path: Path) -> Path:
+    """Return where the symbolic links of a path lead, whether or not there is something."""
+    target = Path(os.path.realpath(path))
+    if target.is_symlink():
+        raise OutputError(f"cannot write {path}: its symbolic links go round in a circle")
+    return target
+
+
+def _follow_to_file(path: Path) -> Path:
+    """Return the same, and refuse a device or pipe: a file would take its place."""
+    target = _follow(path)
+    if target.exists() and not (target.is_file() or target.is_dir()):
+        raise OutputError(f"{path} is a device or a pipe: choose a file")
     return target
 
 
@@ -95,21 +123,21 @@ def check_new_file(
     Raises
     ------
     OutputError
-        If it ends otherwise, is a directory, exists and may not be replaced, or its place takes
-        no new file.
+        If it ends otherwise, is a directory, is an input of the command, exists and may not be
+        replaced, or its place takes no new file.
     """
-    target = check_path("path", path)
-    if target.suffix.lower() not in suffixes:
-        raise OutputError(
-            f"{target} ends in '{target.suffix}': it must end in {', '.join(suffixes)}"
-        )
+    given = check_path("path", path)
+    if given.suffix.lower() not in suffixes:
+        raise OutputError(f"{given} ends in '{given.suffix}': it must end in {', '.join(suffixes)}")
     try:
+        target = _follow_to_file(given)
         if not target.parent.is_dir():
-            raise OutputError(f"cannot write {target}: {target.parent} is not a directory")
+            raise OutputError(f"cannot write {given}: {target.parent} is not a directory")
         if target.is_dir():
-            raise OutputError(f"{target} is a directory: choose a file")
+            raise OutputError(f"{given} is a directory: choose a file")
+        check_no_input(given)
         if target.exists() and not force:
-            raise OutputError(f"{target} exists already: choose another file or give --force")
+            raise OutputError(f"{given} exists already: choose another file or give --force")
         # Whether a place takes a file is only known by trying: permissions are not all.
         handle, name = tempfile.mkstemp(dir=target.parent, prefix=f".{target.stem[:16]}.")
         os.close(handle)
@@ -118,7 +146,7 @@ def check_new_file(
         raise
     except (OSError, ValueError) as error:  # a name that is too long, a null byte
         problem = getattr(error, "strerror", None) or error
-        raise OutputError(f"cannot write {target}: {problem}") from None
+        raise OutputError(f"cannot write {given}: {problem}") from None
 
 
 def write_text(path: str | os.PathLike[str], text: str) -> Path:
@@ -154,12 +182,13 @@ def new_directory(path: str | os.PathLike[str], *, force: bool = False) -> Itera
     Raises
     ------
     OutputError
-        If `path` exists (and `force` is not given, or it holds files that are no result of
-        Bozzini), is a file, or cannot be made, or if another process writes there.
+        If `path` exists (and `force` is not given, or it holds an input of the command, or files
+        that are no result of Bozzini), is a file, or cannot be made, or if another process writes
+        there.
     """
     with reserve_directory(path, force=force) as target:
         try:
-            temporary = Path(tempfile.mkdtemp(dir=target.parent, prefix=".bozzini-"))
+            temporary = Path(tempfile.mkdtemp(dir=target.parent, prefix=_name_temporary(target)))
         except OSError as error:
             raise OutputError(f"cannot write {path}: {error.strerror or error}") from None
         try:
@@ -178,8 +207,9 @@ def reserve_directory(path: str | os.PathLike[str], *, force: bool = False) -> I
     """Keep the name of a directory from other processes while the block runs.
 
     `new_directory` does the same for its own block; this is for the work before it. The lock is
-    one of the operating system on a file beside `path`, so that it ends with its process. On
-    Windows, and on file systems without locks, nothing is kept.
+    one of the operating system on a file beside `path`, so that it ends with its process. What
+    killed processes left beside `path` is removed. On Windows, and on file systems without locks,
+    nothing is kept and nothing removed.
 
     Parameters
     ----------
@@ -203,7 +233,9 @@ def reserve_directory(path: str | os.PathLike[str], *, force: bool = False) -> I
         return
     made = _make_parents(target, Path(path))
     try:
-        with _lock(target, Path(path)):
+        with _lock(target.parent, _digest(target.name), Path(path)) as is_locked:
+            if is_locked:
+                _remove_stale(target)
             check_new_directory(path, force=force)
             _reserved.add(target)
             try:
@@ -234,9 +266,7 @@ def check_new_directory(path: str | os.PathLike[str], *, force: bool = False) ->
 def _check_place(given: Path, *, force: bool) -> None:
     if "\0" in str(given):
         raise ValueError("the name holds a null byte")
-    target = Path(os.path.realpath(given))
-    if target.is_symlink():
-        raise OutputError(f"cannot write {given}: its symbolic links go round in a circle")
+    target = _follow(given)
     if target.is_dir():
         if not force:
             raise OutputError(f"{given} exists already: choose another directory or give --force")
@@ -262,12 +292,21 @@ def _check_replaceable(target: Path, given: Path) -> None:
     if os.path.ismount(target):
         raise OutputError(f"{given} is a mount point: choose a directory inside it")
     own = _list_own(target)
+    if find_input(target) is not None:
+        raise OutputError(f"{given} is an input of this command: choose another directory")
 
     def fail(error: OSError) -> None:
         raise error
 
     for folder, folders, files in os.walk(target, onerror=fail):
         folders.sort()
+        for name in sorted(folders + files):
+            if find_input(os.path.join(folder, name)) is not None:
+                place = Path(folder, name).relative_to(target).as_posix()
+                raise OutputError(
+                    f"{given} holds '{place}', an input of this command, which --force would "
+                    "remove: choose another directory"
+                )
         links = [name for name in folders if os.path.islink(os.path.join(folder, name))]
         for name in sorted(files + links):
             place = Path(folder, name).relative_to(target).as_posix()
@@ -323,20 +362,62 @@ def _make_parents(target: Path, given: Path) -> list[Path]:
     return made
 
 
+def _digest(name: str) -> str:
+    return hashlib.sha256(os.fsencode(name)).hexdigest()[:16]
+
+
+_OLD = ".old"
+
+
+def _name_temporary(target: Path) -> str:
+    """Return how names of directories begin that become `target`: with its lock, and this machine.
+
+    Locks of some file systems hold on one machine alone.
+    """
+    return f".bozzini-{_digest(target.name)}-{_digest(platform.node())[:8]}-"
+
+
+def _remove_stale(target: Path) -> None:
+    """Remove what killed processes left in the directory of `target`, whose lock is held.
+
+    A process that is killed between its two renames leaves the old result in a temporary
+    directory: it gets its name again.
+    """
+    known = re.compile(rf"\.bozzini-([0-9a-f]{{16}})-{_digest(platform.node())[:8]}-")
+    folders: dict[str, list[Path]] = {}
+    with suppress(OSError):
+        for name in os.listdir(target.parent):
+            found = known.match(name)
+            if found is not None:
+                folders.setdefault(found[1], []).append(target.parent / name)
+    for digest, stale in folders.items():
+        own = digest == _digest(target.name)
+        lock = nullcontext(True) if own else _lock(target.parent, digest, target)
+        with suppress(OutputError), lock as is_locked:
+            for folder in stale if is_locked else []:
+                with suppress(OSError):
+                    for old in folder.glob(f"{_OLD}/*"):
+                        if not (target.parent / old.name).exists():
+                            old.rename(target.parent / old.name)
+                    shutil.rmtree(folder)
+
+
 @contextmanager
-def _lock(target: Path, given: Path) -> Iterator[None]:
-    """Hold a lock on a file beside `target`, which is there only meanwhile."""
+def _lock(place: Path, digest: str, given: Path) -> Iterator[bool]:
+    """Hold a lock on a file in `place`, which is there only meanwhile; give whether it holds.
+
+    `digest` is that of the name of the directory that is written there.
+    """
     if sys.platform == "win32":
-        yield
+        yield False
         return
     import fcntl
 
-    name = hashlib.sha256(os.fsencode(target.name)).hexdigest()[:16]
-    place = target.parent / f".bozzini-{name}.lock"
-    descriptor = -1
+    file = place / f".bozzini-{digest}.lock"
+    descriptor, is_locked = -1, True
     try:
         while descriptor < 0:
-            descriptor = os.open(place, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+            descriptor = os.open(file, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
             try:
                 fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
@@ -345,9 +426,9 @@ def _lock(target: Path, given: Path) -> Iterator[None]:
                     f"another run is writing {given}: choose another directory or wait for its end"
                 ) from None
             except OSError:
-                pass  # this file system has no locks
+                is_locked = False  # this file system has no locks
             # Who held it before may have removed its file between the two calls above.
-            if not _is_open_file(descriptor, place):
+            if not _is_open_file(descriptor, file):
                 os.close(descriptor)
                 descriptor = -1
     except OutputError:
@@ -355,10 +436,10 @@ def _lock(target: Path, given: Path) -> Iterator[None]:
     except OSError as error:
         raise OutputError(f"cannot write {given}: {error.strerror or error}") from None
     try:
-        yield
+        yield is_locked
     finally:
         with suppress(OSError):
-            place.unlink()
+            file.unlink()
         os.close(descriptor)
 
 
@@ -378,8 +459,9 @@ def _put_in_place(temporary: Path, target: Path, given: Path) -> None:
         return
     _check_replaceable(target, given)  # files may have come since
     shutil.copymode(target, temporary)
-    aside = Path(tempfile.mkdtemp(dir=target.parent, prefix=".bozzini-"))
-    old = aside / target.name
+    aside = Path(tempfile.mkdtemp(dir=target.parent, prefix=_name_temporary(target)))
+    old = aside / _OLD / target.name
+    old.parent.mkdir()
     try:
         target.rename(old)
         temporary.rename(target)

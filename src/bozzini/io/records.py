@@ -44,6 +44,7 @@ from ..errors import FileFormatError, InputError
 from ..results import Json, to_plain
 from ..units import FULL_TURN_RAD, check_bare_angle, parse_quantity, restate_typed
 from .files import write_text
+from .inputs import note_input
 
 if TYPE_CHECKING:
     from cattrs import Converter
@@ -224,6 +225,7 @@ def load_data(path: str | os.PathLike[str]) -> object:
         If the file cannot be read, is neither, gives a field twice, or refers to itself.
     """
     source = check_path("path", path)
+    note_input(source)
     try:
         text = source.read_text(encoding="utf-8")
     except OSError as error:
@@ -236,16 +238,38 @@ def load_data(path: str | os.PathLike[str]) -> object:
         raise FileFormatError(f"{source}: {error}") from None
 
 
-def parse_json(text: str) -> object:
+DEPTH_MAX = 50
+"""How many lists and objects of a file may lie in each other: what follows a tree calls itself."""
+
+
+def parse_json(text: str | bytes) -> object:
     """Return what a JSON text holds, or raise `InputError` in one line."""
     try:
-        return json.loads(text, object_pairs_hook=_take_pairs)
+        data = json.loads(text, object_pairs_hook=_take_pairs)
     except InputError:
         raise
     except RecursionError:
-        raise InputError("not JSON that can be read: it is nested too deeply") from None
+        raise _too_deep() from None
     except ValueError as error:
         raise InputError(f"not JSON: {error}") from None
+    return check_depth(data)
+
+
+def check_depth(data: object) -> object:
+    """Return plain data, or raise `InputError` if it is nested more than `DEPTH_MAX` deep."""
+    level = [data]
+    for _ in range(DEPTH_MAX + 1):
+        holders = [item for item in level if isinstance(item, (dict, list, tuple))]
+        if not holders:
+            return data
+        level = [
+            part for item in holders for part in (item.values() if isinstance(item, dict) else item)
+        ]
+    raise _too_deep()
+
+
+def _too_deep() -> InputError:
+    return InputError(f"it is nested more than {DEPTH_MAX} lists or objects deep")
 
 
 def parse_yaml(text: str) -> object:
@@ -253,14 +277,17 @@ def parse_yaml(text: str) -> object:
     import yaml
 
     try:
-        return yaml.load(text, Loader=_yaml_loader())
+        data = yaml.load(text, Loader=_yaml_loader())
     except InputError:
         raise
-    except (yaml.YAMLError, ValueError, TypeError, RecursionError) as error:
+    except RecursionError:
+        raise _too_deep() from None
+    except (yaml.YAMLError, ValueError, TypeError) as error:
         mark = getattr(error, "problem_mark", None)
         where = f" in line {mark.line + 1}" if mark else ""
         problem = getattr(error, "problem", None) or str(error).splitlines()[0]
         raise InputError(f"not YAML{where}: {problem}") from None
+    return check_depth(data)
 
 
 def format_yaml(data: Mapping[str, object]) -> str:

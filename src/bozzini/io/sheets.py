@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import FileFormatError, MissingExtraError
+from .inputs import note_input
 
 if TYPE_CHECKING:
     import pandas
@@ -42,6 +43,7 @@ def take_frame(table: pandas.DataFrame) -> Sheet:
 
 
 def _read_bytes(path: Path) -> bytes:
+    note_input(path)
     try:
         return path.read_bytes()
     except OSError as error:

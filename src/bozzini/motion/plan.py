@@ -29,6 +29,7 @@ from ..duct.centreline import Centreline
 from ..errors import FileFormatError, InputError
 from ..io import records, schema
 from ..io.files import write_atomically
+from ..io.inputs import note_input
 from ..results import Json, Result, take_axes, to_plain
 from ..units import add_unit
 from .certify import Certificate
@@ -675,6 +676,7 @@ class Plan(Result):
             rest of the file allows.
         """
         source = check_path("plan", path)
+        note_input(source)
         meta, arrays = _read_archive(source)
         try:
             texts = {name: meta.pop(name, None) for name in _TEXTS}
@@ -797,7 +799,7 @@ def _read_archive(source: Path) -> tuple[dict[str, object], dict[str, Floats]]:
             text = _read_array(archive, "meta")
             if text.shape != () or text.dtype.kind != "U":
                 raise ValueError(f"meta is {text.dtype} of shape {text.shape}: it must be one text")
-            meta = json.loads(str(text))
+            meta = records.parse_json(str(text))
             arrays = {name: _read_array(archive, name) for name in _ARRAYS}
     except FileNotFoundError:
         raise FileFormatError(f"no such file: {source}") from None

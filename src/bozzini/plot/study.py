@@ -233,7 +233,9 @@ def draw_tip_error(
     from scipy.stats import chi2
 
     axes = take_panel(ax)
-    axes.plot(*drawn[:MOST_POINTS].T, ".", color=BLUE, alpha=0.25, markersize=3, label="drawn errors")
+    axes.plot(
+        *drawn[:MOST_POINTS].T, ".", color=BLUE, alpha=0.25, markersize=3, label="drawn errors"
+    )
     values, vectors = np.linalg.eigh(covariance)
     radii = np.sqrt(np.maximum(values, 0.0) * chi2.ppf(level, 2))
     angle = np.linspace(0.0, 2.0 * np.pi, 181)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import difflib
 import hashlib
-import inspect
 import json
 import math
 import os
@@ -21,10 +20,11 @@ from .. import __version__
 from ..anatomy.read import hash_input
 from ..checks import Quantity, check_path
 from ..errors import BozziniError, FileFormatError, InputError
+from ..io.inputs import note_input
 from ..io.records import load_record, read_record, write_record
 from ..units import add_unit, parse_quantity
 from .factors import Axis, Sampling, StudySpec, Value, count_rows, draw_rows, take_value
-from .jobs import ERROR, Columns, Job, Rows, choose_job, find_function, make_job
+from .jobs import ERROR, Columns, Job, Rows, choose_job, find_function, find_source, make_job
 
 if TYPE_CHECKING:
     import pyarrow
@@ -145,13 +145,15 @@ class Study:
         path = self.base / given
         if not path.is_file():
             raise InputError(f"there is no file {path}")
+        note_input(path)
         return str(path)
 
     @cached_property
     def job(self) -> Job:
         """The job with its fixed inputs."""
         named = (*self.spec.outputs, *self.spec.constraints, *self._list_aims())
-        return make_job(self.spec.job, self.fixed, tuple(dict.fromkeys(named)))
+        outputs = tuple(dict.fromkeys(named))
+        return make_job(self.spec.job, self.fixed, inputs=self.inputs, outputs=outputs)
 
     @cached_property
     def outputs(self) -> dict[str, str]:
@@ -206,7 +208,7 @@ class Study:
         given = {**self.files, **{name: str(self.fixed[name]) for name in names & {*self.fixed}}}
         made = find_function(spec.job) if ":" in spec.job else type(self.job)
         if made.__module__.partition(".")[0] != "bozzini":
-            source = inspect.getsourcefile(made)
+            source = find_source(made)
             given |= {"function": source} if source else {}
         parts = (
             *(__version__, spec.job, axes, sorted(self.outputs)),

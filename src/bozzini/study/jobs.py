@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import importlib
+import inspect
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
 from typing import TYPE_CHECKING, ClassVar, SupportsFloat, cast
@@ -594,24 +595,53 @@ class FunctionJob(RowJob):
 
 
 def find_function(place: str) -> Callable[..., object]:
-    """Return a function by ``module:function``.
+    """Return a function by ``module:function``. Its module runs: a study is trusted like code.
 
     Raises
     ------
     InputError
-        If it cannot be imported, or is no function.
+        If it cannot be imported, is no function, or has no source in Python: what comes of it is
+        known by its source.
     """
     module, _, name = place.partition(":")
     try:
         found = getattr(importlib.import_module(module), name)
-    except Exception as error:  # another's module may raise anything
+    except (Exception, SystemExit) as error:  # another's module may raise anything
         raise InputError(
             f"job '{place}' cannot be imported: {type(error).__name__}: {error}"
         ) from None
     if not callable(found):
         raise InputError(f"job '{place}' is {show_value(found)}: it must be a function")
     function: Callable[..., object] = found
+    if find_source(function) is None:
+        raise InputError(
+            f"job '{place}' has no source in Python: name a function that has, and that takes the "
+            "inputs as keywords"
+        )
     return function
+
+
+def find_source(function: Callable[..., object]) -> str | None:
+    """Return the file that a function or class is written in; None if it is built in."""
+    made: object = inspect.unwrap(function)
+    while isinstance(made, partial):
+        made = inspect.unwrap(made.func)
+    if not (inspect.isroutine(made) or inspect.isclass(made)):
+        made = type(made)
+    try:
+        return inspect.getsourcefile(made)  # type: ignore[arg-type]  # it says so if it cannot
+    except TypeError:
+        return None
+
+
+def _check_keywords(place: str, function: Callable[..., object], names: Iterable[str]) -> None:
+    """Raise `InputError` if a function cannot be called with these names."""
+    try:
+        inspect.signature(function).bind(**dict.fromkeys(names))
+    except (TypeError, ValueError) as error:  # a ValueError if it tells no signature
+        raise InputError(
+            f"job '{place}' does not take the inputs {', '.join(names)} as keywords: {error}"
+        ) from None
 
 
 def choose_job(name: str) -> type[Job]:
@@ -622,8 +652,12 @@ def choose_job(name: str) -> type[Job]:
     return JOBS[name]
 
 
-def make_job(name: str, fixed: Mapping[str, Value], outputs: tuple[str, ...]) -> Job:
-    """Return a job with its fixed inputs, in Bozzini's units."""
+def make_job(
+    name: str, fixed: Mapping[str, Value], *, inputs: Iterable[str], outputs: tuple[str, ...]
+) -> Job:
+    """Return a job with its fixed inputs, in Bozzini's units; `inputs` names all."""
     if ":" in name:
-        return FunctionJob(fixed, find_function(name), outputs)
+        function = find_function(name)
+        _check_keywords(name, function, inputs)
+        return FunctionJob(fixed, function, outputs)
     return choose_job(name)(fixed)

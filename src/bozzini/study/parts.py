@@ -5,9 +5,10 @@ from __future__ import annotations
 import json
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 from ..io.files import write_atomically
+from ..io.records import parse_json
 from ..results import Json
 from .definition import Study
 
@@ -67,7 +68,7 @@ def read_part(path: Path, key: str, *, rows: int, first: int, deep: bool = False
         found = pq.read_metadata(path)
         if deep:
             load_part(path)
-        known: Json = json.loads(found.metadata[KEY])
+        known = cast(Json, parse_json(found.metadata[KEY]))
         stated = (known["key"], known["rows"], known["first"])
     except (OSError, pa.ArrowException, KeyError, TypeError, ValueError):
         return None

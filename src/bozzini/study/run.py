@@ -31,6 +31,8 @@ from ..errors import (
     OutputError,
 )
 from ..io.files import check_parquet, reserve_directory, write_atomically, write_text
+from ..io.inputs import note_input
+from ..io.records import parse_json
 from ..progress import Progress, no_progress
 from ..results import Json, Result, measured, take_axes
 from .definition import Study, take_study
@@ -506,13 +508,13 @@ def read_manifest(folder: str | os.PathLike[str]) -> Json:
     """
     path = check_path("folder", folder) / "study.json"
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))
+        found = parse_json(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise FileFormatError(
             f"{path.parent} is no directory of a study: cannot read study.json, {error.strerror}"
         ) from None
-    except (ValueError, RecursionError):
-        raise FileFormatError(f"{path} is no JSON") from None
+    except ValueError as error:
+        raise FileFormatError(f"{path} is no JSON: {error}") from None
     wanted = {"format": str, "key": str, "chunk": int, "rows": int, "study": dict, "base": str}
     if not isinstance(found, dict) or found.get("format") != FORMAT:
         raise FileFormatError(f"{path} is not of the format {FORMAT}")
@@ -623,6 +625,7 @@ def _open_table(folder: str | os.PathLike[str], columns: list[str] | None = None
             raise FileFormatError(
                 f"{path} is damaged: 'bozzini study resume {folder}' computes it again"
             ) from None
+        note_input(path)
     try:
         return pa.concat_tables(tables).unify_dictionaries()
     except pa.ArrowException:

@@ -10,13 +10,12 @@ are drawn and computed exactly, so that it shows where the first order does not 
 
 from __future__ import annotations
 
-import json
 import math
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +27,7 @@ from ..continuum.unknowns import FIELDS, RobotSetup, change_setup, parse_unknown
 from ..effector.effector import Effector
 from ..effector.study import change_design, find_quantity
 from ..errors import BozziniError, FileFormatError, InputError
+from ..io.records import parse_json
 from ..muscle import Muscle, MuscleModel
 from ..muscle.ends import EndEffects
 from ..muscle.files import MuscleFile
@@ -664,7 +664,7 @@ def read_robot_fit(path: str | os.PathLike[str]) -> RobotFitFile:
     """
     source = check_path("fit", path)
     try:
-        found = json.loads(source.read_text(encoding="utf-8"))
+        found = cast(Json, parse_json(source.read_text(encoding="utf-8")))
         estimates, correlations = found["estimates"], np.array(found["correlations"], dtype=float)
         names = tuple(str(name) for name in estimates)
         rows = [(one["value"], one["unit"], one["standard_error"]) for one in estimates.values()]
@@ -674,7 +674,7 @@ def read_robot_fit(path: str | os.PathLike[str]) -> RobotFitFile:
         raise FileFormatError(f"cannot read {source}: {error.strerror}") from None
     except InputError as error:
         raise FileFormatError(f"{source}: {error}") from None
-    except (ValueError, RecursionError, TypeError, KeyError, AttributeError):
+    except (ValueError, TypeError, KeyError, AttributeError):
         raise FileFormatError(
             f"{source} is no fit of a robot: write one by 'bozzini continuum fit ... --json'"
         ) from None

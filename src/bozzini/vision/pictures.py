@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 from .. import __version__
 from ..errors import BozziniError, FileFormatError, InputError, MissingExtraError
 from ..io.files import write_atomically, write_bytes, write_parquet, write_text
+from ..io.inputs import note_input
 from ..progress import Progress, no_progress
 from ..results import Json, to_plain
 
@@ -93,6 +94,7 @@ def read_picture(path: str | os.PathLike[str]) -> Picture:
     from PIL import Image, UnidentifiedImageError
 
     source = Path(path)
+    note_input(source)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # damaged notes in a picture that is whole
@@ -191,6 +193,7 @@ def read_manifest(path: str | os.PathLike[str], required: Sequence[str]) -> Mani
         One line that names the file and what is wrong.
     """
     source = Path(path)
+    note_input(source)
     try:
         text = source.read_text(encoding="utf-8-sig")
     except OSError as error:

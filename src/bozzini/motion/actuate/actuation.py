@@ -22,6 +22,8 @@ from ...continuum.coupling import coupling_matrix
 from ...continuum.robot import check_robot
 from ...errors import FileFormatError, InputError
 from ...io.files import write_atomically, write_parquet, write_text
+from ...io.inputs import note_input
+from ...io.records import parse_json
 from ...results import Json, Result, take_axes, to_plain
 from .executed import ArcCertificate, place_bodies
 
@@ -427,9 +429,10 @@ def save_actuation(actuation: Actuation, path: Path) -> Path:
 
 def load_actuation(path: Path) -> Actuation:
     """Read a motion; see `Actuation.load`."""
+    note_input(path)
     try:
         with np.load(path, allow_pickle=False) as data:
-            record = json.loads(str(data["record"]))
+            record = parse_json(str(data["record"]))
             if not isinstance(record, dict) or record.get("format") != ACTUATION_FORMAT:
                 raise FileFormatError(f"{path} is not an actuation of format {ACTUATION_FORMAT!r}")
             arrays: Json = {name: data[name] for name in ARRAYS}

@@ -137,7 +137,10 @@ class LoopFit(Result):
 
     def describe_error(self) -> str:
         """Return how many samples counted, and both errors beside each other."""
-        unit, shares = self.record.unit, (100.0 / self.span) * np.array([self.deviation, self.error])
+        unit, shares = (
+            self.record.unit,
+            (100.0 / self.span) * np.array([self.deviation, self.error]),
+        )
         held = (
             f"{self.error:.4g} {unit} held out ({shares[1]:.2g} %, {self.held_out} samples)"
             if self.held_out
