@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from .certify import find_waiting
 from .link import move_free_chain
-from .plan import Measures, Plan
+from .plan import FieldSummary, Measures, Plan
 from .scope import Scope
 from .space import FreeSpace, grid_of
 
@@ -224,3 +224,18 @@ def measure_displacement(plan: Plan) -> dict[str, float]:
 def _measure_travel(joints: NDArray[np.float64]) -> float:
     """Return how far all joints move in all steps [mm]."""
     return float(np.linalg.norm(np.diff(joints, axis=0), axis=2).sum())
+
+
+def summarise_field(space: FreeSpace) -> FieldSummary:
+    """Return what a plan states of the field that it was made in."""
+    duct, grid = space.duct, grid_of(space.duct)
+    return FieldSummary(
+        kind=duct.kind,
+        spacing=None if grid is None else tuple(float(h) for h in grid.spacing),
+        nodes=None if grid is None else tuple(int(n) for n in grid.values.shape),
+        inflation=duct.inflation,
+        interpolation_error=duct.error,
+        wall_error=duct.wall_error,
+        sampling_error=0.5 * space.pitch,
+        clearance_error=duct.error + 0.5 * space.pitch,
+    )

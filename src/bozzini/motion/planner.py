@@ -19,12 +19,12 @@ from ..errors import InputError, PluginError
 from ..numeric.polylines import measure_arc_length
 from ..progress import Progress, no_progress
 from .certify import Certificate, certify_motion
-from .measures import measure_motion
-from .plan import LENGTH_ROUND_OFF_MM, CandidateMotion, FieldSummary, Plan
+from .measures import measure_motion, summarise_field
+from .plan import LENGTH_ROUND_OFF_MM, CandidateMotion, Plan
 from .planners import HEAD_STEP_MIN_MM, PLANNERS, PlannerOptions
 from .refusal import Refusal
 from .scope import Scope
-from .space import FreeSpace, grid_of
+from .space import FreeSpace
 
 LINKS_MAX = 10_000
 """A scope has at most as many links."""
@@ -403,21 +403,6 @@ def check_link(scope: Scope, line: Centreline) -> None:
             f"link length is {scope.link_length:g} mm: it must be at most the tract's "
             f"centreline, {line.length:.1f} mm"
         )
-
-
-def summarise_field(space: FreeSpace) -> FieldSummary:
-    """Return what a plan states of the field that it was made in."""
-    duct, grid = space.duct, grid_of(space.duct)
-    return FieldSummary(
-        kind=duct.kind,
-        spacing=None if grid is None else tuple(float(h) for h in grid.spacing),
-        nodes=None if grid is None else tuple(int(n) for n in grid.values.shape),
-        inflation=duct.inflation,
-        interpolation_error=duct.error,
-        wall_error=duct.wall_error,
-        sampling_error=0.5 * space.pitch,
-        clearance_error=duct.error + 0.5 * space.pitch,
-    )
 
 
 @functools.cache

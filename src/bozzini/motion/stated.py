@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..duct.base import Duct
-from .measures import measure_angles, measure_step_ratio
+from .measures import measure_angles, measure_step_ratio, summarise_field
 from .plan import ROUND_OFF_MM, Measures, Plan
-from .planner import summarise_field
 from .planners import PLANNERS
 from .space import FreeSpace, find_passage, grid_of
 
