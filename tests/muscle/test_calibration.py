@@ -113,9 +113,7 @@ def test_table_of_what_can_be_identified(name, monkeypatch):
     assert found.converged
     units = {"braid_angle": math.degrees(1.0)}
     deviations = np.sqrt(np.diag(known[-1].inverse))
-    errors = [
-        one * units.get(key, 1.0) * NOISE for key, one in zip(free, deviations, strict=True)
-    ]
+    errors = [one * units.get(key, 1.0) * NOISE for key, one in zip(free, deviations, strict=True)]
     assert errors == pytest.approx(spread, rel=0.12)
     assert found.condition == pytest.approx(condition, rel=0.2)
     off = known[-1].correlations[np.triu_indices(len(free), 1)]

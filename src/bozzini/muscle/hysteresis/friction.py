@@ -148,7 +148,9 @@ class MaxwellSlip(Operator):
         """
         loops = Loops.take(history, response, options)
         inputs = loops.inputs
-        given = choose_thresholds(loops.fitted_inputs, yields, count, counts=(1, 200), from_zero=False)
+        given = choose_thresholds(
+            loops.fitted_inputs, yields, count, counts=(1, 200), from_zero=False
+        )
         yields = take_increasing("yields", given, low_open=True)
         found = loops.fit(
             kernels.trace_slips(inputs, np.array(yields)),

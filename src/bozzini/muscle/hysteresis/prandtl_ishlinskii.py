@@ -392,7 +392,9 @@ class AsymmetricPrandtlIshlinskii(PlaySum):
         """
         loops = Loops.take(history, response, options)
         inputs = loops.inputs
-        given = choose_thresholds(loops.fitted_inputs, thresholds, count, counts=(1, 100), from_zero=False)
+        given = choose_thresholds(
+            loops.fitted_inputs, thresholds, count, counts=(1, 100), from_zero=False
+        )
         thresholds = take_increasing("thresholds", given)
         names = ["slope"]
         names += [f"{way}_weights[{i}]" for way in _WAYS for i in range(len(thresholds))]

@@ -137,7 +137,10 @@ class LoopFit(Result):
 
     def describe_error(self) -> str:
         """Return how many samples counted, and both errors beside each other."""
-        unit, shares = self.record.unit, (100.0 / self.span) * np.array([self.deviation, self.error])
+        unit, shares = (
+            self.record.unit,
+            (100.0 / self.span) * np.array([self.deviation, self.error]),
+        )
         held = (
             f"{self.error:.4g} {unit} held out ({shares[1]:.2g} %, {self.held_out} samples)"
             if self.held_out
@@ -393,7 +396,7 @@ def _judge_drift(fit: LoopFit) -> list[str]:
 
 def _judge(fit: LoopFit) -> LoopFit:
     """Return the fit with what a user should know of it."""
-    unit, parts, notes = fit.record.unit, fit.parts, list(fit.notes)
+    unit, notes = fit.record.unit, list(fit.notes)
     if fit.skipped:
         notes.append(
             f"the record does not start at rest, but at {1e3 * fit.record.pressure[0]:.4g} kPa: "
