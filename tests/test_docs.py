@@ -391,8 +391,11 @@ def test_errors_on_the_trust_page_are_those_of_the_validation() -> None:
         section = validation.partition(f"<!-- {name}: begin -->")[2].partition(f"<!-- {name}: end")[
             0
         ]
-        number = re.findall(r"[\d.]+", error)[0]
-        assert re.search(rf"(?<![\d.]){re.escape(number)}(?![\d.]*\d)", section), f"{name}: {error}"
+        numbers = re.findall(r"(\d[\d.]*)(?= (?:to|mm|N|%))", error)
+        assert numbers
+        for number in numbers:
+            found = re.search(rf"(?<![\d.]){re.escape(number)}(?![\d.]*\d)", section)
+            assert found, f"{name}: {number} of '{error}'"
 
 
 def test_the_files_of_a_plan_are_listed() -> None:

@@ -131,8 +131,8 @@ def validate(folder: Path, images: Path) -> Section:
             "any of them could be what the factor stands for. One tendon hardly determines the "
             "base: its position and its rotation cannot be distinguished, as the fit warns. So "
             "this compares the form of the path of the tip disc, not its place: steps left out "
-            f"are of the same pull, and {least:.2f} mm is the error of a pull that is repeated at its "
-            "place, not of another motion or mounting.",
+            f"are of the same pull, and {least:.2f} mm is the error of a pull that is repeated at "
+            "its place, not of another motion or mounting.",
         ),
         bounds=(Bound(f"two markers, {len(best.estimates)} constants", best.rms, 1.0, "mm"),),
     )

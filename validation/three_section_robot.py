@@ -208,7 +208,9 @@ def validate(folder: Path, images: Path) -> Section:
                 "mm",
             ),
             Bound("tip, the kind of motion that is missed most, from the others", worst, 9.5, "mm"),
-            Bound("tip, two sections at the same time, from one at a time", motions.pairs, 5.8, "mm"),
+            Bound(
+                "tip, two sections at the same time, from one at a time", motions.pairs, 5.8, "mm"
+            ),
             Bound("fitted in that form", len(best.estimates), 15, "constants"),
             Bound(
                 "its error over that with tendons that stretch by their length",
@@ -247,32 +249,33 @@ def describe_motions(motions: Motions) -> list[str]:
     """Return the errors by kind of motion, and how constants fitted later in time lie."""
     worst = max(motions.by_kind, key=lambda kind: motions.by_kind[kind][1])
     rows = [
-        [KINDS[kind], str(count), f"{error:.2f}"] for kind, (count, error) in motions.by_kind.items()
+        [KINDS[kind], str(count), f"{error:.2f}"]
+        for kind, (count, error) in motions.by_kind.items()
     ]
     name = "tendons.*.stiffness"
     one, two = (
         next(each for each in fit.estimates if each.name == name)
         for fit in (motions.early, motions.late)
     )
+    count, outside = len(motions.early.estimates), motions.outside
     return [
-        "Quarters of the recording have kinds of motion in common with the rows fitted. By kind, each "
-        f"predicted by a fit of the form '{CHOSEN}' to the other kinds, the errors are "
+        "Quarters of the recording have kinds of motion in common with the rows fitted. By kind, "
+        f"each predicted by a fit of the form '{CHOSEN}' to the other kinds, the errors are "
         f"{motions.whole:.2f} mm over all rows and {motions.by_kind[worst][1]:.2f} mm for "
-        f"{KINDS[worst]}; two sections at the same time, predicted by a fit to one tendon or section "
-        f"at a time, are missed by {motions.pairs:.2f} mm. Expect that of a motion that was not "
-        "fitted: all three sections at the same time are not in this table, and were reported to be "
-        "missed by 7.0 mm.",
+        f"{KINDS[worst]}; two sections at the same time, predicted by a fit to one tendon or "
+        f"section at a time, are missed by {motions.pairs:.2f} mm. Expect that of a motion that "
+        "was not fitted: all three sections at the same time are not in this table, and were "
+        "reported to be missed by 7.0 mm.",
         "",
         *format_rows(("moved", "rows", "left out, fitted on the other kinds"), rows),
         "",
         f"Constants change with the motions as well. Of the first three quarters `{name}` is "
         f"{one.value:.2f} times where the fit begins, 95 % {one.low:.2f} to {one.high:.2f}; of the "
-        f"last it is {two.value:.2f} ({two.low:.2f} to {two.high:.2f}). Of {len(motions.early.estimates)} "
-        f"constants {len(motions.outside)} of the last quarter lie outside the intervals of the "
-        f"first three: {', '.join(f'`{each}`' for each in motions.outside)}. The intervals count "
-        "runs of rows as independent, but hold only if the model is right: what it leaves out "
-        "(friction, wear, shear) is other in other motions, and no interval of one recording covers "
-        "that.",
+        f"last it is {two.value:.2f} ({two.low:.2f} to {two.high:.2f}). Of {count} constants "
+        f"{len(outside)} of the last quarter lie outside the intervals of the first three: "
+        f"{', '.join(f'`{each}`' for each in outside)}. The intervals count runs of rows as "
+        "independent, but hold only if the model is right: what it leaves out (friction, wear, "
+        "shear) is other in other motions, and no interval of one recording covers that.",
     ]
 
 

@@ -2,9 +2,10 @@
 
 Rows that follow each other in a recording err alike, by what the model leaves out as well: taken as
 independent they make intervals too short. So blocks of rows count as independent of each other, and
-the covariance is the jackknife over them, linearised at the minimum: each block is left out in turn
+the covariance is the jackknife over them, linearised at the minimum: each is left out in turn
 (`measure_spread`; J. G. MacKinnon, M. O. Nielsen, M. D. Webb, *Journal of Econometrics* 232, 2023,
-272-299, their CV3). Few blocks are long ones, and Student's factor for few of them is hardly larger.
+272-299, their CV3). Few blocks are long ones, and Student's factor for ten is hardly larger. A
+block must be long against the rows over which errors stay alike.
 """
 
 from __future__ import annotations

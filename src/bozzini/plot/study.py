@@ -214,7 +214,7 @@ def draw_tip_error(
     names: Sequence[str] = ("x", "y"),
     ax: Axes | None = None,
 ) -> Axes:
-    """Draw how far errors move a tip, in a plane, and their ellipse to first order; return the axes.
+    """Draw how far errors move a tip, in a plane, with their ellipse, and return the axes.
 
     Parameters
     ----------
@@ -233,9 +233,8 @@ def draw_tip_error(
     from scipy.stats import chi2
 
     axes = take_panel(ax)
-    axes.plot(
-        *drawn[:MOST_POINTS].T, ".", color=BLUE, alpha=0.25, markersize=3, label="drawn errors"
-    )
+    points = drawn[:MOST_POINTS].T
+    axes.plot(*points, ".", color=BLUE, alpha=0.25, markersize=3, label="drawn errors")
     values, vectors = np.linalg.eigh(covariance)
     radii = np.sqrt(np.maximum(values, 0.0) * chi2.ppf(level, 2))
     angle = np.linspace(0.0, 2.0 * np.pi, 181)

@@ -1,7 +1,7 @@
 """How far errors of commands and parameters move a tip from where a model puts it.
 
-That is no band of poses: what the model itself leaves out is not in it. Where a robot was fitted and
-rows were left out, how far these were missed is stated beside it.
+That is no band of poses: what the model itself leaves out is not in it. Where rows were left out of
+the fit of a robot, how far these were missed is stated beside it.
 
 To first order the covariance of the tip is ``J C J^T``, with the covariance ``C`` of the errors and
 the derivatives ``J`` of the tip, which are central differences of the model itself. The same errors
@@ -151,7 +151,7 @@ class Errors:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TipError(Result):
-    """How far the errors given move the tip: d is 2 for an end-effector, seen along its axis, else 3.
+    """How far errors move the tip: d is 2 for an end-effector, seen along its axis, else 3.
 
     The model's own error is not in it: measured poses are off by that as well.
 

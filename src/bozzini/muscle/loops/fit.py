@@ -396,7 +396,7 @@ def _judge_drift(fit: LoopFit) -> list[str]:
 
 def _judge(fit: LoopFit) -> LoopFit:
     """Return the fit with what a user should know of it."""
-    unit, parts, notes = fit.record.unit, fit.parts, list(fit.notes)
+    unit, notes = fit.record.unit, list(fit.notes)
     if fit.skipped:
         notes.append(
             f"the record does not start at rest, but at {1e3 * fit.record.pressure[0]:.4g} kPa: "
