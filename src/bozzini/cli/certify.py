@@ -7,7 +7,13 @@ from typing import TYPE_CHECKING
 
 import click
 
-from .common import EXIT_NEGATIVE, Answer, answer_options, run_exit
+from .common import (
+    EXIT_NEGATIVE,
+    Answer,
+    CheckedCommand,
+    answer_options,
+    run_exit,
+)
 
 if TYPE_CHECKING:
     from ..motion.verify import Verification
@@ -15,7 +21,7 @@ if TYPE_CHECKING:
 __all__ = ["command"]
 
 
-@click.command(name="certify")
+@click.command(name="certify", cls=CheckedCommand)
 @click.argument("plan", metavar="PLAN", type=click.Path(path_type=Path))
 @click.argument("source", metavar="[INPUT]", required=False, type=click.Path(path_type=Path))
 @click.option(

@@ -13,6 +13,7 @@ from .common import (
     EXIT_NEGATIVE,
     PICTURES,
     Answer,
+    CheckedCommand,
     answer_options,
     option,
     options_of,
@@ -22,7 +23,7 @@ from .common import (
 __all__ = ["command"]
 
 
-@click.command(name="cockpit")
+@click.command(name="cockpit", cls=CheckedCommand)
 @click.argument("source", metavar="[INPUT]", required=False, type=click.Path(path_type=Path))
 @tract_options
 @options_of(Body, "body")

@@ -25,6 +25,7 @@ from .common import (
     EXIT_NEGATIVE,
     PICTURES,
     Answer,
+    CheckedGroup,
     Command,
     ModelType,
     QuantityType,
@@ -303,7 +304,7 @@ def format_shape(robot: ContinuumRobot, shape: Json) -> str:
     return "\n".join([*lines, format_rows(head, rows)])
 
 
-@click.group("continuum")
+@click.group("continuum", cls=CheckedGroup)
 def command() -> None:
     """Bend a tendon-driven continuum robot: pose, reach, comparison of models, workspace."""
 

@@ -21,6 +21,7 @@ from .common import (
     EXIT_NEGATIVE,
     PICTURES,
     Answer,
+    CheckedGroup,
     QuantityType,
     answer_options,
     describe_classes,
@@ -49,7 +50,7 @@ _CAVEATS = {
 }
 
 
-@click.group("duct")
+@click.group("duct", cls=CheckedGroup)
 def command() -> None:
     """Fit shapes to a tract, draw them, and find what limits links along it."""
 

@@ -18,7 +18,15 @@ from ._tract_options import (
     report_findings,
     tract_options,
 )
-from .common import EXIT_NEGATIVE, Answer, answer_options, format_rows, options_of, run_exit
+from .common import (
+    EXIT_NEGATIVE,
+    Answer,
+    CheckedCommand,
+    answer_options,
+    format_rows,
+    options_of,
+    run_exit,
+)
 from .plan import reserve_target
 
 if TYPE_CHECKING:
@@ -29,7 +37,7 @@ __all__ = ["command"]
 _path = click.Path(path_type=Path)
 
 
-@click.command(name="execute")
+@click.command(name="execute", cls=CheckedCommand)
 @click.argument("source", metavar="[PLAN|TRACT]", required=False, type=_path)
 @click.argument("tract", metavar="[INPUT]", required=False, type=_path)
 @tract_options

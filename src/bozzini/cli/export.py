@@ -9,7 +9,14 @@ import click
 
 from ..errors import InputError
 from ..physics.options import WallOptions
-from .common import Answer, answer_options, option, options_of, refuse_options
+from .common import (
+    Answer,
+    CheckedCommand,
+    answer_options,
+    option,
+    options_of,
+    refuse_options,
+)
 
 __all__ = ["command"]
 
@@ -17,7 +24,7 @@ _path = click.Path(path_type=Path)
 _SUFFIXES = {"mujoco": ".xml", "urdf": ".urdf", "ros2": ".yaml"}
 
 
-@click.command(name="export")
+@click.command(name="export", cls=CheckedCommand)
 @click.argument("form", metavar="FORM", type=click.Choice(tuple(_SUFFIXES)))
 @click.argument("source", metavar="PLAN", type=_path)
 @click.argument("tract", metavar="[INPUT]", required=False, type=_path)

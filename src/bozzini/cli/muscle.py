@@ -20,6 +20,7 @@ from .common import (
     EXIT_NEGATIVE,
     PICTURES,
     Answer,
+    CheckedGroup,
     ModelType,
     answer_options,
     check_target,
@@ -80,7 +81,7 @@ def drop(values: Json, *names: str) -> Json:
     return {name: value for name, value in values.items() if name not in names}
 
 
-@click.group("muscle")
+@click.group("muscle", cls=CheckedGroup)
 def command() -> None:
     """Solve a pneumatic muscle, list its models, and fit them to measurements."""
 
@@ -434,7 +435,7 @@ setup_options = gather(
         "pressure and load, or the pressure at force and length (default: that of the data).",
         ("force", "contraction", "pressure"),
     ),
-    option("--each", "Free parameters that every specimen has its own value of, by commas."),
+    option("--each NAME,...", "Free parameters that every specimen has a value of its own of."),
     option("--offset", "Measured contraction less the muscle's own at zero force.", "length"),
     option("--compliance", "By how much fittings and rig give, e.g. 0.01mm/N.", "compliance"),
     option("--slack-force", "Force that a slack muscle reads, the least one.", "force"),
@@ -453,6 +454,7 @@ setup_options = gather(
     "--free",
     "--shared",
     "free",
+    metavar="NAME,...",
     help="Fields of the muscle, constants of the model and end effects (offset, compliance, "
     "slack-force) to fit, by commas, shared by all specimens; the options below are where "
     "they start (default: modulus,dead-length in energy, modulus,end-length in thesis, in others "
@@ -739,6 +741,7 @@ rank_options = gather(
         "--free",
         "--shared",
         "free",
+        metavar="NAME,...",
         help="Of a fit, fields of the muscle to fit in each model that uses them, and end effects "
         "to fit in all (offset, compliance, slack-force), by commas; beside each model's own "
         "constants.",

@@ -18,6 +18,7 @@ from .common import (
     ModelType,
     QuantityType,
     gather,
+    gather_once,
     make_option,
     option,
     split_setting,
@@ -427,7 +428,8 @@ class DataRequest:
         from ..muscle.table import read_measurements
 
         form = "COLUMN=UNIT, such as pressure=kPa"
-        table = dict(split_setting("--unit", item, form) for item in self.units)
+        pairs = (split_setting("--unit", item, form) for item in self.units)
+        table = gather_once("--unit", pairs)
         data = read_measurements(self.source, muscle=asked.muscle, units=table)
         if data.geometry and not asked.is_named:
             columns = ", ".join(map(describe_field, data.geometry))

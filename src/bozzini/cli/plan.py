@@ -21,6 +21,7 @@ from ._tract_options import (
 from .common import (
     EXIT_NEGATIVE,
     Answer,
+    CheckedCommand,
     answer_options,
     options_file,
     options_of,
@@ -34,7 +35,7 @@ if TYPE_CHECKING:
 __all__ = ["command", "write_result"]
 
 
-@click.command(name="plan")
+@click.command(name="plan", cls=CheckedCommand)
 @click.argument("source", metavar="INPUT", type=click.Path(path_type=Path))
 @options_file(*PLAN_OPTIONS)
 @tract_options

@@ -7,13 +7,18 @@ from pathlib import Path
 import click
 
 from ..scene.film import SUFFIXES, FilmOptions
-from .common import Answer, answer_options, options_of
+from .common import (
+    Answer,
+    CheckedCommand,
+    answer_options,
+    options_of,
+)
 from .routing import read_plan, rebuild_lumen
 
 __all__ = ["command"]
 
 
-@click.command("record")
+@click.command("record", cls=CheckedCommand)
 @click.argument("source", metavar="PLAN", type=click.Path(path_type=Path))
 @click.argument("tract", metavar="[INPUT]", required=False, type=click.Path(path_type=Path))
 @options_of(FilmOptions, "options")

@@ -18,10 +18,12 @@ from .common import (
     EXIT_NEGATIVE,
     PICTURES,
     Answer,
+    CheckedCommand,
     answer_options,
     check_target,
     format_rows,
     gather,
+    option,
     options_of,
     refuse_options,
     run_exit,
@@ -76,7 +78,7 @@ _asked = gather(
 )
 
 
-@click.command("design")
+@click.command("design", cls=CheckedCommand)
 @click.argument("source", metavar="[CURVE.csv | PLAN.npz]", required=False, type=_file)
 @click.option(
     "--tract", metavar="INPUT", type=_file, help="Find a robot of sections for this tract."
@@ -327,11 +329,11 @@ def _format_search(found: TractRobot) -> str:
     return "\n".join(lines)
 
 
-@click.command("rank")
+@click.command("rank", cls=CheckedCommand)
 @click.argument("plan", metavar="PLAN.npz", type=_file)
 @options_of(InsertionRankOptions, "options")
-@click.option("--modes", default="4,6,8,10,12,16", show_default=True, help="Numbers of routings.")
-@click.option("--sections", default="4,6,8,12", show_default=True, help="Numbers of sections.")
+@option("--modes N,...", "Numbers of routings.", default="4,6,8,10,12,16")
+@option("--sections N,...", "Numbers of sections.", default="4,6,8,12")
 @answer_options(".csv", *PICTURES, help="The table (.csv) or a picture.")
 def rank_command(
     plan: Path, options: InsertionRankOptions, modes: str, sections: str, answer: Answer

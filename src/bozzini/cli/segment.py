@@ -7,7 +7,12 @@ from typing import TYPE_CHECKING
 
 import click
 
-from .common import Answer, VectorType, answer_options
+from .common import (
+    Answer,
+    CheckedCommand,
+    VectorType,
+    answer_options,
+)
 
 if TYPE_CHECKING:
     from ..anatomy.segment import Segmentation
@@ -21,7 +26,7 @@ LIMITS = (
 )
 
 
-@click.command("segment")
+@click.command("segment", cls=CheckedCommand)
 @click.argument("source", metavar="CT", type=click.Path(path_type=Path))
 @click.option(
     "--threshold",

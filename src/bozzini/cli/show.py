@@ -12,7 +12,12 @@ import click
 from ..errors import FileFormatError, InputError
 from ..study.options import ReadOptions
 from ._tract_options import list_given, report_findings
-from .common import Answer, answer_options, options_of
+from .common import (
+    Answer,
+    CheckedCommand,
+    answer_options,
+    options_of,
+)
 
 if TYPE_CHECKING:
     from ..anatomy.tract import LabelTract, SurfaceTract
@@ -25,7 +30,7 @@ __all__ = ["command"]
 _DATA = (".json", ".yaml", ".yml")
 
 
-@click.command("show")
+@click.command("show", cls=CheckedCommand)
 @click.argument(
     "sources", metavar="FILE...", nargs=-1, required=True, type=click.Path(path_type=Path)
 )

@@ -12,6 +12,7 @@ from .common import (
     EXIT_NEGATIVE,
     PICTURES,
     Answer,
+    CheckedGroup,
     answer_options,
     describe_classes,
     format_rows,
@@ -48,7 +49,7 @@ engine_options = gather(
 _FOLDER = click.argument("folder", type=click.Path(path_type=Path))
 
 
-@click.group("study")
+@click.group("study", cls=CheckedGroup)
 def command() -> None:
     """Compute many rows from one study file: sweeps, tolerances, maps, searches."""
 

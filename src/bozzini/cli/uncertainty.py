@@ -16,6 +16,7 @@ from ..units import parse_quantity
 from .common import (
     EXIT_NEGATIVE,
     Answer,
+    CheckedCommand,
     answer_options,
     format_csv,
     format_rows,
@@ -44,7 +45,7 @@ class _More:
     level: float
 
 
-@click.command("uncertainty")
+@click.command("uncertainty", cls=CheckedCommand)
 @click.argument("source", metavar="PLAN|STUDY", type=click.Path(path_type=Path))
 @click.argument("tract", metavar="[INPUT]", required=False, type=click.Path(path_type=Path))
 @options_of(ContactOptions, "options")

@@ -20,6 +20,7 @@ from ..vision.track import TrackOptions
 from .common import (
     EXIT_NEGATIVE,
     Answer,
+    CheckedGroup,
     Command,
     QuantityType,
     answer_options,
@@ -40,7 +41,7 @@ if TYPE_CHECKING:
     from ..vision.track import Track
 
 
-@click.group("vision")
+@click.group("vision", cls=CheckedGroup)
 def command() -> None:
     """Measure lengths, shapes and points in pictures."""
 

@@ -129,13 +129,10 @@ def read_columns(
     """
     path = check_path("path", path)
     sheet = read_sheet(path)
-    given = {_find_name(word): drop_in(unit) for word, unit in (units or {}).items()}
     columns: dict[str, _Column] = {}
     notes: list[str] = []
     try:
-        for name in given:
-            if name not in names:
-                raise UnitError(f"unit given for '{name}': a unit has one of {', '.join(names)}")
+        given = _name_units(units or {}, names)
         for place, title in enumerate(sheet.titles):
             word, unit = _split_title(title)
             name, shown = _find_name(word), title.strip()
@@ -374,12 +371,7 @@ def _find_columns(
     titles: Sequence[str], units: Mapping[str, str], *, measured: bool
 ) -> tuple[dict[str, _Column], tuple[str, ...], list[str]]:
     """Return the known columns by name, the titles of the others, and what to say of them."""
-    given = {}
-    for word, unit in units.items():
-        name = _find_name(word)
-        if name not in KINDS:
-            raise UnitError(f"unit given for '{word}': a unit has one of {', '.join(KINDS)}")
-        given[name] = drop_in(unit)
+    given = _name_units(units, tuple(KINDS))
     columns: dict[str, _Column] = {}
     ignored, notes = [], []
     for place, title in enumerate(titles):
@@ -417,6 +409,18 @@ def _find_columns(
             f"the table has {there}"
         )
     return columns, tuple(ignored), notes
+
+
+def _name_units(units: Mapping[str, str], legal: Sequence[str]) -> dict[str, str]:
+    """Return units that were given, by the names of the columns."""
+    given: dict[str, str] = {}
+    for word, text in units.items():
+        name, unit = _find_name(word), drop_in(text)
+        if name not in legal:
+            raise UnitError(f"unit given for '{word}': a unit has one of {', '.join(legal)}")
+        if given.setdefault(name, unit) != unit:
+            raise UnitError(f"{name} is given two units, '{given[name]}' and '{unit}': give one")
+    return given
 
 
 def _find_name(word: str) -> str:
