@@ -317,28 +317,6 @@ def parse_quantity(text: str | float, kind: str) -> float:
     return value
 
 
-def restate_typed(message: str, text: str, kind: str) -> str:
-    """Return the message of an error with the value as it was given, in another unit than ours.
-
-    The legal range that follows the value is repeated in that unit.
-    """
-    typed, own = text.strip(), INTERNAL_UNITS[kind]
-    value, unit = parse_quantity(text, kind), typed.lstrip("+-.0123456789eE ")
-    if not value or not unit or unit == own:
-        return message
-    number = r"[-+0-9.einf]+"
-    shown = re.escape(f"{value:g} {own}")
-    form = rf" is {shown}:(?:.*?([\[(])({number}), ({number})([\])]) {re.escape(own)})?"
-    match = re.search(form, message)
-    if match is None:
-        return message
-    if match[1] is None:
-        return f"{message} ({typed} was given)"
-    scale = parse_quantity(f"1{unit}", kind)
-    low, high = (float(match[k]) / scale for k in (2, 3))
-    return f"{message} ({typed} was given, {match[1]}{low:g}, {high:g}{match[4]} {unit} is legal)"
-
-
 def check_bare_angle(value: float, text: str) -> None:
     """Raise `UnitError` for an angle [rad] beyond a full turn that was written without a unit."""
     if FULL_TURN_RAD < abs(value) < math.inf:
@@ -368,8 +346,10 @@ def parse_unit(text: str, kind: str) -> float:
     UnitError
         If it is no unit of this kind.
     """
-    number, unit = re.fullmatch(rf"({_NUMBER}(?!\s*/))?\s*(.*)", drop_in(text), re.DOTALL).groups()
-    return float(number or 1.0) * _find_factor(unit, kind, text, _ask(kind), weighs=True)
+    unit = drop_in(text)
+    match = re.match(rf"{_NUMBER}(?!\s*/)\s*", unit)
+    number, unit = (float(match[0]), unit[match.end() :]) if match else (1.0, unit)
+    return number * _find_factor(unit, kind, text, _ask(kind), weighs=True)
 
 
 def drop_in(text: str) -> str:

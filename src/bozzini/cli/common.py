@@ -19,12 +19,12 @@ import click
 from click.core import ParameterSource
 from click.shell_completion import CompletionItem
 
-from ..checks import Quantity, choose, show_value
+from ..checks import Quantity, choose, restate_typed, show_value
 from ..errors import BozziniError, FileFormatError, InputError
 from ..progress import Progress, no_progress
 from ..registry import Registry
 from ..results import Json, Result, to_plain
-from ..units import INTERNAL_UNITS, parse_quantity, parse_vector, restate_typed
+from ..units import INTERNAL_UNITS, parse_quantity, parse_vector
 
 # Tables and files of results: for people, as CSV, and whether a file may be written.
 
@@ -184,7 +184,7 @@ class CheckedGroup(click.Group):
 def _collect(item: click.Parameter) -> click.Parameter:
     """Return an option that keeps all its values."""
     item = copy.copy(item)
-    item.multiple = True  # type: ignore[attr-defined]
+    item.multiple = True
     return item
 
 

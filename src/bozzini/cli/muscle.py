@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ..checks import check_integer, check_number, describe_fields, list_quantities
+from ..checks import check_integer, check_number, describe_fields, list_quantities, show_apart
 from ..errors import BozziniError, InputError
 from ..results import Json
 from ..units import INTERNAL_UNITS
@@ -281,9 +281,10 @@ def _compute_curve(
         free = float(model.contraction(pressure, 0.0, **line))
         lengthens = model.muscle.given.get("braid_angle", 0.0) > LOCKING_ANGLE
         if not (free > 0.0 or (lengthens and free < 0.0)):
+            shown = show_apart(pressure, model.dead_band())
             raise InputError(
-                f"pressure is {pressure:g} MPa: with --of force it must be more, so that the "
-                f"muscle contracts (its dead band ends at {model.dead_band():g} MPa)"
+                f"pressure is {shown[0]} MPa: with --of force it must be more, so that the "
+                f"muscle contracts (its dead band ends at {shown[1]} MPa)"
             )
         over = np.linspace(0.0, free, points)
         return {

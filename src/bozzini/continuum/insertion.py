@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_array, check_number, check_path, check_points, check_range
+from ..checks import check_array, check_number, check_path, check_points, check_range, show_apart
 from ..errors import FileFormatError, InputError
 from ..io.sheets import read_sheet, take_numbers
 from ..numeric.polylines import carry_frames, interpolate_polyline, measure_arc_length
@@ -319,8 +319,9 @@ def insert_robot(
         )
     most = float(drives.inserted.max())
     if most > robot.length * (1.0 + 1e-9):
+        shown = show_apart(most, robot.length)
         raise InputError(
-            f"inserted is {most:g} mm: it must be at most {robot.length:g} mm, the robot's length"
+            f"inserted is {shown[0]} mm: it must be at most {shown[1]} mm, the robot's length"
         )
     return _Insertion(placed, points, size).run(drives, segment, progress)
 

@@ -36,7 +36,7 @@ TENDONS = "    tendons: # those that end in this section\n"
 TENDON = "      - {{name: {name}, offset: {offset:g} mm, angle: {angle:.10g} deg}}\n"
 
 MORE = """\
-      # offset: {offset}; less than the radius. angle: {angle}.
+      # offset: {offset}; at most the radius. angle: {angle}.
       # A tendon also takes, after a comma:
       #   travel: [-8 mm, 8 mm]  {travel}
       #   stiffness: 10 kN       {stiffness}; does not stretch if left out

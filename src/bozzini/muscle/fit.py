@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from ..checks import check_integer, check_number, describe_fields
+from ..checks import check_integer, check_number, describe_fields, show_apart
 from ..errors import BozziniError, InputError
 from ..numeric.estimation import determine, judge_fit
 from ..results import Json, Result, take_axes, to_plain
@@ -1012,10 +1012,11 @@ def judge_size(task: Task, residuals: NDArray[np.float64]) -> list[str]:
     rms, most = float(np.sqrt(np.mean(residuals**2))), find_poor(task)
     if rms <= most:
         return []
+    off, above = show_apart(rms, most, digits=3)
     return [
-        f"the fit is poor: it is off by {rms:.3g} {task.unit}, {100.0 * rms / task.span:.0f} % of "
+        f"the fit is poor: it is off by {off} {task.unit}, {100.0 * rms / task.span:.0f} % of "
         f"the span of the measured {task.response}, {task.span:.3g} {task.unit}; above "
-        f"{most:.3g} {task.unit} it is poor"
+        f"{above} {task.unit} it is poor"
     ]
 
 

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_array, check_integer, check_number, check_word, show_value
+from ..checks import check_array, check_integer, check_number, check_word, show_apart, show_value
 from ..errors import BozziniError, InputError, PluginError
 from ..progress import Progress, no_progress
 from ..results import Json, Result, take_axes, to_plain
@@ -284,9 +284,10 @@ def check_largest(task: Task) -> None:
     largest = float(np.abs(task.measured).max())
     least = _LEAST_CONTRACTION_MM if task.response == "contraction" else _LEAST_SPAN
     if not largest >= least:
+        shown = show_apart(largest, least)
         raise InputError(
-            f"the largest {task.response} is {largest:g} {task.unit}: it must be "
-            f"{least:g} {task.unit} or more, since errors are percentages of it"
+            f"the largest {task.response} is {shown[0]} {task.unit}: it must be "
+            f"{shown[1]} {task.unit} or more, since errors are percentages of it"
         )
 
 
@@ -636,10 +637,11 @@ class Ranking(ScoredModels):
                 lines.append(f"{entry.name}: no error of the rows left out{last}: {reason}")
         if self.models and self.is_poor:
             best = min(entry.score.rmse for entry in self.models)
+            off, above = show_apart(best, find_poor(self.task), digits=3)
             lines.append(
-                f"no model fits: the nearest is off by {best:.3g} {self.task.unit}, "
+                f"no model fits: the nearest is off by {off} {self.task.unit}, "
                 f"{100.0 * best / self.task.span:.0f} % of the span of the measured "
-                f"{self.task.response}; above {find_poor(self.task):.3g} {self.task.unit} a fit is "
+                f"{self.task.response}; above {above} {self.task.unit} a fit is "
                 "poor"
                 + (
                     ""

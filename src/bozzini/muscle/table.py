@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from ..checks import check_path
+from ..checks import check_path, show_apart
 from ..errors import FileFormatError, InputError, UnitError
 from ..io.files import write_text
 from ..io.sheets import (
@@ -334,10 +334,11 @@ def _mend_pressures(
     if not below.any():
         return []
     if least < -ZERO_SHARE * most:
+        shown = show_apart(1e3 * least, 1e3 * PRESSURE_LIMIT, 100 * ZERO_SHARE, 1e3 * most)
         raise InputError(
-            f"row {numbers[int(np.argmin(pressure))]}: pressure is {1e3 * least:g} kPa in "
-            f"'{title}': it must lie in [0, {1e3 * PRESSURE_LIMIT:g}] kPa; down to "
-            f"-{100 * ZERO_SHARE:g} % of the largest, {1e3 * most:g} kPa, is taken as 0"
+            f"row {numbers[int(np.argmin(pressure))]}: pressure is {shown[0]} kPa in "
+            f"'{title}': it must lie in [0, {shown[1]}] kPa; down to "
+            f"-{shown[2]} % of the largest, {shown[3]} kPa, is taken as 0"
         )
     values["pressure"] = np.maximum(pressure, 0.0)
     return [
@@ -534,8 +535,9 @@ def _take_quantity(where: str, name: str, column: _Column, cell: object, *, comm
     if name in LIMITS and not -high <= value <= high:
         hint = "; is it in kPa?" if name == "pressure" and column.factor == 1.0 else ""
         low = -high if name == "load" else 0.0
+        shown = show_apart(value, low, high)
         raise InputError(
-            f"{where}{name} is {show_cell(cell)} in '{column.title}', {value:g} {unit}: it must "
-            f"lie in [{low:g}, {high:g}] {unit}{hint}"
+            f"{where}{name} is {show_cell(cell)} in '{column.title}', {shown[0]} {unit}: it must "
+            f"lie in [{shown[1]}, {shown[2]}] {unit}{hint}"
         )
     return value
