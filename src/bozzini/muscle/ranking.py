@@ -28,6 +28,8 @@ from .model import MuscleModel
 from .models import MODELS
 from .problem import (
     END_FIELDS,
+    FITTED_UNSET,
+    HELD_UNSET,
     Answers,
     Clock,
     OutOfTimeError,
@@ -47,6 +49,7 @@ from .problem import (
     move_model,
     name_default_fields,
     predict_parts,
+    settle_unset,
 )
 from .table import take_measurements
 
@@ -608,13 +611,13 @@ class Ranking(ScoredModels):
         """What unset fields were fitted, and which models lack a criterion, and why."""
         lines = []
         muscle = self.task.muscle
-        fitted = [name for name in _FITTED_UNSET if name in muscle.unset]
+        fitted = [name for name in FITTED_UNSET if name in muscle.unset]
         if fitted:
             words = " and ".join(name.replace("_", " ") for name in fitted)
             lines.append(f"not given, so fitted in each model that uses them: {words}")
         fits = [entry.calibration for entry in self.models if entry.calibration is not None]
         freed = {name for fit in fits for name in fit.free}
-        held = [name for name in _HELD_UNSET if name in muscle.unset and name not in freed]
+        held = [name for name in HELD_UNSET if name in muscle.unset and name not in freed]
         lines += [
             f"not given, so held at a typical value: {name.replace('_', ' ')} "
             f"{getattr(muscle.fill((name,)), name):g} mm"
@@ -710,11 +713,6 @@ class Ranking(ScoredModels):
     def _list_scores(self) -> Sequence[ModelScore]:
         return [entry.score for entry in self.models]
 
-
-_FITTED_UNSET = ("braid_angle", "modulus")
-"""Fields that are fitted where they are not given."""
-_HELD_UNSET = ("inner_radius",)
-"""Fields that are held at a typical value: a thin wall is known by modulus times thickness only."""
 
 _FOLDS = 5
 _FLOOR = 1e-9  # of the largest response: residuals below may be those of the solver
@@ -980,9 +978,8 @@ def _fit_model(
     unused = list_unused(kind)
     wanted = name_default_fields(kind) if options.fields is None else options.fields
     wanted = tuple(field for field in wanted if field in END_FIELDS or field not in unused)
-    unset = [name for name in _FITTED_UNSET if name in task.muscle.unset and name not in unused]
+    task, unset = settle_unset(kind, task)
     wanted = tuple(dict.fromkeys((*wanted, *unset)))
-    task = replace(task, muscle=task.muscle.fill((*_HELD_UNSET, *unset)))
     clock = Clock(options.fit.budget)
     unknowns = choose_unknowns(kind, task, fields=wanted)
     task = replace(
