@@ -27,6 +27,9 @@ from bozzini.checks import (
     list_quantities,
     quantity,
     refuse_first,
+    restate_typed,
+    show_apart,
+    show_beside,
 )
 from bozzini.errors import InputError
 from bozzini.results import take_axes
@@ -220,3 +223,40 @@ def test_the_first_wrong_value_is_named() -> None:
         refuse_first(
             values < 0.0, "load{} of it", values, lambda i: f"it must be above {i}", unit="N"
         )
+
+
+@given(value=st.floats(-1e9, 1e9), off=st.floats(1e-12, 1e-2))
+def test_a_value_beyond_a_limit_never_reads_like_it(value: float, off: float) -> None:
+    limit = value - off * max(abs(value), 1e-6)
+    for digits, form in ((6, "g"), (0, "f")):
+        one, two = show_apart(value, limit, digits=digits, form=form)
+        assert one != two
+        assert float(one) == pytest.approx(value, rel=1e-5 if form == "g" else 1e-9, abs=0.5)
+    with pytest.raises(InputError) as caught:
+        check_number("size", value, low=-math.inf, high=limit)
+    shown, legal = str(caught.value).removeprefix("size is ").split(": it must lie in (-inf, ")
+    assert shown != legal.removesuffix("]")
+    with pytest.raises(InputError) as caught:
+        check_range("size", np.array([value]), -2e9, limit)
+    shown, legal = str(caught.value).removeprefix("size[0] is ").split(": it must lie in ")
+    assert shown != legal.split(", ")[1].removesuffix("]")
+
+
+def test_what_reads_apart_keeps_its_digits() -> None:
+    assert show_apart(14.98, 15.0, digits=0, form="f") == ["14.98", "15.00"]
+    assert show_apart(12.0, 15.0, digits=0, form="f") == ["12", "15"]
+    assert show_apart(6.0 + 1e-9, 6.0) == ["6.000000001", "6"]
+    assert show_apart(6.0, 6.0 - 1e-9) == ["6", "5.999999999"]
+    assert show_apart(6.0, 6.0) == ["6", "6"]
+    assert show_apart(math.inf, 6.0) == ["inf", "6"]
+    assert show_beside(6.0 + 1e-9, "it must lie in (0, 6] mm") == "6.000000001"
+    with pytest.raises(InputError, match=r"^a\[1\] is 2\.0000001 mm: it must lie in \[0, 2\] mm$"):
+        values = np.array([1.0, 2.0000001])
+        refuse_first(values > 2.0, "a", values, "it must lie in [0, 2] mm", unit="mm")
+
+
+def test_a_value_in_another_unit_reads_apart_from_its_limit_there_too() -> None:
+    with pytest.raises(InputError) as caught:
+        check_number("length", 25.4 * 1.00000001, high=25.4, low=0.0, unit="mm")
+    line = restate_typed(str(caught.value), "1.00000001in", "length")
+    assert line.endswith("(1.00000001in was given, [0, 1] in is legal)")

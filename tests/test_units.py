@@ -50,6 +50,14 @@ KNOWN = [
     ("1 L", "volume", 1e6),
     ("6 L/min", "volume flow", 1e5),
     ("500 mV", "voltage", 0.5),
+    ("30 1/min", "frequency", 0.5),
+    ("30/min", "frequency", 0.5),
+    ("60 GPa mm^4", "rigidity", 6e4),
+    ("7.9 g/cm3", "density", 7900.0),
+    ("0.5 deg/mm", "curvature", math.pi / 360),
+    ("5 millimetres", "length", 5.0),
+    ("2 kgf/cm^2", "pressure", 2 * 0.0980665),
+    ("120 mmHg", "pressure", 120 * 133.322387415e-6),
 ]
 
 
@@ -88,19 +96,28 @@ LENGTHS = "a length must lie in [-1e+06, 1e+06] mm"
 # fmt: off
 REFUSALS: list[tuple[object, str, str]] = [
     *((text, "length", LENGTH) for text in (
-        "", " ", "mm", "five mm", "5 kg", "5 psi", "5 foobar", "5mm mm", "nan", "nan mm", "inf",
+        "", " ", "mm", "five mm", "5 kg", "5 psi", "5 foobar", "5parsec", "5mm mm", "nan",
+        "nan mm", "inf",
         "1e999mm", "1+2 mm", "2*3 mm", "(1,2) mm", "5 mm 3", "5.5.5mm", "5 degC", "5 deg",
         "__import__('os')", "5mm; rm",
         "5,0mm", "1,000mm",  # a decimal comma must not become 50 mm
         math.nan, math.inf, None, [1.0, 2.0], object, 10**400,
     )),
     *((text, "length", LENGTHS) for text in (
-        "1e308mm", "-1e308mm", "5parsec", "1e9mm", 1e308, "1.001km",
+        "1e308mm", "-1e308mm", "1e9mm", 1e308, "1.001km",
     )),
     ("1e308Pa", "pressure", "a pressure must lie in [-1e+15, 1e+15] MPa"),
     ("1e300", "dimensionless", "a plain number must lie in [-1e+15, 1e+15]"),
     ("1e300N", "force", "a force must lie in [-1e+15, 1e+15] N"),
     ("5 mm", "angle", "give an angle such as 36deg"),
+    # What a list of all units makes a number of: 0.05 rad, 0.5236 Hz, 127 mm, 1e-9 MPa.
+    *((text, "angle", "give an angle such as 36deg") for text in ("5 %", "5 mm/mm", "5 ppm")),
+    *((text, "frequency", "give a frequency such as 0.5Hz") for text in ("5 rpm", "5 deg/s")),
+    *((text, "length", LENGTH) for text in ("5 in mm/mm", "5 in %", "5 mm deg", "5 in in", "5 a")),
+    *((text, "pressure", "give a pressure such as 100psi") for text in (
+        "1 mPa", "1 at", "30 psia", "1 bar abs", "1 kPa N/N", "1 kPa in",
+    )),
+    *((text, "force", "give a force such as 0.5N") for text in ("5 kg", "3 N m/mm")),
     *((text, "dimensionless", "has a unit: give a plain number such as 0.5") for text in (
         "360 deg", "1 rad", "2 turn", "1 mm/mm", "1 sr",
     )),

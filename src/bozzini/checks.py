@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import os
+import re
 import reprlib
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -18,11 +19,64 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .errors import InputError
-from .units import INTERNAL_UNITS, add_unit
+from .units import INTERNAL_UNITS, add_unit, parse_quantity
 
 T = TypeVar("T")
 
 _NO_NUMBERS = (str, bytes, bytearray, bool, np.bool_, complex, np.complexfloating)
+
+
+_ALL_DIGITS = 16  # with one more, numbers that differ read apart
+_NUMBER = r"[-+0-9.einf]+"
+
+
+def show_apart(value: float, *limits: float, digits: int = 6, form: str = "g") -> list[str]:
+    """Return a number and others as text, all with so many digits that it reads apart from them.
+
+    So no message says that 15 must be above 15. They have `digits` at least; with the form "f" so
+    many decimals.
+    """
+    numbers = [float(value), *map(float, limits)]
+    while True:
+        form = "g" if digits > _ALL_DIGITS else form
+        shown = [f"{number:.{digits}{form}}" for number in numbers]
+        pairs = zip(shown[1:], numbers[1:], strict=True)
+        if digits > _ALL_DIGITS or not any(
+            text == shown[0] and number != numbers[0] for text, number in pairs
+        ):
+            return shown
+        digits += 1
+
+
+def show_beside(value: float, text: str) -> str:
+    """Return a number with so many digits that it reads apart from the other ones in a text."""
+    limits = [
+        float(word) for word in re.findall(r"(?<![\w.])-?[0-9.]*[0-9](?:e[-+]?[0-9]+)?", text)
+    ]
+    return show_apart(value, *limits)[0]
+
+
+def restate_typed(message: str, text: str, kind: str) -> str:
+    """Return the message of an error with the value as it was given, in another unit than ours.
+
+    The legal range that follows the value is repeated in that unit.
+    """
+    typed, own = text.strip(), INTERNAL_UNITS[kind]
+    value, unit = parse_quantity(text, kind), typed.lstrip("+-.0123456789eE ")
+    if not value or not unit or unit == own:
+        return message
+    suffix = re.escape(f" {own}")
+    form = rf" is ({_NUMBER}){suffix}:(?:.*?([\[(])({_NUMBER}), ({_NUMBER})([\])]){suffix})?"
+    for match in re.finditer(form, message):
+        if not math.isclose(float(match[1]), value, rel_tol=1e-5):
+            continue
+        if match[2] is None:
+            return f"{message} ({typed} was given)"
+        scale = parse_quantity(f"1{unit}", kind)
+        ends = [float(match[k]) / scale for k in (3, 4)]
+        _, low, high = show_apart(value / scale, *ends)
+        return f"{message} ({typed} was given, {match[2]}{low}, {high}{match[5]} {unit} is legal)"
+    return message
 
 
 def check_number(
@@ -70,7 +124,9 @@ def check_number(
     below = number <= low if low_open and not math.isinf(low) else number < low
     if not math.isfinite(number) or below or number > high:
         hint = _ask_unit(name, number, high, unit)
-        raise InputError(f"{name} is {number:g}{suffix}: it must lie in {legal}{hint}")
+        shown = show_apart(number, low, high)
+        legal = f"{left}{shown[1]}, {shown[2]}{right}{suffix}"
+        raise InputError(f"{name} is {shown[0]}{suffix}: it must lie in {legal}{hint}")
     return number
 
 
@@ -213,9 +269,10 @@ def check_range(
         index = int(np.argmin((values >= least) & (values <= most)))
         suffix = f" {unit}" if unit else ""
         value = float(values.flat[index])
+        shown = show_apart(value, low, high)
         raise InputError(
-            f"{name_at(name, values, index)} is {value:g}{suffix}: "
-            f"it must lie in [{low:g}, {high:g}]{suffix}{_ask_unit(name, value, high, unit)}"
+            f"{name_at(name, values, index)} is {shown[0]}{suffix}: "
+            f"it must lie in [{shown[1]}, {shown[2]}]{suffix}{_ask_unit(name, value, high, unit)}"
         )
 
 
@@ -263,8 +320,15 @@ def refuse_first(
         text = must if isinstance(must, str) else must(index)
         stem, _, rest = name.partition("{}")
         suffix = f" {unit}" if unit else ""
-        value = f"{values.flat[index]:g}{suffix}"
+        value = f"{show_beside(float(values.flat[index]), text)}{suffix}"
         raise InputError(f"{name_at(stem, values, index)}{rest} is {value}: {text}")
+
+
+def show_range(values: NDArray[np.float64], index: int, low: ArrayLike, high: ArrayLike) -> str:
+    """Return the legal range of one of some values, which the value reads apart from."""
+    ends = (float(np.broadcast_to(end, values.shape).flat[index]) for end in (low, high))
+    _, first, last = show_apart(float(values.flat[index]), *ends)
+    return f"[{first}, {last}]"
 
 
 def broadcast(*named: tuple[str, NDArray[np.float64]]) -> tuple[NDArray[np.float64], ...]:

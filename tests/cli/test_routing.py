@@ -77,11 +77,13 @@ def test_a_limit_that_is_not_kept_is_a_negative_answer(run, curve) -> None:  # t
         (("--tract", "x.stl", "--tendons", 3), "--tendons has no effect with --tract"),
         (("none.csv",), "cannot read none.csv"),
         (("bad.csv",), "bad.csv has the columns a, b: it needs x, y and z"),
+        (("blank.csv",), "blank.csv: column 4 has no title and the number 7 in row 2"),
         (("none.npz",), "none.npz"),
     ],
 )
 def test_a_wrong_input_is_one_line(run, curve, arguments, words) -> None:  # type: ignore[no-untyped-def]
     Path("bad.csv").write_text("a,b\n1,2\n", encoding="utf-8")
+    Path("blank.csv").write_text("x,y,z,\n1,2,3,7\n", encoding="utf-8")
     code, out, err = run("design", *arguments)
     assert (code, out) == (2, "")
     assert words in err

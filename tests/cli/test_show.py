@@ -147,7 +147,7 @@ def test_everything_with_a_shape_goes_on_one_page(call, tmp_path):
         ("a.yaml", "name: x\n", "has no 'shapes', 'sections' or 'muscle'"),
         ("a.json", "[1", "a.json"),
         ("a.csv", "u,v\n1,2\n", "it needs x, y and z"),
-        ("a.csv", "name: x\nsections: # of a robot\n- {a: 1, b: 2}\n", "is no table of points"),
+        ("a.csv", "name: x\nsections: # of a robot\n- {a: 1, b: 2}\n", "it needs x, y and z"),
         ("a.csv", "x_mm,y_mm,z_mm\n", "holds no points"),
         ("a.npz", "x", "is not a Bozzini plan"),
         ("a.stl", "x", "a.stl"),

@@ -114,6 +114,9 @@ def test_tendon_drives_of_a_planner_are_followed(tmp_path: Path) -> None:
     file.write_text("base_advance_mm,T0_mm\n1,2\n")
     with pytest.raises(FileFormatError, match="no column 'T1_mm'"):
         DriveTable.from_csv(file, robot)
+    file.write_text("base_advance_mm,T0_mm,T1_mm,T2_mm,T3_mm,\n10,0,0,0,0,7\n")
+    with pytest.raises(FileFormatError, match="column 6 has no title and the number 7"):
+        DriveTable.from_csv(file, robot)
 
 
 def test_rigid_tendons_that_are_all_commanded_go_in_or_name_a_stiffness() -> None:

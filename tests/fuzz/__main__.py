@@ -30,7 +30,9 @@ from pathlib import Path
 
 import click
 
-from .mutate import WORDS, damage, make_number, make_value
+from bozzini.cli.common import LabelsType
+
+from .mutate import UNTITLED, WORDS, damage, make_number, make_value, repeat_option
 
 MEMORY = 2_000_000_000
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
@@ -436,6 +438,8 @@ def make_case(
         words.insert(rng.randint(0, len(words)), rng.choice(WORDS))
     if rng.random() < 0.05 and words:
         del words[rng.randrange(len(words))]
+    if rng.random() < 0.1:
+        _repeat(options, words, rng, damages)
     if rng.random() < 0.25:
         words.append("--json")
     if rng.random() < 0.04:
@@ -443,6 +447,27 @@ def make_case(
         (folder / "out" / "mine.txt").write_text("mine")
     arguments = [word.replace("\0", "") for word in (*name.split(), *words)]
     return Case(number, folder, name, tuple(arguments), tuple(damages))
+
+
+TWO_VALUES = "two values of one option"
+"""What is not legal, whatever the values are."""
+
+
+def _repeat(
+    options: list[click.Option], words: list[str], rng: random.Random, damages: list[str]
+) -> None:
+    """Give an option that is there once more."""
+    flags = {flag: item for item in options for flag in item.opts if not item.is_flag}
+    known = [flag for flag in (word.partition("=")[0] for word in words) if flag in flags]
+    if not known:
+        return
+    flag = rng.choice(known)
+    option = flags[flag]
+    unit = UNITS.get(getattr(option.type, "kind", None) or option.type.name, "")
+    differs = repeat_option(words, flag, rng, unit)
+    is_list = isinstance(option.type, LabelsType) or (option.metavar or "").endswith(",...")
+    if differs and not (option.multiple or is_list or "--" in words):
+        damages.append(TWO_VALUES)
 
 
 def _split(text: str) -> list[str]:
@@ -571,6 +596,10 @@ def judge(
         add(f"exit code {code}")
     elif len(errors) != (code == 2):
         add(f"exit code {code} with {len(errors)} lines of error")
+    if code in (0, 1):
+        for damage_done in case.damages:
+            if damage_done == TWO_VALUES or damage_done.endswith(f": {UNTITLED}"):
+                add(f"exit code {code} with {damage_done}")
     if "Traceback" in err:
         add("traceback")
     stray = [line for line in lines if not line.startswith(("bozzini: ", "note: "))]

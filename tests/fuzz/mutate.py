@@ -36,6 +36,15 @@ LENGTHS = [
 ]  # fmt: skip
 
 
+UNIT_WORDS = [
+    "in %", "in mm", "in kPa", "in", "at", "a", "h", "min", "mPa", "MPa", "psig", "barg", "bar(g)",
+    "kPa gauge", "psia", "kPa abs", "PSI", "Bar", "N/mm2", "kg/cm2", "lbs", "Newtons", "mm/mm",
+    "in mm/mm", "% of length", "mm mm", "1/mm", "mm at end", "kg", "g", "deg", "%", "-", "1", "x",
+]  # fmt: skip
+UNTITLED = "untitled"
+"""The damage that takes the title from a column of numbers: no command may go on without it."""
+
+
 def make_number(rng: random.Random) -> str:
     """Return a number, or what is near one."""
     if rng.random() < 0.5:
@@ -70,6 +79,7 @@ def damage(path: Path, rng: random.Random) -> str:
         ways += [_text, _text, _tree, _tree, _tree, _scale, _scale, _scale]
     elif name.endswith((".csv", ".obj")) or content[:5] in (b"# vtk", b"solid"):
         ways += [_text] * 4 + [_scale] * 2
+        ways += [_units, _row_of_units, _swap, _gaps, _untitled] if name.endswith(".csv") else []
     elif name.endswith(".nii.gz"):
         ways += [_unzipped, _nifti, _nifti, _nifti]
     elif name.endswith(".nii"):
@@ -158,6 +168,86 @@ def _scale(content: bytes, rng: random.Random) -> bytes:
         factor = rng.choice([-1.0, 0.0, 0.5, 0.9, 1.1, 2.0, 10.0 ** rng.uniform(-6.0, 6.0)])
         text = f"{text[: match.start()]}{float(match.group()) * factor:.6g}{text[match.end() :]}"
     return text.encode("utf-8", "surrogateescape")
+
+
+def _read_table(content: bytes) -> list[list[str]]:
+    text = content.decode("utf-8", "surrogateescape")
+    return [line.split(",") for line in text.splitlines()]
+
+
+def _write_table(rows: list[list[str]]) -> bytes:
+    text = "".join(",".join(row) + "\n" for row in rows)
+    return text.encode("utf-8", "surrogateescape")
+
+
+def _units(content: bytes, rng: random.Random) -> bytes:
+    """Give titles other units, and words that could be taken for units."""
+    head, *rows = _read_table(content)
+    for _ in range(rng.choice([1, 1, 2, len(head)])):
+        at, word = rng.randrange(len(head)), rng.choice([*UNIT_WORDS, *UNITS])
+        stem = re.sub(r"\s*[\[(].*|_(mm|kpa|MPa|s)$", "", head[at])
+        head[at] = stem + rng.choice([f" [{word}]", f" ({word})", f" (in {word})", f"_{word}", ""])
+    return _write_table([head, *rows])
+
+
+def _row_of_units(content: bytes, rng: random.Random) -> bytes:
+    """Put a row of units under the titles, which mostly lose theirs."""
+    head, *rows = _read_table(content)
+    found = [re.search(r"[\[(](.*)[\])]|_(mm|MPa|s)$", title) for title in head]
+    units = [(match[1] or match[2]) if match else "" for match in found]
+    if rng.random() < 0.8:
+        head = [re.sub(r"\s*[\[(].*|_(mm|MPa|s)$", "", title) for title in head]
+    if rng.random() < 0.5:
+        units[rng.randrange(len(units))] = rng.choice(UNIT_WORDS)
+    form = rng.choice(["({})", "[{}]", "{}"])
+    return _write_table([head, [form.format(unit) if unit else "" for unit in units], *rows])
+
+
+def _swap(content: bytes, rng: random.Random) -> bytes:
+    """Swap titles between columns."""
+    head, *rows = _read_table(content)
+    one, two = rng.randrange(len(head)), rng.randrange(len(head))
+    head[one], head[two] = head[two], head[one]
+    return _write_table([head, *rows])
+
+
+def _gaps(content: bytes, rng: random.Random) -> bytes:
+    """Empty cells, rows, columns and titles, and cells at the ends of rows."""
+    rows = _read_table(content)
+    for _ in range(rng.choice([1, 1, 2, 4])):
+        row, kind = rng.choice(rows), rng.randrange(5)
+        at = rng.randrange(len(row)) if row else 0
+        if kind == 0 and row:
+            row[at] = rng.choice(["", " ", "nan", "NaN", "-", "None"])
+        elif kind == 1:
+            row[:] = [""] * len(row)
+        elif kind == 2:
+            for other in rows[rng.choice([0, 1]) :]:
+                other[at : at + 1] = [""]
+        elif kind == 3:
+            for other in rows:
+                other.append("")
+        else:
+            row.append(rng.choice(["", "7"]))
+    return _write_table(rows)
+
+
+def _untitled(content: bytes, rng: random.Random) -> bytes:
+    """Take the title from a column of numbers."""
+    head, *rows = _read_table(content)
+    cells = list(zip(*rows, strict=True))
+    columns = [k for k, own in enumerate(cells) if all(re.fullmatch(r"-?[0-9.]+", c) for c in own)]
+    head[rng.choice(columns)] = rng.choice(["", " "])
+    return _write_table([head, *rows])
+
+
+def repeat_option(words: list[str], flag: str, rng: random.Random, unit: str) -> bool:
+    """Give an option once more; return whether it has two values then that differ."""
+    given = [words[k + 1] for k in range(len(words) - 1) if words[k] == flag]
+    given += [word.partition("=")[2] for word in words if word.startswith(f"{flag}=")]
+    more = rng.choice([*given, make_value(rng, unit)])
+    words += rng.choice([[flag, more], [f"{flag}={more}"]])
+    return any(value != more for value in given)
 
 
 def _tree(content: bytes, rng: random.Random) -> bytes:

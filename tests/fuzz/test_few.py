@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.fuzz.mutate import damage, make_value
+from tests.fuzz.mutate import UNTITLED, damage, make_value, repeat_option
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -59,3 +59,29 @@ def test_damage_is_reproducible_and_does_damage(tmp_path: Path, name: str) -> No
     assert [make_value(random.Random(1), "mm")] * 2 == [
         make_value(random.Random(1), "mm") for _ in range(2)
     ]
+
+
+def test_tables_are_damaged_as_tables_are(tmp_path: Path) -> None:
+    sound = "time [s],pressure [kPa],length_mm\n" + "".join(f"{k},{k}.5,10\n" for k in range(5))
+    seen: dict[str, set[str]] = {}
+    for seed in range(400):
+        (tmp_path / "a.csv").write_text(sound)
+        way = damage(tmp_path / "a.csv", random.Random(seed))
+        changed = (tmp_path / "a.csv").read_bytes().decode("utf-8", "replace")
+        seen.setdefault(way.partition(": ")[2], set()).add(changed)
+    assert {"units", "row_of_units", "swap", "gaps", UNTITLED} <= set(seen)
+    assert all("" in text.split("\n")[0].replace(" ", "").split(",") for text in seen[UNTITLED])
+    assert any(text.startswith("pressure [kPa],time [s]") for text in seen["swap"])
+    assert any("(in %)" in text for text in seen["units"])
+    assert any("(s),(kPa),(mm)" in text for text in seen["row_of_units"])
+
+
+def test_an_option_is_repeated_with_the_same_value_or_another() -> None:
+    told = set()
+    for seed in range(20):
+        words = ["it", "--length", "5mm"]
+        differs = repeat_option(words, "--length", random.Random(seed), "mm")
+        last = words[-1].removeprefix("--length=")
+        assert differs == (last != "5mm")
+        told.add(differs)
+    assert told == {True, False}

@@ -14,12 +14,15 @@ from scipy.stats import t as student
 
 from bozzini.errors import InputError
 from bozzini.muscle import (
+    MODELS,
     EnergyMuscle,
     FitOptions,
     Measurements,
+    RankOptions,
     ThesisMuscle,
     calibrate,
     preset,
+    rank,
 )
 from bozzini.muscle import problem as fitting
 from bozzini.muscle.fit import judge_parameters, judge_repeats
@@ -433,3 +436,34 @@ def test_trials_that_have_no_answer_are_stepped_back_from():
     )
     assert found.converged
     assert found.estimates["outer_radius"] == pytest.approx(0.5, abs=1e-6)
+
+
+def test_a_fit_takes_what_a_ranking_takes() -> None:
+    bare = preset("festo-10", length=233.0)
+    truth = bare.replace(inner_radius=4.0, braid_angle=math.radians(24.0), modulus=1.5)
+    pressures, contractions = map(np.ravel, np.meshgrid([0.2, 0.4, 0.6], [0.0, 5.0, 15.0, 30.0]))
+    forces = EnergyMuscle(truth).force(pressures, contractions)
+    data = Measurements(pressure=pressures, contraction=contractions, load=forces)
+    found = calibrate(EnergyMuscle, bare, data=data)
+    assert found.free == ("modulus", "dead_length", "braid_angle")
+    assert found.held == {"inner_radius": "not given, so held at a typical value, 4 mm"}
+    assert found.estimates["braid_angle"] == pytest.approx(truth.braid_angle, abs=1e-4)
+    assert found.estimates["modulus"] == pytest.approx(1.5, rel=1e-3)
+    ranked = rank(data, bare, models=["energy"], options=RankOptions(folds=0)).models[0]
+    assert ranked.calibration.estimates == pytest.approx(found.estimates, rel=1e-6, abs=1e-6)
+    one = calibrate(EnergyMuscle, bare, data=data, free=("modulus",))
+    assert one.free == ("modulus", "braid_angle")
+    thick = calibrate(EnergyMuscle, bare.replace(inner_radius=3.0), data=data)
+    assert thick.held == {}
+    chou = calibrate(MODELS["chou"], bare, data=data)
+    assert chou.free == ("braid_angle",)
+
+
+def test_a_fit_without_a_braid_angle_warns_where_one_curve_cannot_tell_it() -> None:
+    bare = preset("thesis-45", braid_angle=None)
+    found = calibrate(EnergyMuscle, bare, data=measure())
+    assert "braid_angle" in found.free
+    assert any("braid_angle and dead_length do the same" in text for text in found.warnings)
+    with pytest.raises(InputError, match="braid_angle and dead_length do the same"):
+        calibrate(EnergyMuscle, preset("thesis-45"), data=measure(),
+                  free=("braid_angle", "dead_length"))  # fmt: skip

@@ -218,6 +218,7 @@ def test_a_log_returns_and_its_replay_is_the_run(tmp_path, suffix):
         ("a,b\n1,2\n", "lacks time_s"),
         ("", "this is no table"),
         ("time_s,x\n", "lacks setpoint_1_MPa"),
+        ("time_s,\n1,2\n", "column 2 has no title and the number 2"),
     ],
 )
 def test_what_is_no_log_is_one_line(tmp_path, text, words):

@@ -317,8 +317,12 @@ def test_tables_state_their_units() -> None:
     table = pandas.DataFrame(
         {"time [ms]": 10 * np.arange(20), "Pressure [bar]": np.arange(20.0), "supply [MPa]": 2.0}
     )
+    below = table.astype(object).set_axis(["Time", "Pressure", "supply"], axis=1)
+    below.loc[-1] = ["ms", "bar", "MPa"]
+    for curve in (take_curve(table), take_curve(below.sort_index())):
+        assert curve.time[-1] == pytest.approx(0.19)
+        assert curve.supply == 2.0
     curve = take_curve(table)
-    assert curve.time[-1] == pytest.approx(0.19)
     assert curve.pressure[-1] == pytest.approx(1.9)
     assert curve.supply == 2.0
     assert len(curve.plot().lines) == 1
@@ -349,14 +353,17 @@ def odd_files(folder):
     (folder / "words.csv").write_text("time,pressure\n" + "a,b\n" * 20)
     (folder / "columns.csv").write_text("t,p\n" + "1,2\n" * 20)
     (folder / "unit.csv").write_text("time [s],pressure [mm]\n" + "1,2\n" * 20)
+    (folder / "blank.csv").write_text("time [s],pressure [kPa],\n" + "1,2,3\n" * 20)
+    (folder / "twice.csv").write_text("time [s],pressure [kPa],Pressure\n" + "1,2,3\n" * 20)
     (folder / "a.txt").write_text("1 2")
     return {
         "two.mat": "the variables a, b", "text.mat": "no real numbers", "deep.mat": "have shape",
         "wide.mat": "have shape", "complex.mat": "no real numbers", "nan.mat": "not finite",
         "back.mat": "must rise", "short.mat": "at least 12", "large.mat": "pressure",
         "shut.mat": "never moves", "empty.mat": "no variables", "junk.mat": "MATLAB",
-        "none.mat": "MATLAB", "new.mat": "7.3", "words.csv": "no numbers",
-        "columns.csv": "no column 'time'", "unit.csv": "wrong kind", "a.txt": "must end in",
+        "none.mat": "MATLAB", "new.mat": "7.3", "words.csv": "row 2: .* finite number",
+        "columns.csv": "no column 'time'", "unit.csv": "wrong kind", "twice.csv": "two columns",
+        "blank.csv": "column 3 has no title", "a.txt": "must end in",
         "missing.mat": "no such file",
     }  # fmt: skip
 

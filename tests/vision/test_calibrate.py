@@ -11,6 +11,7 @@ from bozzini.vision import Checkerboard, write_picture
 from bozzini.vision.calibrate import (
     CalibrationOptions,
     View,
+    _find_fault,
     calibrate_cameras,
     detect_views,
     list_pictures,
@@ -19,6 +20,20 @@ from tests.vision.sets import BOARD, PAIR, TARGET, render_views
 
 NAMES = ("cam0", "cam1")
 QUICK = CalibrationOptions(resamples=0)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"tilt": math.radians(14.98)}, "tilted by 14.98 degrees at most: it must be 15.00 or"),
+        ({"coverage": (0.0996, 0.9)}, "cover 9.96 % of the picture of cam0: it must be 10.00 %"),
+    ],
+)
+def test_why_a_calibration_is_refused_does_not_contradict_itself(
+    pair_calibration, change, words
+) -> None:
+    found = dataclasses.replace(pair_calibration, **change)
+    assert words in _find_fault(found, QUICK)
 
 
 def test_the_true_cameras_come_back_in_the_frame_of_the_board(pair_calibration, pair_pictures):

@@ -103,6 +103,7 @@ def test_a_table_of_pictures_keeps_all_its_columns(tmp_path):
         ("", "no rows"),
         ("image,b\n1\n", "row 1 has 1 cells"),
         ('image,b\n1,"2\n', "comma-separated"),
+        ("image,\na.png,3\n", "column 2 has no title and the number 3 in row 1"),
     ],
 )
 def test_a_wrong_table_is_one_line(tmp_path, text, said):

@@ -10,7 +10,7 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_integer, check_number, check_points
+from ..checks import check_integer, check_number, check_points, show_apart
 from ..errors import GeometryError, InputError
 from ._mesh import measure_volume
 from .tract import LabelTract, SurfaceTract
@@ -187,9 +187,8 @@ def find_fault(
         return f"the radius changes by {slope.max():.2f} mm per mm"
     gap = float((bends - radii).min())
     if gap < BEND_GAP_MM:
-        return (
-            f"a bend is only {gap:.1f} mm wider than its lumen, at least {BEND_GAP_MM:g} is legal"
-        )
+        shown = show_apart(gap, BEND_GAP_MM, digits=2)
+        return f"a bend is only {shown[0]} mm wider than its lumen, at least {shown[1]} is legal"
     between = np.linalg.norm(points[:, None] - points[None], axis=2)
     reach = radii[:, None] + radii[None]
     # Samples so far apart along the line cannot be neighbours around one bend.
@@ -228,9 +227,8 @@ class Dimension:
 
     def __post_init__(self) -> None:
         if not self.low <= self.value <= self.high:
-            raise InputError(
-                f"{self.name} is {self.value:g}: it must lie in [{self.low:g}, {self.high:g}]"
-            )
+            shown = show_apart(self.value, self.low, self.high)
+            raise InputError(f"{self.name} is {shown[0]}: it must lie in [{shown[1]}, {shown[2]}]")
 
 
 _LI = (

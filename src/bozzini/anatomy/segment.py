@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_number, check_points
+from ..checks import check_number, check_points, show_apart
 from ..errors import GeometryError, InputError
 from ..progress import Progress, no_progress
 from ..results import Json, Result
@@ -434,9 +434,10 @@ def _find_seeded(
         at = int(distance.argmin())
         if distance[at] > NEAR_MM:
             text = ", ".join(f"{value:g}" for value in point)
+            shown = show_apart(distance[at], NEAR_MM, digits=2)
             raise InputError(
-                f"seed ({text}) mm lies {distance[at]:.1f} mm from the nearest gas that is not "
-                f"lung: it must lie within {NEAR_MM:g} mm"
+                f"seed ({text}) mm lies {shown[0]} mm from the nearest gas that is not "
+                f"lung: it must lie within {shown[1]} mm"
             )
         wanted.append(int(numbers[at]))
     return np.unique(wanted)

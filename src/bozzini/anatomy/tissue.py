@@ -23,7 +23,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_array, check_fields, check_points, quantity
+from ..checks import check_array, check_fields, check_points, quantity, show_apart
 from ..errors import FileFormatError, InputError
 from ..io.inputs import note_input
 from ..numeric.polylines import interpolate_polyline, measure_arc_length, resample_polyline
@@ -119,9 +119,10 @@ class Breathing(TissueMotion):
             object.__setattr__(self, name, _unit(name, getattr(self, name)))
         steep = self.amplitude * 2.0 * math.pi / self.wavelength
         if steep >= 1.0:
+            shown = show_apart(self.amplitude, self.wavelength / (2.0 * math.pi))
             raise InputError(
-                f"amplitude is {self.amplitude:g} mm: it must be below "
-                f"{self.wavelength / (2.0 * math.pi):.3g} mm, the wavelength over 2 pi, or the "
+                f"amplitude is {shown[0]} mm: it must be below "
+                f"{shown[1]} mm, the wavelength over 2 pi, or the "
                 "tissue folds"
             )
 
@@ -301,9 +302,10 @@ class RecordedMotion(TissueMotion):
             raise InputError(f"spacing is {self.spacing} mm: it must be above 0 mm")
         gap = float(np.abs(grids[-1] - grids[0]).max())
         if gap > CLOSED_MM:
+            shown = show_apart(gap, CLOSED_MM)
             raise InputError(
-                f"the last displacement is up to {gap:.3g} mm from the first: they must agree "
-                f"within {CLOSED_MM:g} mm, because the motion repeats"
+                f"the last displacement is up to {shown[0]} mm from the first: they must agree "
+                f"within {shown[1]} mm, because the motion repeats"
             )
         # Exactly, so that nothing jumps where the motion begins anew.
         object.__setattr__(self, "displacement", np.concatenate([grids[:-1], grids[:1]]))

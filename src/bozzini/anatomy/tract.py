@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_array, check_points, check_word
+from ..checks import check_array, check_points, check_word, show_apart
 from ..errors import GeometryError, InputError
 from ..results import show_briefly
 from ._mesh import Faces, Vertices, measure_volume
@@ -127,8 +127,9 @@ def check_mesh(vertices: ArrayLike, faces: ArrayLike, source: str) -> tuple[Vert
         raise InputError(f"{source} has {what} not finite (NaN or infinite)")
     farthest = float(np.abs(points).max(initial=0.0))
     if farthest > FARTHEST_MM:
+        shown = show_apart(farthest, FARTHEST_MM)
         raise InputError(
-            f"{source} has a coordinate of {farthest:.3g} mm: it must lie within {FARTHEST_MM:g} mm"
+            f"{source} has a coordinate of {shown[0]} mm: it must lie within {shown[1]} mm"
         )
     if triangles.size == 0:
         raise InputError(f"{source} has no faces")

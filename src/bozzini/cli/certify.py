@@ -8,7 +8,14 @@ from typing import TYPE_CHECKING
 import click
 
 from ._tract_options import report_findings
-from .common import EXIT_NEGATIVE, INPUT, Answer, answer_options, run_exit
+from .common import (
+    EXIT_NEGATIVE,
+    INPUT,
+    Answer,
+    CheckedCommand,
+    answer_options,
+    run_exit,
+)
 
 if TYPE_CHECKING:
     from ..motion.verify import Verification
@@ -16,7 +23,7 @@ if TYPE_CHECKING:
 __all__ = ["command"]
 
 
-@click.command(name="certify")
+@click.command(name="certify", cls=CheckedCommand)
 @click.argument("plan", metavar="PLAN", type=INPUT)
 @click.argument("source", metavar="[INPUT]", required=False, type=INPUT)
 @click.option(

@@ -14,6 +14,7 @@ from .common import (
     INPUT,
     PICTURES,
     Answer,
+    CheckedCommand,
     answer_options,
     option,
     options_of,
@@ -23,7 +24,7 @@ from .common import (
 __all__ = ["command"]
 
 
-@click.command(name="cockpit")
+@click.command(name="cockpit", cls=CheckedCommand)
 @click.argument("source", metavar="[INPUT]", required=False, type=INPUT)
 @tract_options
 @options_of(Body, "body")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import json
 import os
@@ -9,7 +10,7 @@ import re
 import shlex
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from functools import wraps
 from pathlib import Path
@@ -19,13 +20,13 @@ import click
 from click.core import ParameterSource
 from click.shell_completion import CompletionItem
 
-from ..checks import Quantity, choose, show_value
+from ..checks import Quantity, choose, restate_typed, show_value
 from ..errors import BozziniError, FileFormatError, InputError
 from ..io.inputs import check_no_input, note_input
 from ..progress import Progress, no_progress
 from ..registry import Registry
 from ..results import Json, Result, to_plain
-from ..units import INTERNAL_UNITS, parse_quantity, parse_vector, restate_typed
+from ..units import INTERNAL_UNITS, parse_quantity, parse_vector
 
 # Tables and files of results: for people, as CSV, and whether a file may be written.
 
@@ -130,6 +131,7 @@ EXIT_BAD_INPUT = 2
 Command = Callable[..., Any]
 """A function that click runs, with what it takes as keywords."""
 _Function = TypeVar("_Function", bound=Command)
+_Value = TypeVar("_Value")
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -139,6 +141,65 @@ if TYPE_CHECKING:  # generic in newer versions of click only
     _AnyType = click.ParamType[Any]
 else:
     _AnyType = click.ParamType
+
+
+class CheckedCommand(click.Command):
+    """A command that loses no value of an option that was given more than once.
+
+    An option that takes a list, as its metavar ``NAME,...`` shows, takes the values together. Of
+    others that may not be repeated, two values that differ are an error of usage; click would
+    keep the last one.
+    """
+
+    def make_parser(self, ctx: click.Context) -> Any:
+        """Return click's parser, its options without such losses."""
+        once = {
+            item.name: item
+            for item in self.get_params(ctx)
+            if isinstance(item, click.Option)
+            and not (item.multiple or item.is_flag or item.count or item.nargs != 1)
+        }
+        twin = copy.copy(self)
+        twin.params = [_collect(item) if item.name in once else item for item in self.params]
+        parser: Any = click.Command.make_parser(twin, ctx)
+        parse = parser.parse_args
+        own = dict(zip(map(id, twin.params), self.params, strict=True))
+
+        def parse_args(args: list[str]) -> tuple[Json, list[str], list[click.Parameter]]:
+            given, rest, order = parse(args)
+            for name, item in once.items():
+                if name in given:
+                    given[name] = _join_values(item, given[name], ctx)
+            return given, rest, [own.get(id(item), item) for item in order]
+
+        parser.parse_args = parse_args
+        return parser
+
+
+class CheckedGroup(click.Group):
+    """A group of such commands."""
+
+    command_class = CheckedCommand
+    group_class = type
+
+
+def _collect(item: click.Parameter) -> click.Parameter:
+    """Return an option that keeps all its values."""
+    item = copy.copy(item)
+    item.multiple = True
+    return item
+
+
+def _join_values(item: click.Option, values: list[str], context: click.Context) -> str:
+    """Return the one value of an option that was given once or more."""
+    if isinstance(item.type, LabelsType) or (item.metavar or "").endswith(",..."):
+        return ",".join(values)
+    if len(set(values)) > 1:
+        shown = " and ".join(f"'{value}'" for value in dict.fromkeys(values))
+        raise click.UsageError(
+            f"{item.opts[0]} is given more than once, as {shown}: give it once", context
+        )
+    return values[0]
 
 
 def json_option(function: _Function) -> _Function:
@@ -388,6 +449,16 @@ def split_setting(option: str, text: str, form: str) -> tuple[str, str]:
     if not (name and mark and value):
         raise InputError(f"{option} is '{text}': it must be {form}")
     return name.replace("-", "_"), value
+
+
+def gather_once(option: str, pairs: Iterable[tuple[str, _Value]]) -> dict[str, _Value]:
+    """Return pairs as a mapping, or raise `InputError` if a name is there twice."""
+    found: dict[str, _Value] = {}
+    for name, value in pairs:
+        if name in found:
+            raise InputError(f"{option} names '{name}' more than once: give it once")
+        found[name] = value
+    return found
 
 
 # Options that arrive together, as one object: those of a dataclass, and where the answer goes.

@@ -5,12 +5,16 @@ from __future__ import annotations
 import click
 from click.shell_completion import BashComplete, FishComplete, ZshComplete
 
-from .common import Answer, answer_options
+from .common import (
+    Answer,
+    CheckedCommand,
+    answer_options,
+)
 
 SHELLS = {"bash": BashComplete, "zsh": ZshComplete, "fish": FishComplete}
 
 
-@click.command("completion")
+@click.command("completion", cls=CheckedCommand)
 @click.argument("shell", metavar="|".join(SHELLS), type=click.Choice(tuple(SHELLS)))
 @answer_options(quiet=False)
 def command(shell: str, answer: Answer) -> None:

@@ -27,11 +27,13 @@ from .common import (
     OUTPUT,
     PICTURES,
     Answer,
+    CheckedCommand,
     QuantityType,
     VectorType,
     answer_options,
     format_csv,
     format_rows,
+    gather_once,
     option,
     options_of,
     parse_pairs,
@@ -76,12 +78,8 @@ def parse_load(text: str) -> PointLoad | LineLoad:
     """Return ``NAME=VALUE,...`` as a load; one with ``line`` is along a part of the backbone."""
     from ..continuum import LineLoad, PointLoad
 
-    given: dict[str, str] = {}
-    for part in text.split(","):
-        name, value = split_setting("--load", part.strip(), LOAD_EXAMPLE)
-        if name in given:
-            raise InputError(f"--load names '{name}' more than once: give it once")
-        given[name] = value
+    parts = (split_setting("--load", part.strip(), LOAD_EXAMPLE) for part in text.split(","))
+    given = gather_once("--load", parts)
     along = "line" in given
     legal = ("line", "from", "to", "frame") if along else ("at", "force", "moment", "frame")
     for name in given:
@@ -220,7 +218,7 @@ def _describe_shape(shape: ContactShape) -> str:
     return "\n".join([*lines, *(["tendons: " + ", ".join(tensions)] if tensions else [])])
 
 
-@click.command("contact")
+@click.command("contact", cls=CheckedCommand)
 @click.argument("robot_file", metavar="ROBOT.yaml", type=INPUT)
 @click.argument("source", metavar="[INPUT]", required=False, type=INPUT)
 @click.option(
@@ -315,7 +313,7 @@ def contact_command(
     answer.give(result | {"file": answer.out}, text)
 
 
-@click.command("insert")
+@click.command("insert", cls=CheckedCommand)
 @click.argument("robot_file", metavar="ROBOT.yaml", type=INPUT)
 @click.argument("source", metavar="INPUT", type=INPUT)
 @click.option(

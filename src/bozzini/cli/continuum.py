@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from ..checks import show_apart
 from ..continuum import CONTINUUM_MODELS, ElasticModel
 from ..continuum.kinematics import LOADS
 from ..errors import GeometryError, InputError, PluginError
@@ -26,6 +27,7 @@ from .common import (
     INPUT,
     PICTURES,
     Answer,
+    CheckedGroup,
     Command,
     ModelType,
     QuantityType,
@@ -304,7 +306,7 @@ def format_shape(robot: ContinuumRobot, shape: Json) -> str:
     return "\n".join([*lines, format_rows(head, rows)])
 
 
-@click.group("continuum")
+@click.group("continuum", cls=CheckedGroup)
 def command() -> None:
     """Bend a tendon-driven continuum robot: pose, reach, comparison of models, workspace."""
 
@@ -506,7 +508,8 @@ def jacobian_command(
     model_name = model_name or _choose_fitted(robot, ("energy", "rod"))
     model = make_model(model_name, robot, given, pulled=tension is not None)
     if place is not None and not 0.0 <= place <= robot.length:
-        raise InputError(f"--at is {place:g} mm: it must lie in [0, {robot.length:g}] mm")
+        shown = show_apart(place, robot.length)
+        raise InputError(f"--at is {shown[0]} mm: it must lie in [0, {shown[1]}] mm")
     if not isinstance(model, ElasticModel):
         raise InputError(f"the {model_name} model has no derivatives: take --model energy")
     if tension is not None:

@@ -6,12 +6,16 @@ from dataclasses import asdict
 
 import click
 
-from .common import Answer, answer_options
+from .common import (
+    Answer,
+    CheckedGroup,
+    answer_options,
+)
 
 __all__ = ["command"]
 
 
-@click.group("data")
+@click.group("data", cls=CheckedGroup)
 def command() -> None:
     """List and fetch public anatomy, with its licence and citation."""
 

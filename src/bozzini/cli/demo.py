@@ -8,13 +8,19 @@ from dataclasses import replace
 import click
 
 from ._tract_options import Body, report_findings, report_study
-from .common import Answer, QuantityType, answer_options, options_of
+from .common import (
+    Answer,
+    CheckedCommand,
+    QuantityType,
+    answer_options,
+    options_of,
+)
 from .plan import reserve_target, write_result
 
 __all__ = ["command"]
 
 
-@click.command(name="demo")
+@click.command(name="demo", cls=CheckedCommand)
 @click.option("--seed", default=0, show_default=True, help="Another number, another anatomy.")
 @options_of(Body, "body", leave_out=("length",))
 @click.option("--voxel", type=QuantityType("length"), default="1.5mm", show_default=True)

@@ -15,7 +15,13 @@ import click
 
 from .. import __version__
 from ..results import Json
-from .common import EXIT_NEGATIVE, Answer, answer_options, run_exit
+from .common import (
+    EXIT_NEGATIVE,
+    Answer,
+    CheckedCommand,
+    answer_options,
+    run_exit,
+)
 
 VARIABLES = (
     *("NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "NUMBA_CACHE_DIR"),
@@ -27,7 +33,7 @@ DEVELOPMENT = ("all", "dev", "docs")
 """Extras that add nothing to the commands."""
 
 
-@click.command("doctor")
+@click.command("doctor", cls=CheckedCommand)
 @answer_options(quiet=False)
 def command(answer: Answer) -> None:
     """Tell versions, extras, threads, compiled code and programs found, for a report of a fault.

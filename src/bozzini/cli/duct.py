@@ -22,6 +22,7 @@ from .common import (
     INPUT,
     PICTURES,
     Answer,
+    CheckedGroup,
     QuantityType,
     answer_options,
     describe_classes,
@@ -50,7 +51,7 @@ _CAVEATS = {
 }
 
 
-@click.group("duct")
+@click.group("duct", cls=CheckedGroup)
 def command() -> None:
     """Fit shapes to a tract, draw them, and find what limits links along it."""
 

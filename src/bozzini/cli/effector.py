@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -19,6 +19,7 @@ from .common import (
     INPUT,
     PICTURES,
     Answer,
+    CheckedGroup,
     ModelType,
     VectorType,
     answer_options,
@@ -26,6 +27,7 @@ from .common import (
     format_parts,
     format_rows,
     gather,
+    gather_once,
     make_option,
     option,
     options_of,
@@ -292,16 +294,7 @@ def _parse_segments(text: str) -> list[int]:
     return [int(part) for part in parts]
 
 
-def _gather_once(option: str, pairs: Iterable[tuple[str, _Value]]) -> dict[str, _Value]:
-    found: dict[str, _Value] = {}
-    for name, value in pairs:
-        if name in found:
-            raise InputError(f"{option} names '{name}' more than once: give it once")
-        found[name] = value
-    return found
-
-
-@click.group("effector")
+@click.group("effector", cls=CheckedGroup)
 def command() -> None:
     """Bend a catheter tip by pneumatic muscles: pose, reach, stick, workspace, traces, studies."""
 
@@ -923,7 +916,7 @@ def sweep_command(
     from ..effector import sweep
 
     effector = asked.effector
-    parameters = _gather_once("--vary", map(_parse_values, varied))
+    parameters = gather_once("--vary", map(_parse_values, varied))
     total = math.prod(map(len, parameters.values()))
     if total > MOST_DESIGNS:
         raise InputError(f"--vary asks for {total} designs: at most {MOST_DESIGNS} at once")
@@ -977,7 +970,7 @@ def least_command(
     from ..effector import optimise_design
 
     effector = asked.effector
-    bounds = _gather_once("--between", map(_parse_range, ranges))
+    bounds = gather_once("--between", map(_parse_range, ranges))
     numbers = None if choose_segments is None else _parse_segments(choose_segments)
     with progress_bar(quiet=quiet) as progress:
         found = optimise_design(

@@ -18,7 +18,16 @@ from ._tract_options import (
     report_findings,
     tract_options,
 )
-from .common import EXIT_NEGATIVE, INPUT, Answer, answer_options, format_rows, options_of, run_exit
+from .common import (
+    EXIT_NEGATIVE,
+    INPUT,
+    Answer,
+    CheckedCommand,
+    answer_options,
+    format_rows,
+    options_of,
+    run_exit,
+)
 from .plan import reserve_target
 
 if TYPE_CHECKING:
@@ -27,7 +36,7 @@ if TYPE_CHECKING:
 __all__ = ["command"]
 
 
-@click.command(name="execute")
+@click.command(name="execute", cls=CheckedCommand)
 @click.argument("source", metavar="[PLAN|TRACT]", required=False, type=INPUT)
 @click.argument("tract", metavar="[INPUT]", required=False, type=INPUT)
 @tract_options

@@ -9,14 +9,22 @@ import click
 
 from ..errors import InputError
 from ..physics.options import WallOptions
-from .common import INPUT, Answer, answer_options, option, options_of, refuse_options
+from .common import (
+    INPUT,
+    Answer,
+    CheckedCommand,
+    answer_options,
+    option,
+    options_of,
+    refuse_options,
+)
 
 __all__ = ["command"]
 
 _SUFFIXES = {"mujoco": ".xml", "urdf": ".urdf", "ros2": ".yaml"}
 
 
-@click.command(name="export")
+@click.command(name="export", cls=CheckedCommand)
 @click.argument("form", metavar="FORM", type=click.Choice(tuple(_SUFFIXES)))
 @click.argument("source", metavar="PLAN", type=INPUT)
 @click.argument("tract", metavar="[INPUT]", required=False, type=INPUT)

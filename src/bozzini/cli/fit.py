@@ -17,10 +17,12 @@ from .common import (
     OUTPUT,
     PICTURES,
     Answer,
+    CheckedCommand,
     ModelType,
     answer_options,
     check_target,
     gather,
+    gather_once,
     option,
     run_exit,
     split_setting,
@@ -51,7 +53,8 @@ class FitTable:
 
     def list_markers(self) -> tuple[Marker, ...]:
         """Return the markers of ``--marker``."""
-        return tuple(parse_marker(text) for text in self.marker_texts)
+        markers = map(parse_marker, self.marker_texts)
+        return tuple(gather_once("--marker", ((item.name, item) for item in markers)).values())
 
     def read(self, path: Path, robot: ContinuumRobot) -> RobotMeasurements:
         """Return the measurements in a file; markers of the robot hold unless they are typed."""
@@ -180,7 +183,7 @@ fit_options = gather(
 )
 
 
-@click.command("fit")
+@click.command("fit", cls=CheckedCommand)
 @click.argument("robot_file", metavar="ROBOT.yaml", type=INPUT)
 @click.argument("data_file", metavar="DATA.csv", type=INPUT)
 @option(

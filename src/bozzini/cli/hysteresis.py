@@ -17,11 +17,13 @@ from .common import (
     OUTPUT,
     PICTURES,
     Answer,
+    CheckedGroup,
     ModelType,
     answer_options,
     check_target,
     format_csv,
     gather,
+    gather_once,
     option,
     run_exit,
     split_setting,
@@ -46,7 +48,7 @@ _TABLES = (".csv", ".parquet")
 
 def _parse_units(texts: tuple[str, ...]) -> dict[str, str]:
     form = "COLUMN=UNIT, such as pressure=kPa"
-    return dict(split_setting("--unit", item, form) for item in texts)
+    return gather_once("--unit", (split_setting("--unit", item, form) for item in texts))
 
 
 @dataclass(frozen=True)
@@ -143,7 +145,7 @@ static_options = gather(
 )
 
 
-@click.group("hysteresis")
+@click.group("hysteresis", cls=CheckedGroup)
 def command() -> None:
     """Fit hysteresis to recorded loops, and compensate it."""
 

@@ -14,7 +14,16 @@ from ..errors import InputError
 from ..motion.live import LiveOptions
 from ..study.options import InsertionOptions, PathOptions, ReadOptions
 from ._tract_options import Body, read_with_options, report_findings, tract_options
-from .common import EXIT_NEGATIVE, INPUT, PICTURES, Answer, answer_options, options_of, run_exit
+from .common import (
+    EXIT_NEGATIVE,
+    INPUT,
+    PICTURES,
+    Answer,
+    CheckedCommand,
+    answer_options,
+    options_of,
+    run_exit,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -90,7 +99,7 @@ class TissueOptions:
         return lambda line: motion
 
 
-@click.command(name="live")
+@click.command(name="live", cls=CheckedCommand)
 @click.argument("source", metavar="INPUT", type=INPUT)
 @tract_options
 @options_of(Body, "body", leave_out=("robot",))

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ..checks import check_integer, check_number, describe_fields, list_quantities
+from ..checks import check_integer, check_number, describe_fields, list_quantities, show_apart
 from ..errors import BozziniError, InputError
 from ..results import Json
 from ..units import INTERNAL_UNITS
@@ -22,6 +22,7 @@ from .common import (
     OUTPUT,
     PICTURES,
     Answer,
+    CheckedGroup,
     ModelType,
     answer_options,
     check_target,
@@ -82,7 +83,7 @@ def drop(values: Json, *names: str) -> Json:
     return {name: value for name, value in values.items() if name not in names}
 
 
-@click.group("muscle")
+@click.group("muscle", cls=CheckedGroup)
 def command() -> None:
     """Solve a pneumatic muscle, list its models, and fit them to measurements."""
 
@@ -282,9 +283,10 @@ def _compute_curve(
         free = float(model.contraction(pressure, 0.0, **line))
         lengthens = model.muscle.given.get("braid_angle", 0.0) > LOCKING_ANGLE
         if not (free > 0.0 or (lengthens and free < 0.0)):
+            shown = show_apart(pressure, model.dead_band())
             raise InputError(
-                f"pressure is {pressure:g} MPa: with --of force it must be more, so that the "
-                f"muscle contracts (its dead band ends at {model.dead_band():g} MPa)"
+                f"pressure is {shown[0]} MPa: with --of force it must be more, so that the "
+                f"muscle contracts (its dead band ends at {shown[1]} MPa)"
             )
         over = np.linspace(0.0, free, points)
         return {
@@ -436,7 +438,7 @@ setup_options = gather(
         "pressure and load, or the pressure at force and length (default: that of the data).",
         ("force", "contraction", "pressure"),
     ),
-    option("--each", "Free parameters that every specimen has its own value of, by commas."),
+    option("--each NAME,...", "Free parameters that every specimen has a value of its own of."),
     option("--offset", "Measured contraction less the muscle's own at zero force.", "length"),
     option("--compliance", "By how much fittings and rig give, e.g. 0.01mm/N.", "compliance"),
     option("--slack-force", "Force that a slack muscle reads, the least one.", "force"),
@@ -455,6 +457,7 @@ setup_options = gather(
     "--free",
     "--shared",
     "free",
+    metavar="NAME,...",
     help="Fields of the muscle, constants of the model and end effects (offset, compliance, "
     "slack-force) to fit, by commas, shared by all specimens; the options below are where "
     "they start (default: modulus,dead-length in energy, modulus,end-length in thesis, in others "
@@ -741,6 +744,7 @@ rank_options = gather(
         "--free",
         "--shared",
         "free",
+        metavar="NAME,...",
         help="Of a fit, fields of the muscle to fit in each model that uses them, and end effects "
         "to fit in all (offset, compliance, slack-force), by commas; beside each model's own "
         "constants.",

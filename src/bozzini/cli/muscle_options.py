@@ -14,7 +14,16 @@ from ..checks import list_quantities
 from ..errors import FileFormatError, InputError
 from ..muscle.design import Muscle
 from ..units import parse_quantity
-from .common import INPUT, ModelType, QuantityType, gather, make_option, option, split_setting
+from .common import (
+    INPUT,
+    ModelType,
+    QuantityType,
+    gather,
+    gather_once,
+    make_option,
+    option,
+    split_setting,
+)
 
 if TYPE_CHECKING:
     from ..muscle.data import Measurements
@@ -420,7 +429,8 @@ class DataRequest:
         from ..muscle.table import read_measurements
 
         form = "COLUMN=UNIT, such as pressure=kPa"
-        table = dict(split_setting("--unit", item, form) for item in self.units)
+        pairs = (split_setting("--unit", item, form) for item in self.units)
+        table = gather_once("--unit", pairs)
         data = read_measurements(self.source, muscle=asked.muscle, units=table)
         if data.geometry and not asked.is_named:
             columns = ", ".join(map(describe_field, data.geometry))

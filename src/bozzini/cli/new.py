@@ -9,7 +9,12 @@ from textwrap import fill
 import click
 
 from ..units import INTERNAL_UNITS
-from .common import Answer, Command, answer_options
+from .common import (
+    Answer,
+    CheckedGroup,
+    Command,
+    answer_options,
+)
 
 PLAN_SHOWN = {
     "labels": "1,2,3",
@@ -90,7 +95,7 @@ constraints: # what a row must keep to be feasible: at_least, at_most, or both
 """
 
 
-@click.group("new")
+@click.group("new", cls=CheckedGroup)
 def command() -> None:
     """Write a file to start from, with comments, that runs as it is."""
 

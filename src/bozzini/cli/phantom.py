@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import click
 
-from .common import Answer, QuantityType, answer_options
+from .common import (
+    Answer,
+    CheckedCommand,
+    QuantityType,
+    answer_options,
+)
 
 __all__ = ["command"]
 
 
-@click.command("phantom")
+@click.command("phantom", cls=CheckedCommand)
 @click.option(
     "--seed",
     type=int,

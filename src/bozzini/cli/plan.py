@@ -22,6 +22,7 @@ from .common import (
     EXIT_NEGATIVE,
     INPUT,
     Answer,
+    CheckedCommand,
     answer_options,
     options_file,
     options_of,
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
 __all__ = ["command", "write_result"]
 
 
-@click.command(name="plan")
+@click.command(name="plan", cls=CheckedCommand)
 @click.argument("source", metavar="INPUT", type=INPUT)
 @options_file(*PLAN_OPTIONS)
 @tract_options

@@ -7,13 +7,19 @@ from pathlib import Path
 import click
 
 from ..scene.film import SUFFIXES, FilmOptions
-from .common import INPUT, Answer, answer_options, options_of
+from .common import (
+    INPUT,
+    Answer,
+    CheckedCommand,
+    answer_options,
+    options_of,
+)
 from .routing import read_plan, rebuild_lumen
 
 __all__ = ["command"]
 
 
-@click.command("record")
+@click.command("record", cls=CheckedCommand)
 @click.argument("source", metavar="PLAN", type=INPUT)
 @click.argument("tract", metavar="[INPUT]", required=False, type=INPUT)
 @options_of(FilmOptions, "options")

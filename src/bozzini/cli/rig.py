@@ -22,6 +22,7 @@ from .common import (
     OUTPUT,
     PICTURES,
     Answer,
+    CheckedGroup,
     QuantityType,
     answer_options,
     check_target,
@@ -57,7 +58,7 @@ period_option = option("--period TIME", "Of the host's loop.", "time", default="
 preset_option = option("--preset NAME", "The end-effector.", default="prototype")
 
 
-@click.group("rig")
+@click.group("rig", cls=CheckedGroup)
 def command() -> None:
     """Drive the pneumatic rig: an emulated one, or a board on the bench."""
 

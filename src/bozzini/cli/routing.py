@@ -20,10 +20,12 @@ from .common import (
     OUTPUT,
     PICTURES,
     Answer,
+    CheckedCommand,
     answer_options,
     check_target,
     format_rows,
     gather,
+    option,
     options_of,
     refuse_options,
     run_exit,
@@ -76,7 +78,7 @@ _asked = gather(
 )
 
 
-@click.command("design")
+@click.command("design", cls=CheckedCommand)
 @click.argument("source", metavar="[CURVE.csv | PLAN.npz]", required=False, type=INPUT)
 @click.option(
     "--tract", metavar="INPUT", type=INPUT, help="Find a robot of sections for this tract."
@@ -210,29 +212,24 @@ def read_points(path: Path) -> NDArray[np.float64]:
     FileFormatError
         If the file cannot be read, or has no such columns.
     """
-    import pandas
+    import numpy as np
 
-    try:
-        table = pandas.read_csv(path, comment="#")
-    except pandas.errors.ParserError:
-        raise FileFormatError(
-            f"{path} is no table of points: it needs the columns x, y and z, or x_mm and so on"
-        ) from None
-    except (OSError, ValueError) as error:
-        words = getattr(error, "strerror", None) or str(error) or type(error).__name__
-        raise FileFormatError(f"cannot read {path}: {str(words).splitlines()[0]}") from None
+    from ..io.sheets import read_sheet, split_title, take_numbers
+    from ..units import parse_unit
+
+    sheet = read_sheet(path)
+    places = {name: (k, unit) for k, (name, unit) in enumerate(map(split_title, sheet.titles))}
     for names in (("x_mm", "y_mm", "z_mm"), ("x", "y", "z")):
-        if set(names) <= set(table.columns):
-            try:
-                points: NDArray[np.float64] = table[list(names)].to_numpy(dtype=float)
-            except ValueError:
-                raise FileFormatError(f"{path}: x, y and z must be numbers") from None
-            if len(points) == 0:
-                raise FileFormatError(f"{path} holds no points: it has the names of columns alone")
-            return points
-    columns = ", ".join(map(str, table.columns))
+        if sheet.rows and set(names) <= set(places):
+            columns = [
+                take_numbers(sheet, place, where=f"{path}: ") * parse_unit(unit or "mm", "length")
+                for place, unit in map(places.__getitem__, names)
+            ]
+            return np.stack(columns, axis=-1)
+    if not sheet.rows:
+        raise FileFormatError(f"{path} holds no points: it has the names of columns alone")
     raise FileFormatError(
-        f"{path} has the columns {columns}: it needs x, y and z, or x_mm and so on"
+        f"{path} has the columns {', '.join(sheet.titles)}: it needs x, y and z, or x_mm and so on"
     )
 
 
@@ -332,11 +329,11 @@ def _format_search(found: TractRobot) -> str:
     return "\n".join(lines)
 
 
-@click.command("rank")
+@click.command("rank", cls=CheckedCommand)
 @click.argument("plan", metavar="PLAN.npz", type=INPUT)
 @options_of(InsertionRankOptions, "options")
-@click.option("--modes", default="4,6,8,10,12,16", show_default=True, help="Numbers of routings.")
-@click.option("--sections", default="4,6,8,12", show_default=True, help="Numbers of sections.")
+@option("--modes N,...", "Numbers of routings.", default="4,6,8,10,12,16")
+@option("--sections N,...", "Numbers of sections.", default="4,6,8,12")
 @answer_options(".csv", *PICTURES, help="The table (.csv) or a picture.")
 def rank_command(
     plan: Path, options: InsertionRankOptions, modes: str, sections: str, answer: Answer

@@ -8,7 +8,11 @@ from collections.abc import Callable
 import click
 
 from ..results import Json
-from .common import Answer, answer_options
+from .common import (
+    Answer,
+    CheckedCommand,
+    answer_options,
+)
 
 
 def _describe_plan() -> Json:
@@ -84,7 +88,7 @@ SCHEMAS: dict[str, Callable[[], Json]] = {
 """What makes the schema of each file."""
 
 
-@click.command("schema")
+@click.command("schema", cls=CheckedCommand)
 @click.argument("file", metavar="|".join(SCHEMAS), type=click.Choice(tuple(SCHEMAS)))
 @answer_options(".json", help="A file for the schema, .json.", quiet=False)
 def command(file: str, answer: Answer) -> None:

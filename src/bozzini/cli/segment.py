@@ -7,7 +7,13 @@ from typing import TYPE_CHECKING
 
 import click
 
-from .common import INPUT, Answer, VectorType, answer_options
+from .common import (
+    INPUT,
+    Answer,
+    CheckedCommand,
+    VectorType,
+    answer_options,
+)
 
 if TYPE_CHECKING:
     from ..anatomy.segment import Segmentation
@@ -21,7 +27,7 @@ LIMITS = (
 )
 
 
-@click.command("segment")
+@click.command("segment", cls=CheckedCommand)
 @click.argument("source", metavar="CT", type=INPUT)
 @click.option(
     "--threshold",

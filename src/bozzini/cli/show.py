@@ -12,7 +12,13 @@ import click
 from ..errors import FileFormatError, InputError
 from ..study.options import ReadOptions
 from ._tract_options import list_given, report_findings
-from .common import INPUT, Answer, answer_options, options_of
+from .common import (
+    INPUT,
+    Answer,
+    CheckedCommand,
+    answer_options,
+    options_of,
+)
 
 if TYPE_CHECKING:
     from ..anatomy.tract import LabelTract, SurfaceTract
@@ -25,7 +31,7 @@ __all__ = ["command"]
 _DATA = (".json", ".yaml", ".yml")
 
 
-@click.command("show")
+@click.command("show", cls=CheckedCommand)
 @click.argument("sources", metavar="FILE...", nargs=-1, required=True, type=INPUT)
 @options_of(ReadOptions, "reading")
 @click.option("--open", "opened", is_flag=True, help="Open the page in the browser.")

@@ -13,6 +13,7 @@ from .common import (
     INPUT,
     PICTURES,
     Answer,
+    CheckedGroup,
     answer_options,
     describe_classes,
     format_rows,
@@ -49,7 +50,7 @@ engine_options = gather(
 _FOLDER = click.argument("folder", type=INPUT)
 
 
-@click.group("study")
+@click.group("study", cls=CheckedGroup)
 def command() -> None:
     """Compute many rows from one study file: sweeps, tolerances, maps, searches."""
 

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..errors import InputError
 from ..units import parse_quantity
 from .common import (
     EXIT_NEGATIVE,
@@ -15,6 +14,7 @@ from .common import (
     answer_options,
     format_rows,
     gather,
+    gather_once,
     option,
     run_exit,
     split_setting,
@@ -64,13 +64,11 @@ def parse_deviations(
     texts: Sequence[str], find_kind: Callable[[str], str], *, example: str
 ) -> dict[str, float]:
     """Return standard deviations of ``--sd NAME=VALUE``."""
-    found: dict[str, float] = {}
-    for text in texts:
-        name, value = split_setting("--sd", text, f"NAME=VALUE, such as {example}")
-        if name in found:
-            raise InputError(f"--sd names '{name}' more than once: give it once")
-        found[name] = parse_quantity(value, find_kind(name))
-    return found
+    pairs = (split_setting("--sd", text, f"NAME=VALUE, such as {example}") for text in texts)
+    return {
+        name: parse_quantity(value, find_kind(name))
+        for name, value in gather_once("--sd", pairs).items()
+    }
 
 
 def give_tip_error(found: TipError, more: Mapping[str, Any], answer: Answer) -> None:

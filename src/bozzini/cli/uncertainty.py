@@ -17,6 +17,7 @@ from .common import (
     EXIT_NEGATIVE,
     INPUT,
     Answer,
+    CheckedCommand,
     answer_options,
     format_csv,
     format_rows,
@@ -45,7 +46,7 @@ class _More:
     level: float
 
 
-@click.command("uncertainty")
+@click.command("uncertainty", cls=CheckedCommand)
 @click.argument("source", metavar="PLAN|STUDY", type=INPUT)
 @click.argument("tract", metavar="[INPUT]", required=False, type=INPUT)
 @options_of(ContactOptions, "options")

@@ -21,6 +21,7 @@ from .common import (
     EXIT_NEGATIVE,
     INPUT,
     Answer,
+    CheckedGroup,
     Command,
     QuantityType,
     answer_options,
@@ -41,7 +42,7 @@ if TYPE_CHECKING:
     from ..vision.track import Track
 
 
-@click.group("vision")
+@click.group("vision", cls=CheckedGroup)
 def command() -> None:
     """Measure lengths, shapes and points in pictures."""
 

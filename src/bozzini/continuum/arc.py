@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..checks import check_array, check_integer
+from ..checks import check_array, check_integer, show_apart
 from ..errors import InputError
 from .checks import Floats
 from .coupling import ParallelModel, coupling_matrix
@@ -148,9 +148,9 @@ def arc_frames(
     if places.ndim != 1 or not places.size:
         raise InputError(f"arc_length has shape {places.shape}: it must be (k,), k at least 1")
     if not (places.min() >= -ROUND_OFF_MM and places.max() <= robot.length + ROUND_OFF_MM):
+        shown = show_apart(places.max(), robot.length)
         raise InputError(
-            f"arc_length spans [{places.min():g}, {places.max():g}] mm: "
-            f"it must lie in [0, {robot.length:g}] mm"
+            f"arc_length spans [{places.min():g}, {shown[0]}] mm: it must lie in [0, {shown[1]}] mm"
         )
     if np.any(np.diff(places) < 0.0):
         raise InputError("arc_length must not decrease")

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_array, check_number, check_points, show_value
+from ..checks import check_array, check_number, check_points, show_apart, show_value
 from ..errors import InputError
 
 _Item = TypeVar("_Item")
@@ -184,7 +184,8 @@ def _check_size(name: str, array: Floats, unit: str) -> None:
     if array.size and np.abs(array).max() > MAX_COORDINATE_MM:
         worst = array.flat[int(np.argmax(np.abs(array)))]
         suffix = f" {unit}" if unit else ""
+        shown = show_apart(worst, -MAX_COORDINATE_MM, MAX_COORDINATE_MM)
         raise InputError(
-            f"{name} has the value {worst:g}{suffix}: it must lie in "
-            f"[{-MAX_COORDINATE_MM:g}, {MAX_COORDINATE_MM:g}]{suffix}"
+            f"{name} has the value {shown[0]}{suffix}: it must lie in "
+            f"[{shown[1]}, {shown[2]}]{suffix}"
         )

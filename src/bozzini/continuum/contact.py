@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_array, check_kind
+from ..checks import check_array, check_kind, show_apart
 from ..errors import InputError
 from ..results import Json, Result, measured, take_axes, to_plain
 from .checks import Floats
@@ -392,9 +392,9 @@ class ContactModel:
         """Return the shape under commands: at once, or else from a robot at rest, in parts."""
         length = self.robot.length if inserted is None else float(inserted)
         if not 0.0 < length <= self.robot.length * (1.0 + 1e-12):
+            shown = show_apart(length, self.robot.length)
             raise InputError(
-                f"inserted is {length:g} mm: it must lie in (0, {self.robot.length:g}] mm, the "
-                "robot's length"
+                f"inserted is {shown[0]} mm: it must lie in (0, {shown[1]}] mm, the robot's length"
             )
         command = Command(commands + self._pretension_stretches, tensions, length)
         shape = self._solve(command, initial)
@@ -614,7 +614,8 @@ def place_stations(robot: RobotDesign, largest: float | None) -> Floats:
     step = max(robot.radius, robot.length / SEGMENTS) if largest is None else largest
     if robot.length > MOST_SEGMENTS * step:
         least = robot.length / MOST_SEGMENTS
-        raise InputError(f"segment_length is {step:g} mm: it must lie in [{least:g}, inf) mm")
+        shown = show_apart(step, least)
+        raise InputError(f"segment_length is {shown[0]} mm: it must lie in [{shown[1]}, inf) mm")
     fixed = [0.0, *robot.section_ends, *robot.tendon_ends]
     fixed += [place for tendon in robot.tendons for place in tendon.corners()]
     marks = np.unique(np.round(np.asarray(fixed), 9))

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-import csv
 import dataclasses
 import math
 import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_array, check_number, check_path, check_points, check_range
+from ..checks import check_array, check_number, check_path, check_points, check_range, show_apart
 from ..errors import FileFormatError, InputError
+from ..io.sheets import read_sheet, take_numbers
 from ..numeric.polylines import carry_frames, interpolate_polyline, measure_arc_length
 from ..progress import Progress, no_progress
 from ..results import Json, Result, measured, take_axes, to_plain
@@ -111,26 +110,18 @@ class DriveTable:
         """
         file = check_path("path", path)
         names = [ADVANCE_COLUMN, *(f"{name}_mm" for name in robot.tendon_names)]
-        try:
-            with Path(file).open(encoding="utf-8", newline="") as stream:
-                reader = csv.DictReader(stream)
-                missing = [name for name in names if name not in (reader.fieldnames or ())]
-                if missing:
-                    raise FileFormatError(
-                        f"{file} has no column '{missing[0]}': a table of drives for robot "
-                        f"'{robot.name}' has {', '.join(names)}"
-                    )
-                rows = [[float(row[name]) for name in names] for row in reader]
-        except (OSError, UnicodeDecodeError, csv.Error) as error:
-            raise FileFormatError(f"{file} cannot be read as a table: {error}") from None
-        except (TypeError, ValueError) as error:
-            if isinstance(error, FileFormatError):
-                raise
-            raise FileFormatError(f"{file} holds what is no number: {error}") from None
-        if not rows or not np.isfinite(rows).all():
-            raise FileFormatError(f"{file} has no rows, or values that are not finite")
-        table = np.asarray(rows, dtype=np.float64)
-        return cls(inserted=table[:, 0], displacements=table[:, 1:])
+        sheet = read_sheet(file)
+        titles = [title.strip() for title in sheet.titles]
+        missing = [name for name in names if name not in titles]
+        if missing:
+            raise FileFormatError(
+                f"{file} has no column '{missing[0]}': a table of drives for robot "
+                f"'{robot.name}' has {', '.join(names)}"
+            )
+        if not sheet.rows:
+            raise FileFormatError(f"{file} has no rows")
+        columns = [take_numbers(sheet, titles.index(name), where=f"{file}: ") for name in names]
+        return cls(inserted=columns[0], displacements=np.stack(columns[1:], axis=-1))
 
     def list_steps(self, start: float, step: float) -> Iterator[tuple[float, Floats]]:
         """Give inserted lengths and displacements, at most `step` apart, from a length on [mm].
@@ -328,8 +319,9 @@ def insert_robot(
         )
     most = float(drives.inserted.max())
     if most > robot.length * (1.0 + 1e-9):
+        shown = show_apart(most, robot.length)
         raise InputError(
-            f"inserted is {most:g} mm: it must be at most {robot.length:g} mm, the robot's length"
+            f"inserted is {shown[0]} mm: it must be at most {shown[1]} mm, the robot's length"
         )
     return _Insertion(placed, points, size).run(drives, segment, progress)
 

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, TypedDict, Unpack
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_integer, check_number
+from ..checks import check_integer, check_number, show_apart
 from ..errors import GeometryError, InputError
 from ..results import Json, Result, measured, to_plain
 from .arc import ArcModel, arc_frames
@@ -523,9 +523,10 @@ def solve_curve(
     else:
         along = check_values("arc_length", arc_length, (len(places),), unit="mm")
     if along.min() < -ROUND_OFF_MM or along.max() > robot.length * (1.0 + 1e-9):
+        shown = show_apart(along.max(), robot.length)
         raise InputError(
-            f"arc_length of the points spans [{along.min():.6g}, {along.max():.6g}] mm: it must "
-            f"lie in [0, {robot.length:g}] mm, the robot's length"
+            f"arc_length of the points spans [{along.min():g}, {shown[0]}] mm: it must "
+            f"lie in [0, {shown[1]}] mm, the robot's length"
         )
     heavy = np.ones(len(places))
     if weights is not None:

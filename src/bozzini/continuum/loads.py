@@ -9,7 +9,7 @@ from typing import Literal, NamedTuple, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_array, check_fields, check_word, quantity, show_value
+from ..checks import check_array, check_fields, check_word, quantity, show_apart, show_value
 from ..errors import InputError
 from .checks import Floats, check_values, take_items
 from .profile import ROUND_OFF_MM
@@ -86,8 +86,9 @@ class LineLoad:
         object.__setattr__(self, "force", tuple(vector.tolist()))
         check_word("load's frame", self.frame, get_args(LoadFrame))
         if self.end is not None and self.end <= self.start:
+            shown = show_apart(self.end, self.start)
             raise InputError(
-                f"load's end is {self.end:g} mm: it must lie after its start, {self.start:g} mm"
+                f"load's end is {shown[0]} mm: it must lie after its start, {shown[1]} mm"
             )
 
 
@@ -172,14 +173,16 @@ def check_loads(robot: RobotDesign, loads: object) -> tuple[Load, ...]:
         point = isinstance(load, PointLoad)
         place = load.arc_length if isinstance(load, PointLoad) else load.end
         if place is not None and place > robot.length + ROUND_OFF_MM:
+            shown = show_apart(place, robot.length)
             raise InputError(
-                f"loads[{index}] {'arc_length' if point else 'end'} is {place:g} mm: it must lie "
-                f"in [0, {robot.length:g}] mm, the robot's length"
+                f"loads[{index}] {'arc_length' if point else 'end'} is {shown[0]} mm: it must lie "
+                f"in [0, {shown[1]}] mm, the robot's length"
             )
         if isinstance(load, LineLoad) and load.start >= robot.length:
+            shown = show_apart(load.start, robot.length)
             raise InputError(
-                f"loads[{index}] start is {load.start:g} mm: it must lie in "
-                f"[0, {robot.length:g}) mm, the robot's length"
+                f"loads[{index}] start is {shown[0]} mm: it must lie in "
+                f"[0, {shown[1]}) mm, the robot's length"
             )
     return found
 

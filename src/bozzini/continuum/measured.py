@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from ..checks import check_array, check_path, check_word
 from ..errors import FileFormatError, InputError, UnitError
-from ..io.sheets import DECIMAL_COMMA, Sheet, read_sheet, show_cell, take_frame, take_number
+from ..io.sheets import Sheet, read_sheet, show_cell, split_title, take_frame, take_numbers
 from ..results import show_briefly
-from ..units import parse_quantity
+from ..units import parse_unit
 from .calibration import Command, Marker
 from .checks import Floats, check_items
 from .kinematics import ContinuumRobot
@@ -37,7 +37,6 @@ MISSING = ("", "nan", "na", "none")
 TIP = "tip"
 """Name of the point that is the tip unless a marker of this name is described."""
 
-_HEADER = re.compile(r"\s*(.+?)\s*(?:[\[(]\s*([^\])]*?)\s*[\])])?\s*")
 _AXIS = re.compile(r"(.+?)[\s_]+([xyz])")
 
 
@@ -246,11 +245,15 @@ def _take_sheet(
     if blocks and label < 0:
         raise FileFormatError(f"there is no column '{blocks}' with labels of blocks")
     command = next(iter(commands))
-    places = [*commands[command].values(), *(place for axes in seen.values() for place in axes)]
-    values = {place: _take_column(sheet, titles, place, KINDS[command]) for place in
-              commands[command].values()}  # fmt: skip
-    for axes in seen.values():
-        values |= {place: _take_column(sheet, titles, place, "length", gaps=True) for place in axes}
+    of_axes = [place for axes in seen.values() for place in axes]
+    sheet = dataclasses.replace(sheet, titles=titles)
+    kinds = {place: KINDS[command] for place in commands[command].values()}
+    kinds |= dict.fromkeys(of_axes, "length")
+    values = {
+        place: _find_factor(titles[place], kind)
+        * take_numbers(sheet, place, empty=MISSING if place in of_axes else ())
+        for place, kind in kinds.items()
+    }
     points = np.stack([np.stack([values[place] for place in axes], axis=-1)
                        for axes in seen.values()], axis=1)  # fmt: skip
     points[~np.isfinite(points).all(axis=-1)] = np.nan
@@ -264,7 +267,7 @@ def _take_sheet(
     lacking = [name for name in own if name not in seen]
     if lacking:
         notes.append(f"markers of the robot without columns are left out: {', '.join(lacking)}")
-    ignored = [title for place, title in enumerate(titles) if place not in (*places, label)]
+    ignored = [title for place, title in enumerate(titles) if place not in (*kinds, label)]
     notes += [f"ignored columns: {', '.join(ignored)}"] if ignored else []
     words = [str(row[label]) for row in sheet.rows] if blocks else [""] * len(sheet.rows)
     return RobotMeasurements(
@@ -346,7 +349,7 @@ def _find_columns(
     seen: dict[str, dict[str, int]] = {}
     others: list[str] = []
     for place, title in enumerate(titles):
-        name = _split_title(title)[0]
+        name = split_title(title)[0]
         tendon, _, kind = name.rpartition(" ")
         axis = _AXIS.fullmatch(name)
         if kind in KINDS and tendon:
@@ -380,35 +383,13 @@ def _find_columns(
     return commands, {name: [axes[axis] for axis in "xyz"] for name, axes in seen.items()}
 
 
-def _split_title(title: str) -> tuple[str, str]:
-    """Return name and unit of a title; the unit is empty if there is none."""
-    match = _HEADER.fullmatch(title)
-    return (match[1], match[2] or "") if match else (title.strip(), "")
-
-
-def _take_column(
-    sheet: Sheet, titles: Sequence[str], place: int, kind: str, *, gaps: bool = False
-) -> Floats:
-    """Return the numbers of a column; with `gaps`, NaN where there is none."""
-    title, factor = titles[place], _find_factor(titles[place], kind)
-    cells = [row[place] for row in sheet.rows]
-    commas = sheet.may_have_commas and any(
-        DECIMAL_COMMA.fullmatch(str(cell).strip()) for cell in cells
-    )
-    values = np.full(len(cells), np.nan)
-    for index, (number, cell) in enumerate(zip(sheet.numbers, cells, strict=True)):
-        if not (gaps and str(cell).strip().lower() in MISSING):
-            values[index] = take_number(f"row {number}: ", f"'{title}'", cell, commas=commas)
-    return factor * values
-
-
 def _find_factor(title: str, kind: str) -> float:
     """Return the value of one unit of a column."""
-    unit = _split_title(title)[1]
+    unit = split_title(title)[1]
     if not unit:
         example = EXAMPLES[kind]
         raise UnitError(f"column '{title}' has no unit: write '{show_cell(title)} [{example}]'")
     try:
-        return parse_quantity(unit if unit[0].isdigit() else f"1 {unit}", kind)
+        return parse_unit(unit, kind)
     except UnitError as error:
         raise UnitError(f"column '{title}': {error}") from None

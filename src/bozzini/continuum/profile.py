@@ -7,7 +7,7 @@ from typing import Annotated, Literal, TypeGuard
 
 import numpy as np
 
-from ..checks import Quantity, show_value
+from ..checks import Quantity, show_apart, show_value
 from ..errors import InputError
 from .checks import Floats
 
@@ -152,9 +152,10 @@ def check_span(name: str, profile: Profile | Curvature, end: float) -> None:
     rows = profile if isinstance(profile, tuple) else ()
     knots = [row for row in rows if isinstance(row, tuple)]
     if knots and not (knots[0][0] <= ROUND_OFF_MM and knots[-1][0] >= end - ROUND_OFF_MM):
+        shown = show_apart(knots[-1][0], end)
         raise InputError(
-            f"{name} has knots from {knots[0][0]:g} to {knots[-1][0]:g} mm: they must reach from 0 "
-            f"mm, the section's start, to {end:g} mm, its end"
+            f"{name} has knots from {knots[0][0]:g} to {shown[0]} mm: they must reach from 0 "
+            f"mm, the section's start, to {shown[1]} mm, its end"
         )
 
 

@@ -15,7 +15,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import broadcast, check_array, check_integer, quantity
+from ..checks import broadcast, check_array, check_integer, quantity, show_apart
 from ..errors import InputError
 from ..io.records import load_record, read_record, save_record, write_record
 from ..results import Json
@@ -366,9 +366,10 @@ class RobotDesign:
         if tendon.end is None:
             return tendon.ending_at(end)
         if not start + ROUND_OFF_MM < tendon.end <= end + ROUND_OFF_MM:
+            shown = show_apart(tendon.end, start, end)
             raise InputError(
-                f"tendon '{tendon.name}' end is {tendon.end:g} mm: it belongs to "
-                f"{self.section_label(index)} and must lie in ({start:g}, {end:g}] mm"
+                f"tendon '{tendon.name}' end is {shown[0]} mm: it belongs to "
+                f"{self.section_label(index)} and must lie in ({shown[1]}, {shown[2]}] mm"
             )
         return tendon.ending_at(min(tendon.end, end))
 
@@ -386,9 +387,10 @@ class RobotDesign:
                 places = np.append(inner, end)
             most = float(tendon.offset_at(places).max())
             if most > section.radius * (1.0 + 1e-12):
+                shown = show_apart(most, section.radius)
                 raise InputError(
-                    f"tendon '{tendon.name}' offset is {most:g} mm in "
-                    f"{self.section_label(index)}: it must lie in (0, {section.radius:g}] mm, "
+                    f"tendon '{tendon.name}' offset is {shown[0]} mm in "
+                    f"{self.section_label(index)}: it must lie in (0, {shown[1]}] mm, "
                     "inside the body's radius"
                 )
 

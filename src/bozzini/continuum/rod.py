@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..checks import quantity
+from ..checks import quantity, show_apart
 from ..errors import InputError
 from .checks import Floats
 from .elastic import ElasticModel, check_tension_commands, place_stations
@@ -316,9 +316,10 @@ class RodModel(ElasticModel):
 
     def _shoot(self, target: Target, state: FrictionState | None, start: Shot | None) -> Shot:
         if self._rod.load > LARGEST_LOAD:
+            shown = show_apart(self._rod.load, LARGEST_LOAD)
             raise InputError(
-                f"loads and weight are {self._rod.load:.3g} times what bends the robot by 1 rad: "
-                f"it must be at most {LARGEST_LOAD:g} times"
+                f"loads and weight are {shown[0]} times what bends the robot by 1 rad: "
+                f"it must be at most {shown[1]} times"
             )
         if self._channels is not None and state is not None:
             return follow_sliding(self._rod, target, self._channels, state, start)

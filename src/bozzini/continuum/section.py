@@ -19,6 +19,7 @@ from ..checks import (
     check_word,
     list_quantities,
     quantity,
+    show_apart,
     show_value,
 )
 from ..errors import InputError
@@ -162,9 +163,10 @@ class Tendon:
                 words = f"{label} {name.replace('_', ' ')}"
                 object.__setattr__(self, name, known[name].check(words, given))
         if self.pretension > self.tension_limit:
+            shown = show_apart(self.pretension, self.tension_limit)
             raise InputError(
-                f"{label} pretension is {self.pretension:g} N: it must lie in "
-                f"[0, {self.tension_limit:g}] N, up to its tension limit"
+                f"{label} pretension is {shown[0]} N: it must lie in "
+                f"[0, {shown[1]}] N, up to its tension limit"
             )
         if self.path is not None:
             if self.offset is not None or self.angle is not None:
@@ -192,9 +194,10 @@ class Tendon:
         """Raise `InputError` unless knots reach from the base to the end, where that is known."""
         if self.end is None or (first <= ROUND_OFF_MM and last >= self.end - ROUND_OFF_MM):
             return
+        shown = show_apart(last, self.end)
         raise InputError(
-            f"tendon '{self.name}' {name} has knots from {first:g} to {last:g} mm: they must reach "
-            f"from 0 mm, the robot's base, to {self.end:g} mm, the tendon's end"
+            f"tendon '{self.name}' {name} has knots from {first:g} to {shown[0]} mm: they must "
+            f"reach from 0 mm, the robot's base, to {shown[1]} mm, the tendon's end"
         )
 
     @property
@@ -325,8 +328,10 @@ class Tendon:
         inside = (places >= -ROUND_OFF_MM) & (places <= end + ROUND_OFF_MM)
         if not inside.all():
             bad = places.flat[int(np.argmin(inside))]
+            shown = show_apart(bad, end)
             raise InputError(
-                f"arc length on tendon '{self.name}' is {bad:g} mm: it must lie in [0, {end:g}] mm"
+                f"arc length on tendon '{self.name}' is {shown[0]} mm: it must lie in "
+                f"[0, {shown[1]}] mm"
             )
         return np.clip(places, 0.0, end)
 
@@ -446,8 +451,9 @@ class Section:
         check_span("section curvature", curvature, self.length)
         bend = float(np.hypot(*np.atleast_2d(curvature)[:, -3:-1].T).max())
         if bend * self.radius >= 1.0:
+            shown = show_apart(bend, 1.0 / self.radius)
             raise InputError(
-                f"section curvature is {bend:g} rad/mm: it must lie in [0, {1.0 / self.radius:g}) "
+                f"section curvature is {shown[0]} rad/mm: it must lie in [0, {shown[1]}) "
                 "rad/mm, for the body is not to meet itself"
             )
         for name, value in (
@@ -490,9 +496,10 @@ class Section:
                 )
         check_span("wire diameter", wire.profile, self.length)
         if 2.0 * self.radius < largest_of(wire.profile) * (1.0 - RADIUS_SLACK):
+            shown = show_apart(largest_of(wire.profile), 2.0 * self.radius)
             raise InputError(
-                f"wire diameter is {largest_of(wire.profile):g} mm: it must lie in "
-                f"(0, {2.0 * self.radius:g}] mm, inside the section's body"
+                f"wire diameter is {shown[0]} mm: it must lie in "
+                f"(0, {shown[1]}] mm, inside the section's body"
             )
 
     def _profile(self, name: str) -> Profile:
@@ -594,14 +601,16 @@ def _check_places(given: object, length: float) -> tuple[float, ...]:
             f"section disc_positions[{index}]", item
         )
         if place <= before + ROUND_OFF_MM:
+            shown = show_apart(place, before)
             raise InputError(
-                f"section disc_positions[{index}] is {place:g} mm: it must lie after {before:g} mm"
+                f"section disc_positions[{index}] is {shown[0]} mm: it must lie after {shown[1]} mm"
             )
         before = place
         places.append(place)
     if places and abs(places[-1] - length) > ROUND_OFF_MM:
+        shown = show_apart(places[-1], length)
         raise InputError(
-            f"section disc_positions ends at {places[-1]:g} mm: "
-            f"the last disc must stand at the section's end, {length:g} mm"
+            f"section disc_positions ends at {shown[0]} mm: "
+            f"the last disc must stand at the section's end, {shown[1]} mm"
         )
     return tuple(places)

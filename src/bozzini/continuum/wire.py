@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..checks import check_array, check_fields, list_quantities, quantity
+from ..checks import check_array, check_fields, list_quantities, quantity, show_apart
 from ..errors import InputError
 from .checks import Floats
 from .profile import Profile, check_profile, evaluate_profile, smallest_of
@@ -72,9 +72,10 @@ class Wire:
         object.__setattr__(self, "diameter", diameter)
         least = smallest_of(diameter)
         if not self.inner_diameter < least:
+            shown = show_apart(self.inner_diameter, least)
             raise InputError(
-                f"wire inner diameter is {self.inner_diameter:g} mm: it must lie in "
-                f"[0, {least:g}) mm, inside the wire"
+                f"wire inner diameter is {shown[0]} mm: it must lie in "
+                f"[0, {shown[1]}) mm, inside the wire"
             )
 
     @property

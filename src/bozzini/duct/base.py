@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, ClassVar, Literal, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_array, check_fields, check_number, check_points, show_value
+from ..checks import check_array, check_fields, check_number, check_points, show_apart, show_value
 from ..errors import GeometryError, InputError
 from ..results import show_briefly, take_axes
 from .checks import (
@@ -330,17 +330,19 @@ class Duct(ABC):
         size = np.ptp(self.bounds, axis=0)
         least = (float(size.prod()) / NODES_MAX) ** (1.0 / len(size))
         if voxel < 1e-3 * least:  # the number of nodes might overflow
+            shown = show_apart(voxel, least)
             raise InputError(
-                f"voxel is {voxel:g} mm: the grid would have far too many nodes, it must be at "
-                f"least about {least:.2g} mm"
+                f"voxel is {shown[0]} mm: the grid would have far too many nodes, it must be at "
+                f"least about {shown[1]} mm"
             )
         low, high = self.bounds + MARGIN_NODES * voxel * np.array([[-1.0], [1.0]])
         counts = np.ceil((high - low) / voxel) + 1.0
         if counts.prod() > NODES_MAX:
             least = voxel * (counts.prod() / NODES_MAX) ** (1.0 / len(size))
+            shown = show_apart(voxel, least)
             raise InputError(
-                f"voxel is {voxel:g} mm: the grid would have {counts.prod():.3g} nodes, it must "
-                f"be at least about {least:.2g} mm"
+                f"voxel is {shown[0]} mm: the grid would have {counts.prod():.3g} nodes, it must "
+                f"be at least about {shown[1]} mm"
             )
         return low, counts.astype(np.int64)
 
@@ -693,9 +695,10 @@ class SampledField(PackedDuct):
             )
         most = self.inflation_max - self.inflation
         if distance > 0.0 and distance > most * (1.0 + 1e-12):
+            shown = show_apart(distance, max(most, 0.0), self.reach)
             raise InputError(
-                f"distance is {distance:g} mm: it must be at most {max(most, 0.0):g} mm, because "
-                f"distances outside this field's lumen are known up to {self.reach:g} mm; build "
+                f"distance is {shown[0]} mm: it must be at most {shown[1]} mm, because "
+                f"distances outside this field's lumen are known up to {shown[2]} mm; build "
                 "the field with a larger reach or inflation"
             )
         return replace(self, inflation=self.inflation + distance)
@@ -861,9 +864,10 @@ class Eroded(Wrapped):
         low, high = self.duct.bounds
         size = float((high - low).min())
         if 2.0 * self.clearance >= size:
+            shown = show_apart(self.clearance, 0.5 * size)
             raise InputError(
-                f"clearance is {self.clearance:g} mm: nothing is left of a duct whose box is "
-                f"{size:g} mm across, it must lie in [0, {0.5 * size:g}) mm"
+                f"clearance is {shown[0]} mm: nothing is left of a duct whose box is "
+                f"{size:g} mm across, it must lie in [0, {shown[1]}) mm"
             )
         if self.clearance == 0.0:
             return

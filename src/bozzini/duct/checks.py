@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_array, check_number, check_points, check_range
+from ..checks import check_array, check_number, check_points, check_range, show_apart
 from ..errors import InputError
 
 COORDINATE_MAX = 1e6
@@ -127,7 +127,8 @@ def check_exponents(
         k = int(np.argmax(bad))
         beyond = values[k] < low if pinched == "below" else values[k] > high
         why = ", the shape would not be convex" if beyond else ""
-        raise InputError(f"{name}[{k}] is {values[k]:g}: it must lie in [{low:g}, {high:g}]{why}")
+        shown = show_apart(values[k], low, high)
+        raise InputError(f"{name}[{k}] is {shown[0]}: it must lie in [{shown[1]}, {shown[2]}]{why}")
 
 
 def check_wall(inflation: float, wall_error: float | None = None) -> None:

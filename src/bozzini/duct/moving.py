@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_number, check_points
+from ..checks import check_number, check_points, show_apart
 from ..errors import DeformationError, InputError
 from ..numeric.polylines import resample_polyline
 from .base import NODES_MAX, SampledField
@@ -428,10 +428,11 @@ class _MovingWall:
         off = np.abs(field.signed_distance(surface.vertices))
         if off.max() > field.error + EXCESS_MM:
             worst = surface.vertices[int(np.argmax(off))]
+            shown = show_apart(off.max(), field.error)
             raise InputError(
                 "field and surface do not belong together: at the vertex "
-                f"{name_place(worst)} mm the field has {off.max():.3g} mm to the wall, it must be "
-                f"within {field.error:.3g} mm"
+                f"{name_place(worst)} mm the field has {shown[0]} mm to the wall, it must be "
+                f"within {shown[1]} mm"
             )
 
     def move(

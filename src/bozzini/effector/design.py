@@ -19,6 +19,7 @@ from ..checks import (
     describe_fields,
     list_quantities,
     quantity,
+    show_apart,
 )
 from ..errors import GeometryError, InputError
 from ..muscle import Muscle
@@ -185,9 +186,10 @@ class EffectorDesign:
         # With l = L/n and m the muscle's part: the first segment closes if (l^2 - m^2)/(2 a l) < 1.
         least = 0.5 * self.backbone_length / self.segments
         if self.offset < least:
+            shown = show_apart(self.offset, least)
             raise GeometryError(
-                f"offset is {self.offset:g} mm: with {self.segments} segments of a "
-                f"{self.backbone_length:g} mm backbone it must be at least {least:g} mm, half a "
+                f"offset is {shown[0]} mm: with {self.segments} segments of a "
+                f"{self.backbone_length:g} mm backbone it must be at least {shown[1]} mm, half a "
                 "segment, or the first segment cannot close at every contraction"
             )
 
@@ -210,9 +212,10 @@ class EffectorDesign:
                     )
             length = placed.muscle.length
             if abs(length - self.backbone_length) > 1e-9 * self.backbone_length:
+                shown = show_apart(length, self.backbone_length)
                 raise InputError(
-                    f"muscle {placed.name} is {length:g} mm long: it must be as long as the "
-                    f"backbone, {self.backbone_length:g} mm (EffectorDesign.resize changes both)"
+                    f"muscle {placed.name} is {shown[0]} mm long: it must be as long as the "
+                    f"backbone, {shown[1]} mm (EffectorDesign.resize changes both)"
                 )
 
     @property

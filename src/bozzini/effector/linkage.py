@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_array, check_points, check_range, refuse_first
+from ..checks import check_array, check_points, check_range, refuse_first, show_range
 from ..errors import GeometryError, InputError
 from ..muscle import Muscle
 from ..muscle.design import LOCKING_ANGLE
@@ -177,8 +177,16 @@ def contraction_for_lateral(design: EffectorDesign, lateral: ArrayLike) -> Float
     laterals = _take_array("lateral", lateral)
     peak = find_peak(design)
     beyond = ~((laterals >= 0.0) & (laterals <= peak.lateral))
-    must = f"it must lie in [0, {peak.lateral:g}] mm, what this section can reach"
-    refuse_first(beyond, "lateral deflection", laterals, must, unit="mm")
+    refuse_first(
+        beyond,
+        "lateral deflection",
+        laterals,
+        lambda index: (
+            f"it must lie in {show_range(laterals, index, 0.0, peak.lateral)} mm, what this "
+            "section can reach"
+        ),
+        unit="mm",
+    )
     contractions = np.empty(laterals.shape)
     kernels.find_contractions(
         take_linkage(design), laterals.reshape(-1), peak.contraction, contractions.reshape(-1)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..checks import Quantity, check_integer, check_number, list_quantities
+from ..checks import Quantity, check_integer, check_number, list_quantities, show_apart
 from ..errors import BozziniError, InputError
 from ..muscle import Muscle
 from ..progress import Progress, no_progress
@@ -295,8 +295,9 @@ def find_needed_pressure(effector: Effector, deflection: float) -> float:
     wanted = check_number("deflection", deflection, low=0.0, low_open=True, high=1e6, unit="mm")
     peak = effector.packed.peak.lateral
     if wanted > peak:
+        shown = show_apart(wanted, peak)
         raise InputError(
-            f"deflection is {wanted:g} mm: it must lie in (0, {peak:.6g}] mm, the backbone's "
+            f"deflection is {shown[0]} mm: it must lie in (0, {shown[1]}] mm, the backbone's "
             "largest deflection"
         )
     names = effector.design.names
@@ -417,8 +418,9 @@ def _judge_pressure(tried: Effector, deflection: float) -> tuple[float, str]:
         needed = find_needed_pressure(tried, deflection)
     except InputError as error:
         return 0.0, str(error)
-    over = needed > limit
-    return needed, f"it needs {needed:.4g} MPa of at most {limit:g} MPa" if over else ""
+    shown = show_apart(needed, limit, digits=4)
+    over = f"it needs {shown[0]} MPa of at most {shown[1]} MPa"
+    return needed, over if needed > limit else ""
 
 
 def try_design(effector: Effector, changes: Changes, deflection: float) -> SweepRow:

@@ -9,7 +9,7 @@ from xml.sax.saxutils import escape
 
 import numpy as np
 
-from ..checks import check_fields, quantity
+from ..checks import check_fields, quantity, show_apart
 from ..errors import GeometryError, InputError
 from .part import Channel, Floats, Part, drill
 
@@ -233,10 +233,11 @@ def _check_fit(design: EffectorDesign, given: HolderOptions) -> None:
             raise InputError(f"{name.replace('_', ' ')} is 0 mm: a holder has both kinds of hole")
     body = design.hole_diameter - given.clearance
     if body <= given.nozzle_diameter:
+        shown = show_apart(given.nozzle_diameter, body, given.clearance, design.hole_diameter)
         raise InputError(
-            f"nozzle diameter is {given.nozzle_diameter:g} mm: it must be below {body:g} mm, "
-            f"what a clearance of {given.clearance:g} mm leaves of a hole of "
-            f"{design.hole_diameter:g} mm"
+            f"nozzle diameter is {shown[0]} mm: it must be below {shown[1]} mm, "
+            f"what a clearance of {shown[2]} mm leaves of a hole of "
+            f"{shown[3]} mm"
         )
     for placed in design.muscles:
         tube = 2.0 * placed.muscle.inner_radius

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from ..checks import check_fields, check_number, quantity
+from ..checks import check_fields, check_number, quantity, show_apart
 from ..errors import GeometryError
 from ..results import ClosedForm, Json, take_axes
 from .part import Channel, Floats, Part, drill, gather_copies
@@ -137,9 +137,10 @@ def _list_discs(robot: RobotDesign, given: BodyOptions) -> Iterator[Part]:
     apart = np.diff(places)
     nearest = int(np.argmin(apart))
     if apart[nearest] <= given.thickness:
+        shown = show_apart(given.thickness, apart[nearest], places[nearest], places[nearest + 1])
         raise GeometryError(
-            f"thickness is {given.thickness:g} mm: it must be below {apart[nearest]:.4g} mm, the "
-            f"distance of the discs at {places[nearest]:.4g} and {places[nearest + 1]:.4g} mm"
+            f"thickness is {shown[0]} mm: it must be below {shown[1]} mm, the "
+            f"distance of the discs at {shown[2]} and {shown[3]} mm"
         )
     half = 0.5 * given.thickness
     for index, place in enumerate(places.tolist()):

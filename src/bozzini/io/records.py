@@ -39,10 +39,10 @@ from typing import (
 import numpy as np
 from numpy.typing import NDArray
 
-from ..checks import Quantity, check_path, check_points, list_quantities, show_value
+from ..checks import Quantity, check_path, check_points, list_quantities, restate_typed, show_value
 from ..errors import FileFormatError, InputError
 from ..results import Json, to_plain
-from ..units import FULL_TURN_RAD, check_bare_angle, parse_quantity, restate_typed
+from ..units import FULL_TURN_RAD, check_bare_angle, parse_quantity
 from .files import write_text
 from .inputs import note_input
 

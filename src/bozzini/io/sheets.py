@@ -8,16 +8,23 @@ import itertools
 import math
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+from numpy.typing import NDArray
+
 from ..errors import FileFormatError, MissingExtraError
+from ..units import drop_in, is_unit
 from .inputs import note_input
 
 if TYPE_CHECKING:
     import pandas
 
+_HEADER = re.compile(r"\s*(.+?)\s*(?:\[((?:[^][]|\[[^][]*\])*)\]|\(((?:[^()]|\([^()]*\))*)\))?\s*")
+# What pandas calls a column that has no title.
+_UNNAMED = re.compile(r"\s*(?:Unnamed: [0-9]+)?\s*")
 DECIMAL_COMMA = re.compile(r"[-+]?[0-9]*,[0-9]+(?:[eE][-+]?[0-9]+)?")
 TEXT_SUFFIXES = (".csv", ".tsv", ".txt")
 PARQUET_SUFFIXES = (".parquet", ".pq")
@@ -36,10 +43,99 @@ class Sheet:
     may_have_commas: bool = False
 
 
+def split_title(title: str) -> tuple[str, str]:
+    """Return name and unit of a title such as ``pressure [kPa]``; the unit is empty without one.
+
+    Of ``pressure (in kPa)`` it is kPa as well.
+    """
+    match = _HEADER.fullmatch(title)
+    if match is None:
+        return title.strip(), ""
+    return match[1], drop_in(match[2] or match[3] or "")
+
+
 def take_frame(table: pandas.DataFrame) -> Sheet:
-    """Return the sheet of a table of pandas; what is missing there is an empty cell."""
+    """Return the sheet of a table of pandas; what is missing there is an empty cell.
+
+    Raises
+    ------
+    FileFormatError
+        If a column of numbers has no title.
+    """
     cells = table.astype(object).where(table.notna(), "").to_numpy().tolist()
-    return Sheet([show_cell(name) for name in table.columns], cells, range(1, len(cells) + 1))
+    titles = ["" if name is None or name != name else show_cell(name) for name in table.columns]
+    return _tidy(Sheet(titles, cells, range(1, len(cells) + 1)))
+
+
+def _tidy(sheet: Sheet) -> Sheet:
+    """Return a sheet with the units of a row under the titles in these, see `refuse_untitled`."""
+    titles, rows, numbers = sheet.titles, sheet.rows, sheet.numbers
+    if rows and len(rows[0]) == len(titles) and _is_row_of_units(rows[0]):
+        titles = [_add_unit(*pair, numbers[0]) for pair in zip(titles, rows[0], strict=True)]
+        sheet = replace(sheet, titles=titles, rows=rows[1:], numbers=numbers[1:])
+    return refuse_untitled(sheet)
+
+
+def refuse_untitled(sheet: Sheet) -> Sheet:
+    """Return a sheet without empty columns that have no title.
+
+    Raises
+    ------
+    FileFormatError
+        If a column without a title holds a number: it may be what a result depends on.
+    """
+    titles, rows = [*sheet.titles], sheet.rows
+    whole = all(len(row) == len(titles) for row in rows)
+    kept = []
+    for place, title in enumerate(titles):
+        if not _UNNAMED.fullmatch(title):
+            kept.append(place)
+            continue
+        filled = False
+        for number, row in zip(sheet.numbers, rows, strict=True):
+            cell = show_cell(row[place]) if place < len(row) else ""
+            filled |= bool(cell)
+            if _is_number(cell):
+                raise FileFormatError(
+                    f"column {place + 1} has no title and the number {cell} in row {number}: "
+                    "give it a title, or leave it out"
+                )
+        titles[place] = f"column {place + 1} without a title"
+        kept += [place] if filled or not whole else []
+    if len(kept) < len(titles):
+        titles, rows = [titles[k] for k in kept], [[row[k] for k in kept] for row in rows]
+    return replace(sheet, titles=titles, rows=rows)
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text.replace(",", "."))
+    except ValueError:
+        return False
+    return True
+
+
+def _is_row_of_units(row: Sequence[object]) -> bool:
+    units = [_bare_unit(cell) for cell in row]
+    known = [unit for unit in units if unit not in ("", "-")]
+    return bool(known) and all(map(is_unit, known))
+
+
+def _bare_unit(cell: object) -> str:
+    """Return the unit in a cell, without brackets."""
+    text = str(cell).strip()
+    match = re.fullmatch(r"\[(.*)\]|\((.*)\)", text)
+    return drop_in((match[1] or match[2] or "") if match else text)
+
+
+def _add_unit(title: str, cell: object, number: int) -> str:
+    """Return a title with the unit that stands in the row below."""
+    own, unit = split_title(title)[1], _bare_unit(cell)
+    if unit in ("", "-") or own == unit:
+        return title
+    if own and is_unit(own):
+        raise FileFormatError(f"row {number}: '{unit}' is another unit than that of '{title}'")
+    return f"{title.strip()} [{unit}]" if title.strip() else title
 
 
 def _read_bytes(path: Path) -> bytes:
@@ -70,7 +166,11 @@ def _read_text(path: Path) -> Sheet:
     kept = [i for i, row in enumerate(cells) if i and any(map(str.strip, row))]
     titles = [show_cell(title) for title in cells[0]]
     rows = [cells[i] for i in kept]
-    return Sheet(titles, rows, [numbers[i] for i in kept], records.mark != ",")
+    sheet = Sheet(titles, rows, [numbers[i] for i in kept], records.mark != ",")
+    try:
+        return _tidy(sheet)
+    except FileFormatError as error:
+        raise FileFormatError(f"{path.name}: {error}") from None
 
 
 class _Records:
@@ -171,3 +271,24 @@ def take_number(where: str, name: str, cell: object, *, commas: bool) -> float:
     elif re.match(r"[-+.0-9]+\s*[A-Za-zµ]", text) and math.isnan(value):
         hint = ": a unit belongs into the header, one for the whole column"
     raise FileFormatError(f"{where}{name} is '{show_cell(text)}': it must be a finite number{hint}")
+
+
+def take_numbers(
+    sheet: Sheet, place: int, *, where: str = "", empty: Sequence[str] = ()
+) -> NDArray[np.float64]:
+    """Return the numbers of a column (n,); NaN where a cell is one of `empty`, in lower case."""
+    title = sheet.titles[place].strip()
+    for number, row in zip(sheet.numbers, sheet.rows, strict=True):
+        if len(row) != len(sheet.titles):
+            raise FileFormatError(
+                f"{where}row {number}: it has {len(row)} cell(s): the header has "
+                f"{len(sheet.titles)}"
+            )
+    cells = [str(row[place]).strip() for row in sheet.rows]
+    commas = sheet.may_have_commas and any(map(DECIMAL_COMMA.fullmatch, cells))
+    values = np.full(len(cells), np.nan)
+    for index, (number, cell) in enumerate(zip(sheet.numbers, cells, strict=True)):
+        if cell.lower() not in empty:
+            line = f"{where}row {number}: "
+            values[index] = take_number(line, f"'{title}'", cell, commas=commas)
+    return values

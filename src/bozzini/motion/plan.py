@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from ..checks import Quantity, check_number, check_path, name_at, quantity
+from ..checks import Quantity, check_number, check_path, name_at, quantity, show_apart
 from ..duct.centreline import Centreline
 from ..errors import FileFormatError, InputError
 from ..io import records, schema
@@ -873,9 +873,8 @@ def _check_numbers(plan: Plan) -> None:
             )
         top = np.abs(array[np.isfinite(array)]).max(initial=0.0)
         if top > COORDINATE_MAX_MM:
-            raise InputError(
-                f"{name} reaches {top:g} mm: it must lie within {COORDINATE_MAX_MM:g} mm"
-            )
+            shown = show_apart(top, COORDINATE_MAX_MM)
+            raise InputError(f"{name} reaches {shown[0]} mm: it must lie within {shown[1]} mm")
     if (np.diff(plan.path_arc_length) < 0.0).any() or plan.path_arc_length[0] != 0.0:
         raise InputError("path_arc_length must begin at 0 and never fall")
 
@@ -909,17 +908,19 @@ def _check_status(plan: Plan) -> None:
         )
     goal = max(plan.route) * float(plan.path_arc_length[-1])
     if plan.inserted < goal - ROUND_OFF_MM:
+        shown = show_apart(plan.inserted, goal)
         raise InputError(
-            f"status is 'complete', but the head gets to {plan.inserted:g} mm of its path: it must "
-            f"get to {goal:g} mm"
+            f"status is 'complete', but the head gets to {shown[0]} mm of its path: it must "
+            f"get to {shown[1]} mm"
         )
     step = int(np.argmax(plan.head_arc_length))
     end = np.array([np.interp(goal, plan.path_arc_length, column) for column in plan.path.T])
     miss = float(np.linalg.norm(plan.joints[step, 0] - end))
     if miss > ROUND_OFF_MM:
+        shown = show_apart(miss, ROUND_OFF_MM)
         raise InputError(
-            f"status is 'complete', but the head's joint stays {miss:g} mm from the end of its "
-            f"path: it must be within {ROUND_OFF_MM:g} mm"
+            f"status is 'complete', but the head's joint stays {shown[0]} mm from the end of its "
+            f"path: it must be within {shown[1]} mm"
         )
 
 

@@ -12,7 +12,7 @@ from typing import ClassVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from ..checks import check_array, check_kind, check_number, check_word, show_value
+from ..checks import check_array, check_kind, check_number, check_word, show_apart, show_value
 from ..duct.base import Duct
 from ..duct.centreline import Centreline
 from ..errors import InputError, PluginError
@@ -213,9 +213,10 @@ class Planner(ABC):
         links = np.linalg.norm(np.diff(joints, axis=1), axis=2)
         off = float(np.abs(links - scope.link_length).max())
         if off > LENGTH_ROUND_OFF_MM:
+            shown = show_apart(off, LENGTH_ROUND_OFF_MM)
             raise PluginError(
-                f"the planner {self.name} gave links {off:.3g} mm off {scope.link_length:g} mm: "
-                f"they must keep that within {LENGTH_ROUND_OFF_MM:g} mm"
+                f"the planner {self.name} gave links {shown[0]} mm off {scope.link_length:g} mm: "
+                f"they must keep that within {shown[1]} mm"
             )
         end = options.route[-1] * float(measure_arc_length(path)[-1])
         if not (motion.reason_code or motion.refusal) and abs(heads[-1] - end) > scope.link_length:
@@ -248,10 +249,11 @@ class Planner(ABC):
     def check(self, scope: Scope, options: PlannerOptions) -> None:
         """Raise `InputError` for any option that is not legal for every tract."""
         if scope.length is not None and scope.length > LINKS_MAX * scope.link_length:
+            shown = show_apart(scope.length, LINKS_MAX * scope.link_length, scope.link_length)
             raise InputError(
-                f"scope length is {scope.length:g} mm: it must be at most "
-                f"{LINKS_MAX * scope.link_length:g} mm, {LINKS_MAX} links of "
-                f"{scope.link_length:g} mm"
+                f"scope length is {shown[0]} mm: it must be at most "
+                f"{shown[1]} mm, {LINKS_MAX} links of "
+                f"{shown[2]} mm"
             )
         low, high = HEAD_STEP_MIN_MM, scope.link_length
         check_number("head step", options.head_step, low=low, high=high, unit="mm")
@@ -390,8 +392,9 @@ def check_size(scope: Scope, line: Centreline, options: PlannerOptions) -> None:
     travel = float(np.abs(np.diff([0.0, *options.route])).sum()) * line.length
     if joints * (travel / options.head_step + 1.0) > POSITIONS_MAX:
         least = travel * joints / POSITIONS_MAX
+        shown = show_apart(options.head_step, least * 1.01)
         raise InputError(
-            f"head step is {options.head_step:g} mm: it must be at least {least * 1.01:.3g} mm for "
+            f"head step is {shown[0]} mm: it must be at least {shown[1]} mm for "
             f"{joints} joints on a way of {travel:.0f} mm, or give longer links"
         )
 
@@ -399,9 +402,10 @@ def check_size(scope: Scope, line: Centreline, options: PlannerOptions) -> None:
 def check_link(scope: Scope, line: Centreline) -> None:
     """Raise `InputError` if a link is longer than the way."""
     if scope.link_length > line.length:
+        shown = show_apart(scope.link_length, line.length)
         raise InputError(
-            f"link length is {scope.link_length:g} mm: it must be at most the tract's "
-            f"centreline, {line.length:.1f} mm"
+            f"link length is {shown[0]} mm: it must be at most the tract's centreline, "
+            f"{shown[1]} mm"
         )
 
 

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, field, replace
 from decimal import ROUND_FLOOR, Decimal
 
-from ..checks import quantity
+from ..checks import quantity, show_apart
 from .scope import Scope
 
 REASON_CODES = {
@@ -34,6 +34,11 @@ NEAR_MM = 10.0
 def floor_mm(value: float) -> str:
     """Write a length rounded down, so that what is offered never reads like what is needed."""
     return str(Decimal(value).quantize(Decimal("0.01"), rounding=ROUND_FLOOR))
+
+
+def needs_mm(value: float, offers: float) -> str:
+    """Write a length that is needed with as many decimals as tell it from what is offered."""
+    return show_apart(value, float(floor_mm(offers)), digits=2, form="f")[0]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -109,7 +114,8 @@ class Refusal:
             at=0.0,
             needs=scope.radius + slack,
             offers=clearance,
-            what=f"does not fit at the entry: the scope needs {scope.radius + slack:.2f} mm from "
+            what=f"does not fit at the entry: the scope needs "
+            f"{needs_mm(scope.radius + slack, clearance)} mm from "
             f"its axis to the wall, the lumen is sure to have {floor_mm(clearance)} mm there",
         )
 

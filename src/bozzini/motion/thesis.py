@@ -20,7 +20,7 @@ from ..progress import Progress, no_progress
 from .link import bound_slope
 from .planner import Motion, Planner
 from .planners import PlannerOptions
-from .refusal import floor_mm
+from .refusal import floor_mm, needs_mm
 from .scope import Scope
 from .space import FreeSpace
 
@@ -108,12 +108,14 @@ def _explain(
     at, link, value, tried = float(state[0]), int(state[1]), float(state[2]), float(state[3])
     if code == kernels.HEAD_BLOCKED and at == 0.0:
         return "ENTRY_CLEARANCE", (
-            f"does not fit at the entry: needs {scope.radius:.2f} mm from the wall, "
+            f"does not fit at the entry: needs {needs_mm(scope.radius, line.radius[0])} mm from "
+            "the wall, "
             f"the lumen offers {floor_mm(line.radius[0])} mm there"
         )
     if code == kernels.HEAD_BLOCKED:
         return "HEAD_CLEARANCE", (
-            f"does not fit at {at:.1f} mm: needs {scope.radius:.2f} mm from the wall, "
+            f"does not fit at {at:.1f} mm: needs {needs_mm(scope.radius, -value)} mm from the "
+            "wall, "
             f"the lumen offers {floor_mm(-value)} mm on the centreline"
         )
     head = ", ".join(f"{np.interp(tried, line.arc_length, column):.1f}" for column in line.points.T)

@@ -24,7 +24,7 @@ from .measures import Crossing, find_crossing, measure_angles, measure_step_rati
 from .plan import CandidateMotion
 from .planner import Motion
 from .planners import PlannerOptions
-from .refusal import NEAR_MM, Refusal, floor_mm
+from .refusal import NEAR_MM, Refusal, floor_mm, needs_mm
 from .scope import Scope
 from .shape import Band, ShapedPath, cut_path, measure_folds
 from .space import FreeSpace
@@ -458,7 +458,8 @@ def explain_stop(job: Job) -> Refusal:
                 needs=radius,
                 offers=passage.bound,
                 what=f"does not fit at {at:.1f} mm of the centreline: the scope needs "
-                f"{radius:.2f} mm from its axis to the wall, and no way through has more than "
+                f"{needs_mm(radius, passage.bound)} mm from its axis to the wall, and no way "
+                "through has more than "
                 f"{floor_mm(passage.bound)} mm (proved)",
             )
     if goal < radius + slack:
@@ -468,7 +469,8 @@ def explain_stop(job: Job) -> Refusal:
             needs=radius + slack,
             offers=goal,
             what=f"does not fit at the goal, {line.length:.1f} mm of the centreline: the scope "
-            f"needs {radius + slack:.2f} mm from its axis to the wall, the lumen is sure to have "
+            f"needs {needs_mm(radius + slack, goal)} mm from its axis to the wall, the lumen is "
+            f"sure to have "
             f"{floor_mm(goal)} mm there",
         )
     base = job.find_base(radius + slack)
@@ -640,7 +642,8 @@ def _no_path(job: Job, at: float, level: float, bound: float) -> Refusal:
         needs=radius,
         offers=level,
         what=f"no way for links of any length was found at {at:.1f} mm of the centreline: the "
-        f"scope needs {radius:.2f} mm from its axis to the wall, the widest way found has "
+        f"scope needs {needs_mm(radius, max(level, local))} mm from its axis to the wall, the "
+        f"widest way found has "
         f"{floor_mm(max(level, local))} mm{_mention_grid(job)}",
     )
 

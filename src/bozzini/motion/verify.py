@@ -15,7 +15,7 @@ from ..anatomy.names import describe_label
 from ..anatomy.read import hash_input, read_tract
 from ..anatomy.tract import Finding, LabelTract, SurfaceTract, Tract
 from ..anatomy.volumes import is_volume
-from ..checks import check_kind, check_number
+from ..checks import check_kind, check_number, show_apart
 from ..duct.base import Duct
 from ..duct.field import RefinedField, SampledField, build_field, refine_field
 from ..errors import InputError
@@ -628,9 +628,10 @@ def _check_moves(plan: Plan) -> str:
     stated = None if plan.measures is None else plan.measures.joint_step_max
     if stated is not None and largest > stated + 1e-6:
         step, joint = np.unravel_index(int(np.argmax(moves)), moves.shape)
+        shown = show_apart(largest, stated, digits=4)
         raise FaultError(
-            f"joint {joint} moves {largest:.4g} mm between steps {step} and {step + 1}: the plan "
-            f"states at most {stated:.4g} mm"
+            f"joint {joint} moves {shown[0]} mm between steps {step} and {step + 1}: the plan "
+            f"states at most {shown[1]} mm"
         )
     limit = None if plan.options is None else plan.options.angle_limit
     if limit is not None and plan.links > 1:
@@ -726,9 +727,9 @@ def _check_bore(plan: Plan, duct: Duct) -> None:
     # A scope that is too thick for the entry stands before it, in a tube of its own radius.
     least = radius if plan.inserted <= ROUND_OFF_MM else 0.0
     if introducer.bore > max(offered, least) + ROUND_OFF_MM:
+        shown = show_apart(introducer.bore, offered, digits=3, form="f")
         raise FaultError(
-            f"the introducer's bore is {introducer.bore:.3f} mm: the lumen at the entry offers "
-            f"{offered:.3f} mm"
+            f"the introducer's bore is {shown[0]} mm: the lumen at the entry offers {shown[1]} mm"
         )
 
 

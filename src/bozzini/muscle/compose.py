@@ -19,6 +19,7 @@ from ..checks import (
     name_at,
     quantity,
     refuse_first,
+    show_apart,
 )
 from ..errors import InputError
 from ..numeric.roots import find_between
@@ -72,9 +73,10 @@ class Bundle(MuscleModel):
                     "have one"
                 )
             if model.muscle.length != models[0].muscle.length:
+                shown = show_apart(model.muscle.length, models[0].muscle.length)
                 raise InputError(
-                    f"muscle of a bundle is {model.muscle.length:g} mm long: all must be as long "
-                    f"as the first, {models[0].muscle.length:g} mm"
+                    f"muscle of a bundle is {shown[0]} mm long: all must be as long "
+                    f"as the first, {shown[1]} mm"
                 )
         object.__setattr__(self, "models", models)
         object.__setattr__(self, "muscle", models[0].muscle)
@@ -188,9 +190,10 @@ class AntagonisticJoint:
         low, high = self.angle_limits
         if not low < 0.0 < high:
             least = max(find_limits(model)[0] for model in (self.agonist, self.antagonist))
+            shown = show_apart(self.rest_contraction, least)
             raise InputError(
-                f"joint rest contraction is {self.rest_contraction:g} mm: it must lie above "
-                f"{least:g} mm, at which a muscle cannot be stretched further"
+                f"joint rest contraction is {shown[0]} mm: it must lie above "
+                f"{shown[1]} mm, at which a muscle cannot be stretched further"
             )
 
     @property
@@ -261,10 +264,11 @@ class AntagonisticJoint:
                 float(self._turn(flat[0][index], flat[1][index], np.asarray(end)))
                 for end in (low, high)
             )
+            shown = show_apart(flat[2][index], least, most)
             raise InputError(
-                f"{name_at('torque', torques, index)} is {flat[2][index]:g} N mm: at the pressures "
-                f"{flat[0][index]:g} and {flat[1][index]:g} MPa it must lie in [{least:g}, "
-                f"{most:g}] N mm"
+                f"{name_at('torque', torques, index)} is {shown[0]} N mm: at the pressures "
+                f"{flat[0][index]:g} and {flat[1][index]:g} MPa it must lie in [{shown[1]}, "
+                f"{shown[2]}] N mm"
             )
         return found.reshape(one.shape)
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Literal, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_array, check_number, check_word, list_quantities
+from ..checks import check_array, check_number, check_word, list_quantities, show_apart
 from ..errors import InputError
 from ..results import Json, show_briefly, take_axes
 from ..units import parse_quantity
@@ -511,9 +511,10 @@ class RepeatStatistics:
 def check_length(where: str, length: float, strand: float) -> float:
     """Return a measured length if a muscle of such strands can have it, or raise `InputError`."""
     if length > strand:
+        shown = show_apart(length, strand)
         raise InputError(
-            f"{where}length is {length:g} mm, longer than the strand: "
-            f"it must lie in (0, {strand:g}] mm"
+            f"{where}length is {shown[0]} mm, longer than the strand: "
+            f"it must lie in (0, {shown[1]}] mm"
         )
     return check_number(f"{where}length", length, low=0.0, low_open=True, high=strand, unit="mm")
 

@@ -22,6 +22,7 @@ from ..checks import (
     legal_range,
     list_quantities,
     quantity,
+    show_apart,
     show_value,
 )
 from ..errors import InputError
@@ -641,8 +642,9 @@ def check_muscle(muscle: object, model: MuscleModel | None = None) -> None:
     if "braid_angle" in model.unused or model.extensile or muscle.braid_angle <= BRAID_ANGLES[1]:
         return
     angle, *ends = (math.degrees(value) for value in (muscle.braid_angle, *BRAID_ANGLES))
+    shown = show_apart(angle, ends[0], ends[1])
     raise InputError(
-        f"muscle braid angle is {angle:g} deg: it must lie in [{ends[0]:g}, {ends[1]:g}] deg for "
+        f"muscle braid angle is {shown[0]} deg: it must lie in [{shown[1]}, {shown[2]}] deg for "
         f"the model {model.name}, which does not hold for a muscle that gets longer"
     )
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from ..checks import check_integer, check_number, describe_fields
+from ..checks import check_integer, check_number, describe_fields, show_apart
 from ..errors import BozziniError, InputError
 from ..numeric.estimation import Blocks, determine, judge_fit, make_blocks, measure_spread
 from ..results import Json, Result, take_axes, to_plain
@@ -23,6 +23,7 @@ from .prediction import Prediction, predict
 from .problem import (
     ALL_UNITS,
     END_FIELDS,
+    HELD_UNSET,
     PARAMETER_UNITS,
     Clock,
     OutOfTimeError,
@@ -40,6 +41,9 @@ from .problem import (
     list_constants,
     list_own,
     list_parameters,
+    list_unused,
+    name_default_fields,
+    settle_unset,
 )
 from .table import take_measurements
 
@@ -492,15 +496,21 @@ def choose_free(
     free: Sequence[str] | None,
     model_class: Callable[..., MuscleModel],
     task: Task,
-    own: Mapping[str, Parameter],
+    unset: tuple[str, ...],
 ) -> tuple[Callable[..., MuscleModel], tuple[str, ...], dict[str, str]]:
-    """Return what makes the model, what is free, and what is held and why."""
-    build, held = model_class, {}
+    """Return what makes the model, what is free, and what is held and why.
+
+    Fields that are `unset` are free in any case.
+    """
+    build, held, own = model_class, {}, list_own(model_class)
     _check_names("free", free)
     known = {item.name for item in list_parameters(model_class)} - set(own)
     if free is None:
-        unknowns = choose_unknowns(model_class, task)
+        wanted = (*name_default_fields(model_class), *unset)
+        unknowns = choose_unknowns(model_class, task, fields=tuple(dict.fromkeys(wanted)))
         build, free, held = unknowns.build, unknowns.free, unknowns.held
+    else:
+        free = (*free, *unset)
     names = tuple(dict.fromkeys(free))
     if not names:
         raise InputError("no parameter is free: name one or more")
@@ -897,6 +907,9 @@ def calibrate(
     squares. The best two go on to a minimum. It can be one of several minima: another
     `FitOptions.seed` draws other points.
 
+    A braid angle or modulus that the muscle has not is fitted in any case, and an inner radius held
+    at a typical value, which `Calibration.held` states.
+
     Parameters
     ----------
     model_class : callable
@@ -941,10 +954,13 @@ def fit_task(
     """Return the fit of a task, as `calibrate` does."""
     own = list_own(model_class)
     clock = Clock(options.budget) if clock is None else clock
-    build, names, held = choose_free(free, model_class, task, own)
+    given = task.muscle
+    task, unset = settle_unset(model_class, task)
+    build, names, held = choose_free(free, model_class, task, unset)
     task = dataclasses.replace(task, muscle=task.muscle.fill(names))
+    held |= _describe_typical(model_class, given, task.muscle, names)
     never, _ = judge_parameters(names, task.data)
-    if never and not options.force:
+    if never and not (options.force or unset):
         raise InputError("; ".join(never))
     limits = choose_bounds(names, task, options.bounds, own)
     if task.response == "contraction":
@@ -961,6 +977,18 @@ def fit_task(
     )
     found, problem = _find_best(problem, own, options)
     return conclude(problem, found, held=held, options=options)
+
+
+def _describe_typical(
+    model_class: Callable[..., MuscleModel], given: Muscle, filled: Muscle, free: Sequence[str]
+) -> dict[str, str]:
+    """Return why fields that are not given have the value they have."""
+    unused = (*free, *list_unused(model_class))
+    return {
+        name: f"not given, so held at a typical value, {getattr(filled, name):g} mm"
+        for name in HELD_UNSET
+        if name in given.unset and name not in unused
+    }
 
 
 def _find_best(
@@ -1023,10 +1051,11 @@ def judge_size(task: Task, residuals: NDArray[np.float64]) -> list[str]:
     rms, most = float(np.sqrt(np.mean(residuals**2))), find_poor(task)
     if rms <= most:
         return []
+    off, above = show_apart(rms, most, digits=3)
     return [
-        f"the fit is poor: it is off by {rms:.3g} {task.unit}, {100.0 * rms / task.span:.0f} % of "
+        f"the fit is poor: it is off by {off} {task.unit}, {100.0 * rms / task.span:.0f} % of "
         f"the span of the measured {task.response}, {task.span:.3g} {task.unit}; above "
-        f"{most:.3g} {task.unit} it is poor"
+        f"{above} {task.unit} it is poor"
     ]
 
 

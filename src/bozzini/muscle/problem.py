@@ -1009,6 +1009,21 @@ def list_unused(model_class: Callable[..., MuscleModel]) -> tuple[str, ...]:
     return tuple(getattr(unwrap(model_class)[0], "unused", ()))
 
 
+FITTED_UNSET = ("braid_angle", "modulus")
+"""Fields that are fitted where they are not given."""
+HELD_UNSET = ("inner_radius",)
+"""Fields that are held at a typical value: a thin wall is known by modulus times thickness only."""
+
+
+def settle_unset(
+    model_class: Callable[..., MuscleModel], task: Task
+) -> tuple[Task, tuple[str, ...]]:
+    """Return a task whose muscle has what is not given, and which of that is to be fitted."""
+    unused = list_unused(model_class)
+    unset = [name for name in FITTED_UNSET if name in task.muscle.unset and name not in unused]
+    return replace(task, muscle=task.muscle.fill((*HELD_UNSET, *unset))), tuple(unset)
+
+
 def name_default_fields(model_class: Callable[..., MuscleModel]) -> tuple[str, ...]:
     """Return the fields of a muscle that are fitted if none are named."""
     fields = getattr(unwrap(model_class)[0], "fit_fields", ("modulus", "dead_length"))

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_array, check_integer, check_number, check_word, show_value
+from ..checks import check_array, check_integer, check_number, check_word, show_apart, show_value
 from ..errors import BozziniError, InputError, PluginError
 from ..progress import Progress, no_progress
 from ..results import Json, Result, take_axes, to_plain
@@ -28,6 +28,8 @@ from .model import MuscleModel
 from .models import MODELS
 from .problem import (
     END_FIELDS,
+    FITTED_UNSET,
+    HELD_UNSET,
     Answers,
     Clock,
     OutOfTimeError,
@@ -47,6 +49,7 @@ from .problem import (
     move_model,
     name_default_fields,
     predict_parts,
+    settle_unset,
 )
 from .table import take_measurements
 
@@ -284,9 +287,10 @@ def check_largest(task: Task) -> None:
     largest = float(np.abs(task.measured).max())
     least = _LEAST_CONTRACTION_MM if task.response == "contraction" else _LEAST_SPAN
     if not largest >= least:
+        shown = show_apart(largest, least)
         raise InputError(
-            f"the largest {task.response} is {largest:g} {task.unit}: it must be "
-            f"{least:g} {task.unit} or more, since errors are percentages of it"
+            f"the largest {task.response} is {shown[0]} {task.unit}: it must be "
+            f"{shown[1]} {task.unit} or more, since errors are percentages of it"
         )
 
 
@@ -607,13 +611,13 @@ class Ranking(ScoredModels):
         """What unset fields were fitted, and which models lack a criterion, and why."""
         lines = []
         muscle = self.task.muscle
-        fitted = [name for name in _FITTED_UNSET if name in muscle.unset]
+        fitted = [name for name in FITTED_UNSET if name in muscle.unset]
         if fitted:
             words = " and ".join(name.replace("_", " ") for name in fitted)
             lines.append(f"not given, so fitted in each model that uses them: {words}")
         fits = [entry.calibration for entry in self.models if entry.calibration is not None]
         freed = {name for fit in fits for name in fit.free}
-        held = [name for name in _HELD_UNSET if name in muscle.unset and name not in freed]
+        held = [name for name in HELD_UNSET if name in muscle.unset and name not in freed]
         lines += [
             f"not given, so held at a typical value: {name.replace('_', ' ')} "
             f"{getattr(muscle.fill((name,)), name):g} mm"
@@ -636,10 +640,11 @@ class Ranking(ScoredModels):
                 lines.append(f"{entry.name}: no error of the rows left out{last}: {reason}")
         if self.models and self.is_poor:
             best = min(entry.score.rmse for entry in self.models)
+            off, above = show_apart(best, find_poor(self.task), digits=3)
             lines.append(
-                f"no model fits: the nearest is off by {best:.3g} {self.task.unit}, "
+                f"no model fits: the nearest is off by {off} {self.task.unit}, "
                 f"{100.0 * best / self.task.span:.0f} % of the span of the measured "
-                f"{self.task.response}; above {find_poor(self.task):.3g} {self.task.unit} a fit is "
+                f"{self.task.response}; above {above} {self.task.unit} a fit is "
                 "poor"
                 + (
                     ""
@@ -708,11 +713,6 @@ class Ranking(ScoredModels):
     def _list_scores(self) -> Sequence[ModelScore]:
         return [entry.score for entry in self.models]
 
-
-_FITTED_UNSET = ("braid_angle", "modulus")
-"""Fields that are fitted where they are not given."""
-_HELD_UNSET = ("inner_radius",)
-"""Fields that are held at a typical value: a thin wall is known by modulus times thickness only."""
 
 _FOLDS = 5
 _FLOOR = 1e-9  # of the largest response: residuals below may be those of the solver
@@ -978,9 +978,8 @@ def _fit_model(
     unused = list_unused(kind)
     wanted = name_default_fields(kind) if options.fields is None else options.fields
     wanted = tuple(field for field in wanted if field in END_FIELDS or field not in unused)
-    unset = [name for name in _FITTED_UNSET if name in task.muscle.unset and name not in unused]
+    task, unset = settle_unset(kind, task)
     wanted = tuple(dict.fromkeys((*wanted, *unset)))
-    task = replace(task, muscle=task.muscle.fill((*_HELD_UNSET, *unset)))
     clock = Clock(options.fit.budget)
     unknowns = choose_unknowns(kind, task, fields=wanted)
     task = replace(

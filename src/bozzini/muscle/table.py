@@ -15,11 +15,19 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from ..checks import check_path
+from ..checks import check_path, show_apart
 from ..errors import FileFormatError, InputError, UnitError
 from ..io.files import write_text
-from ..io.sheets import DECIMAL_COMMA, Sheet, read_sheet, show_cell, take_frame, take_number
-from ..units import parse_quantity
+from ..io.sheets import (
+    DECIMAL_COMMA,
+    Sheet,
+    read_sheet,
+    show_cell,
+    split_title,
+    take_frame,
+    take_number,
+)
+from ..units import drop_in, is_mass, parse_unit
 from .data import (
     GEOMETRY,
     LOAD_LIMIT,
@@ -121,13 +129,10 @@ def read_columns(
     """
     path = check_path("path", path)
     sheet = read_sheet(path)
-    given = {_find_name(word): unit for word, unit in (units or {}).items()}
     columns: dict[str, _Column] = {}
     notes: list[str] = []
     try:
-        for name in given:
-            if name not in names:
-                raise UnitError(f"unit given for '{name}': a unit has one of {', '.join(names)}")
+        given = _name_units(units or {}, names)
         for place, title in enumerate(sheet.titles):
             word, unit = _split_title(title)
             name, shown = _find_name(word), title.strip()
@@ -215,8 +220,6 @@ SYNONYMS = {
 DIAMETERS = {f"{name} diameter": f"{name} radius" for name in ("outer", "inner", "strand")}
 RATIOS = ("strain", "contraction ratio")
 """Names of contractions over the rest length, which need no unit."""
-WEIGHTS = {"kg": "kgf", "g": "gf", "lb": "lbf"}
-"""Units of mass, which stand for the weight of a load."""
 BRANCHES = {
     "inflating": "inflating",
     "inflation": "inflating",
@@ -229,8 +232,7 @@ BRANCHES = {
 LIMITS = {"pressure": (PRESSURE_LIMIT, "MPa"), "load": (LOAD_LIMIT, "N")}
 EXAMPLES = {"pressure": "kPa", "length": "mm", "force": "N", "angle": "deg", "time": "s"}
 
-# A name, and perhaps a unit in brackets.
-_HEADER = re.compile(r"\s*(.+?)\s*(?:[\[(]\s*([^\])]*?)\s*[\])])?\s*")
+_RATIO = re.compile(r"%|percent|1|-|([^\W\d_]+)\s*/\s*\1")
 _LOAD_WORDS = re.compile(r"\b(load|force|tension|weight|mass|pull)s?\b")
 
 
@@ -332,10 +334,11 @@ def _mend_pressures(
     if not below.any():
         return []
     if least < -ZERO_SHARE * most:
+        shown = show_apart(1e3 * least, 1e3 * PRESSURE_LIMIT, 100 * ZERO_SHARE, 1e3 * most)
         raise InputError(
-            f"row {numbers[int(np.argmin(pressure))]}: pressure is {1e3 * least:g} kPa in "
-            f"'{title}': it must lie in [0, {1e3 * PRESSURE_LIMIT:g}] kPa; down to "
-            f"-{100 * ZERO_SHARE:g} % of the largest, {1e3 * most:g} kPa, is taken as 0"
+            f"row {numbers[int(np.argmin(pressure))]}: pressure is {shown[0]} kPa in "
+            f"'{title}': it must lie in [0, {shown[1]}] kPa; down to "
+            f"-{shown[2]} % of the largest, {shown[3]} kPa, is taken as 0"
         )
     values["pressure"] = np.maximum(pressure, 0.0)
     return [
@@ -369,12 +372,7 @@ def _find_columns(
     titles: Sequence[str], units: Mapping[str, str], *, measured: bool
 ) -> tuple[dict[str, _Column], tuple[str, ...], list[str]]:
     """Return the known columns by name, the titles of the others, and what to say of them."""
-    given = {}
-    for word, unit in units.items():
-        name = _find_name(word)
-        if name not in KINDS:
-            raise UnitError(f"unit given for '{word}': a unit has one of {', '.join(KINDS)}")
-        given[name] = unit
+    given = _name_units(units, tuple(KINDS))
     columns: dict[str, _Column] = {}
     ignored, notes = [], []
     for place, title in enumerate(titles):
@@ -387,7 +385,7 @@ def _find_columns(
                 raise FileFormatError(
                     f"columns '{columns[name].title}' and '{shown}' are both {name}"
                 )
-            factor = _find_factor(shown, "length", unit or "mm", is_load=False)
+            factor = _find_factor(shown, "length", unit or "mm")
             columns[name] = _Column(place, shown, factor)
             continue
         if name not in KINDS and name not in WORDS:
@@ -414,6 +412,18 @@ def _find_columns(
     return columns, tuple(ignored), notes
 
 
+def _name_units(units: Mapping[str, str], legal: Sequence[str]) -> dict[str, str]:
+    """Return units that were given, by the names of the columns."""
+    given: dict[str, str] = {}
+    for word, text in units.items():
+        name, unit = _find_name(word), drop_in(text)
+        if name not in legal:
+            raise UnitError(f"unit given for '{word}': a unit has one of {', '.join(legal)}")
+        if given.setdefault(name, unit) != unit:
+            raise UnitError(f"{name} is given two units, '{given[name]}' and '{unit}': give one")
+    return given
+
+
 def _find_name(word: str) -> str:
     """Return the column that a word stands for, or the word."""
     return DIAMETERS.get(word) or SYNONYMS.get(word, word)
@@ -424,10 +434,7 @@ def _split_title(title: str) -> tuple[str, str]:
 
     The unit is in brackets, or after the last underscore of a name that is not known with it.
     """
-    match = _HEADER.fullmatch(title)
-    if match is None:
-        return title.strip().lower(), ""
-    text, unit = match[1], match[2] or ""
+    text, unit = split_title(title)
     first, mark, last = text.rpartition("_")
     whole, short = (" ".join(re.split(r"[\s_-]+", part)).lower() for part in (text, first))
     is_known = _find_name(whole) in _KINDS or _find_name(whole) in WORDS
@@ -459,7 +466,7 @@ def _refuse_slip(title: str, name: str, unit: str) -> list[str]:
 
 def _is_load_unit(unit: str) -> bool:
     try:
-        parse_quantity(f"1 {WEIGHTS.get(unit, unit)}", "force")
+        parse_unit(unit, "force")
     except UnitError:
         return False
     return bool(unit)
@@ -467,7 +474,7 @@ def _is_load_unit(unit: str) -> bool:
 
 def _describe_reading(column: _Column, word: str, unit: str) -> list[str]:
     """Return what to say of a column that is taken for something else than it is called."""
-    if unit in WEIGHTS and _find_name(word).startswith("load"):
+    if is_mass(unit) and _find_name(word).startswith("load"):
         return [f"'{column.title}' is taken as weight: 1 kg is 9.80665 N"]
     if word in ("displacement", "strain"):
         what = "contraction over rest length" if column.is_ratio else "contraction"
@@ -479,18 +486,17 @@ def _take_column(place: int, title: str, word: str, unit: str, given: str) -> _C
     """Return a column of numbers, with the factor of its unit."""
     name = _find_name(word)
     kind = _KINDS[name]
-    is_load = name in ("load", "load error")
     if unit and given:
-        one, two = (_find_factor(title, kind, text, is_load=is_load) for text in (unit, given))
+        one, two = (_find_factor(title, kind, text) for text in (unit, given))
         if not math.isclose(one, two):
             raise UnitError(f"column '{title}' has another unit than the '{given}' given")
     unit = unit or given
     if name in ("contraction", "contraction error") and (
-        unit in ("%", "percent", "1", "-", "mm/mm") or (word in RATIOS and not unit)
+        _RATIO.fullmatch(unit) or (word in RATIOS and not unit)
     ):
         factor = 0.01 if unit in ("%", "percent") else 1.0
         return _Column(place, title, factor, is_ratio=True)
-    if word == "mass" and unit not in WEIGHTS:
+    if word == "mass" and not is_mass(unit):
         wrong = f"has the unit '{unit}'" if unit else "has no unit"
         raise UnitError(f"column '{title}' {wrong}: write 'mass [kg]', or 'load [N]' for a force")
     if kind == "dimensionless" and unit in ("", "1", "-"):
@@ -500,14 +506,14 @@ def _take_column(place: int, title: str, word: str, unit: str, given: str) -> _C
             f"column '{title}' has no unit: write '{word} [{EXAMPLES[kind]}]', or give it by "
             f"--unit {word}={EXAMPLES[kind]}"
         )
-    factor = _find_factor(title, kind, unit, is_load=is_load)
+    factor = _find_factor(title, kind, unit)
     return _Column(place, title, 0.5 * factor if word in DIAMETERS else factor)
 
 
-def _find_factor(title: str, kind: str, unit: str, *, is_load: bool) -> float:
+def _find_factor(title: str, kind: str, unit: str) -> float:
     """Return the value of one unit."""
     try:
-        return parse_quantity(f"1 {WEIGHTS.get(unit, unit) if is_load else unit}", kind)
+        return parse_unit(unit, kind)
     except UnitError as error:
         raise UnitError(f"column '{title}': {error}") from None
 
@@ -529,8 +535,9 @@ def _take_quantity(where: str, name: str, column: _Column, cell: object, *, comm
     if name in LIMITS and not -high <= value <= high:
         hint = "; is it in kPa?" if name == "pressure" and column.factor == 1.0 else ""
         low = -high if name == "load" else 0.0
+        shown = show_apart(value, low, high)
         raise InputError(
-            f"{where}{name} is {show_cell(cell)} in '{column.title}', {value:g} {unit}: it must "
-            f"lie in [{low:g}, {high:g}] {unit}{hint}"
+            f"{where}{name} is {show_cell(cell)} in '{column.title}', {shown[0]} {unit}: it must "
+            f"lie in [{shown[1]}, {shown[2]}] {unit}{hint}"
         )
     return value

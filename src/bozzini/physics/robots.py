@@ -9,6 +9,7 @@ from typing import ClassVar, Protocol
 
 import numpy as np
 
+from ..checks import show_apart
 from ..continuum.robot import RobotDesign
 from ..errors import InputError
 from ..motion.actuate.actuation import Actuation
@@ -179,9 +180,10 @@ def _hold_tail(joints: Floats, tube: Introducer, link: float) -> Floats:
     if off.max() <= _OFF_AXIS_MM:
         return joints
     if off.max() >= link:
+        shown = show_apart(off.max(), link)
         raise InputError(
-            f"the plan's last joint is up to {off.max():.3g} mm off the introducer's axis: it must "
-            f"be less than the length of a link, {link:g} mm"
+            f"the plan's last joint is up to {shown[0]} mm off the introducer's axis: it must "
+            f"be less than the length of a link, {shown[1]} mm"
         )
     back = along + np.sqrt(link**2 - off**2)
     base = tube.entry + back[:, None] * tube.outward

@@ -18,7 +18,7 @@ from ..checks import check_integer
 from ..errors import InputError
 from ..motion.measures import measure_displacement
 from ..motion.plan import Measures, Plan
-from ..motion.refusal import floor_mm
+from ..motion.refusal import floor_mm, needs_mm
 from ..results import Json
 
 if TYPE_CHECKING:
@@ -140,7 +140,8 @@ class RefusalMark:
         if self.needs is None or self.offers is None or self.needs <= self.offers:
             return f"refused at {self.at:.0f} mm"
         offers = f"{floor_mm(self.offers)} mm" if self.offers > 0.0 else "none"
-        return f"refused at {self.at:.0f} mm: needs {self.needs:.2f}, offers {offers}"
+        needs = needs_mm(self.needs, self.offers)
+        return f"refused at {self.at:.0f} mm: needs {needs}, offers {offers}"
 
 
 def find_refusal(plan: Plan, summary: Record | None = None) -> RefusalMark | None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_number
+from ..checks import check_number, show_apart
 from ..errors import InputError
 from ..results import ClosedForm, measured, take_axes
 from .plant import MUSCLES, Plant
@@ -149,7 +149,8 @@ class Cosimulation:
         span = check_number("duration", duration, low=self.period, high=1e5, unit="s")
         count = round(span / self.period)
         if abs(count * self.period - span) > 1e-6 * self.period:
-            raise InputError(f"duration is {span:g} s: it must be a multiple of {self.period:g} s")
+            shown = show_apart(span, self.period)
+            raise InputError(f"duration is {shown[0]} s: it must be a multiple of {shown[1]} s")
         board, plant = self.board, self.plant
         time, reservoir = np.empty(count), np.empty(count)
         pressures, lines, contractions = np.empty((3, count, MUSCLES))

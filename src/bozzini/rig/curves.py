@@ -14,8 +14,9 @@ import numpy as np
 
 from ..checks import check_array, check_number, check_range
 from ..errors import FileFormatError, InputError
+from ..io.sheets import Sheet, read_sheet, split_title, take_frame, take_numbers
 from ..results import ClosedForm, measured, take_axes
-from ..units import parse_quantity
+from ..units import parse_unit
 from .matlab import Matrix, read_matrices
 from .pneumatics import PRESSURE_LIMIT, Floats
 
@@ -122,21 +123,10 @@ def read_curve(
         words = "it is a directory" if path.is_dir() else "there is no such file"
         raise FileFormatError(f"cannot read {path}: {words}")
     if path.suffix.lower() == ".csv":
-        import pandas
-
-        try:
-            table = pandas.read_csv(path, comment="#")
-        except (OSError, ValueError) as error:
-            raise FileFormatError(f"cannot read {path}: {_first_line(error)}") from None
-        return take_curve(table, name=path.name, unit=unit, supply=supply)
+        return _take_sheet(read_sheet(path), path.name, unit, supply)
     if path.suffix.lower() != ".mat":
         raise FileFormatError(f"{path} ends in '{path.suffix}': it must end in .mat or .csv")
     return _take_matrix(_read_matrix(path), path.name, unit, supply)
-
-
-def _first_line(error: Exception) -> str:
-    words = getattr(error, "strerror", None) or str(error) or type(error).__name__
-    return str(words).splitlines()[0]
 
 
 def _read_matrix(path: Path) -> Matrix:
@@ -197,20 +187,31 @@ def take_curve(
     InputError
         If the values are no curve.
     """
-    found: dict[str, tuple[np.ndarray, str]] = {}
-    for title in table.columns:
-        match = re.fullmatch(r"\s*([a-z ]+?)\s*(?:\[(.*)\])?\s*", str(title).lower())
-        if match and match[1] in ("time", "pressure", "supply", "valve"):
-            bracket = re.search(r"\[(.*)\]", str(title))
-            found[match[1]] = np.asarray(table[title]), bracket[1] if bracket else ""
+    return _take_sheet(take_frame(table), name, unit, supply)
+
+
+_COLUMNS = ("time", "pressure", "supply", "valve")
+_WHOLE = re.compile(r"\s*[-+]?[0-9]+\s*")
+
+
+def _take_sheet(sheet: Sheet, name: str, unit: str | None, supply: float) -> PressureCurve:
+    found: dict[str, tuple[Floats, str]] = {}
+    whole = False
+    for place, title in enumerate(sheet.titles):
+        word, own = split_title(title)
+        word = word.lower()
+        if word not in _COLUMNS:
+            continue
+        if word in found:
+            raise FileFormatError(f"{name}: two columns are '{word}'")
+        found[word] = take_numbers(sheet, place, where=f"{name}: "), own
+        if word == "pressure":
+            whole = all(_WHOLE.fullmatch(str(row[place])) for row in sheet.rows)
     for word in ("time", "pressure"):
         if word not in found:
-            raise FileFormatError(f"{name} has no column '{word}': it has {list(table.columns)}")
-        if found[word][0].dtype.kind not in "iuf":
-            raise FileFormatError(f"{name}: its column '{word}' has cells that are no numbers")
+            raise FileFormatError(f"{name} has no column '{word}': it has {list(sheet.titles)}")
     times, time_unit = found["time"]
     pressures, own_unit = found["pressure"]
-    whole = pressures.dtype.kind in "iu"
     chosen = own_unit or unit or (COUNTS if whole else "kPa")
     if time_unit:
         times = times * _find_factor(name, time_unit, "time")
@@ -234,7 +235,7 @@ def take_curve(
 
 def _find_factor(name: str, unit: str, kind: str) -> float:
     try:
-        return parse_quantity(f"1 {unit}", kind)
+        return parse_unit(unit, kind)
     except InputError as error:
         raise FileFormatError(f"{name}: {error}") from None
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from ..checks import check_number
 from ..errors import InputError
 from ..io.files import check_parquet, write_parquet, write_text
+from ..io.sheets import take_frame
 from ..progress import Progress, no_progress
 from ..results import Json, Result, take_axes
 from .link import Link
@@ -231,6 +232,8 @@ def load_log(path: str | Path) -> pandas.DataFrame:
         check_parquet()
     try:
         table = pandas.read_csv(source) if is_text else pandas.read_parquet(source)
+        if any(str(name).startswith("Unnamed: ") for name in table):
+            take_frame(table)  # refuses numbers without a title
     except OSError as error:
         raise InputError(f"{source}: it cannot be read: {error.strerror or error}") from None
     except Exception as error:  # pandas and pyarrow raise errors of many kinds

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 
-from ..checks import check_number
+from ..checks import check_number, show_apart
 from ..errors import InputError
 from ..numeric.estimation import make_blocks, measure_spread
 from ..results import Result, measured, take_axes
@@ -471,9 +471,10 @@ def _read_shape(curve: PressureCurve, kind: str) -> _Shape:
     start, end = float(smooth[0]), float(np.median(curve.pressure[-few:]))
     change = end - start if rising else start - end
     if not change > LEAST_CHANGE:
+        shown = show_apart(1e3 * (end - start), 1e3 * LEAST_CHANGE)
         raise InputError(
-            f"{curve.name}: the pressure changes by {1e3 * (end - start):.3g} kPa: a {kind} must "
-            f"{'rise' if rising else 'fall'} by more than {1e3 * LEAST_CHANGE:g} kPa"
+            f"{curve.name}: the pressure changes by {shown[0]} kPa: a {kind} must "
+            f"{'rise' if rising else 'fall'} by more than {shown[1]} kPa"
         )
     steps = np.diff(np.unique(curve.pressure))
     shape = _Shape(time, smooth, start, end, float(steps.min()))

@@ -19,6 +19,7 @@ from ..checks import (
     check_range,
     list_quantities,
     quantity,
+    show_apart,
 )
 from ..errors import InputError
 from ..results import ClosedForm, measured, take_axes
@@ -288,9 +289,10 @@ class PlantDesign:
         check_fields(self, "plant ")
         step = self._find_step(0.0)
         if step < SHORTEST_STEP:
+            shown = show_apart(self.line_volume, self.line_volume * SHORTEST_STEP / step)
             raise InputError(
-                f"tube and dead volume are {self.line_volume:g} mm^3: with these valves they must "
-                f"be at least {self.line_volume * SHORTEST_STEP / step:.3g} mm^3"
+                f"tube and dead volume are {shown[0]} mm^3: with these valves they must "
+                f"be at least {shown[1]} mm^3"
             )
 
     @property

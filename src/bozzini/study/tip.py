@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Literal, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from ..checks import check_fields, check_number, check_path, list_quantities, quantity
+from ..checks import check_fields, check_number, check_path, list_quantities, quantity, show_apart
 from ..continuum.calibration import RobotCalibration
 from ..continuum.kinematics import ContinuumRobot
 from ..continuum.unknowns import FIELDS, RobotSetup, change_setup, parse_unknowns
@@ -211,9 +211,10 @@ class TipError(Result):
         """Why not."""
         parts = []
         if self.residual > LIMIT:
+            shown = show_apart(100.0 * self.residual, 100.0 * LIMIT, digits=0, form="f")
             parts.append(
                 f"covariance to first order and of {len(self.drawn)} draws differ by "
-                f"{100.0 * self.residual:.0f} %, more than {100.0 * LIMIT:.0f} %: take the draws"
+                f"{shown[0]} %, more than {shown[1]} %: take the draws"
             )
         if self.failed:
             parts.append(f"{self.failed} draws have no shape")

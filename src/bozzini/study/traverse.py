@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..anatomy.tract import Finding, LabelTract, SurfaceTract
-from ..checks import check_number, check_word
+from ..checks import check_number, check_word, show_apart
 from ..duct import (
     Centreline,
     Duct,
@@ -229,8 +229,9 @@ def prepare_duct(duct: Duct, options: PathOptions, progress: Progress) -> tuple[
     if voxel is None:
         voxel = float(np.prod(size) / NODES) ** (1.0 / len(size))
     elif voxel > size.min():
+        shown = show_apart(voxel, size.min())
         raise InputError(
-            f"voxel is {voxel:g} mm: it must not exceed the duct's smallest side, {size.min():g} mm"
+            f"voxel is {shown[0]} mm: it must not exceed the duct's smallest side, {shown[1]} mm"
         )
     field = duct.sample(voxel)
     if not isinstance(field, SampledField):

@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from ..checks import check_integer, check_number
+from ..checks import check_integer, check_number, show_apart
 from ..errors import InputError
 
 SIZE_MIN_MM, SIZE_MAX_MM = 1e-6, 1e6
@@ -56,9 +56,10 @@ class Bend:
         check_number("body radius", self.body_radius, low=0.0, unit="mm")
         check_number("angle of the bend", self.angle, low=ANGLE_MIN_RAD, high=math.pi, unit="rad")
         if self.body_radius >= self.half_width:
+            shown = show_apart(self.body_radius, self.half_width)
             raise InputError(
-                f"body radius is {self.body_radius:g} mm: it must lie in "
-                f"[0, {self.half_width:g}) mm, below the half width"
+                f"body radius is {shown[0]} mm: it must lie in "
+                f"[0, {shown[1]}) mm, below the half width"
             )
 
     @property
@@ -119,9 +120,10 @@ class Bend:
         if self.radius <= self.clearance:
             raise InputError("flat ends are only for a bend with an inner wall for the body")
         if 0.5 * self.angle < math.acos(far / b):
+            shown = show_apart(self.angle, 2.0 * math.acos(far / b))
             raise InputError(
-                f"angle of the bend is {self.angle:g} rad: with flat ends it must lie in "
-                f"[{2.0 * math.acos(far / b):.4g}, pi] rad"
+                f"angle of the bend is {shown[0]} rad: with flat ends it must lie in "
+                f"[{shown[1]}, pi] rad"
             )
         return 2.0 * math.sqrt((b - far) * (b + far))
 
@@ -200,9 +202,10 @@ class Bend:
         if links == 1:
             return self.radius + a
         if self.limit_of_tractrix() > 2.0 * a:
+            shown = show_apart(a, self.radius / math.sqrt(5.0), self.radius)
             raise InputError(
-                f"inner radius for the body's axis is {a:g} mm: for two links it must lie in "
-                f"[{self.radius / math.sqrt(5.0):.4g}, {self.radius:g}) mm"
+                f"inner radius for the body's axis is {shown[0]} mm: for two links it must lie in "
+                f"[{shown[1]}, {shown[2]}) mm"
             )
         return 2.0 * a
 

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_fields, quantity
+from ..checks import check_fields, quantity, show_apart
 from ..errors import FileFormatError, InputError
 from ..numeric.vectors import nearest_rotation
 from ..progress import Progress, no_progress
@@ -744,23 +744,25 @@ def _find_fault(found: Calibration, options: CalibrationOptions) -> str:
     names = found.cameras.names
     for name, covered in zip(names, found.coverage, strict=True):
         if covered < LEAST_COVERAGE:
+            shown = show_apart(100 * covered, 100 * LEAST_COVERAGE, digits=0, form="f")
             return (
-                f"corners cover {100 * covered:.0f} % of the picture of {name}: it must be "
-                f"{100 * LEAST_COVERAGE:.0f} % or more"
+                f"corners cover {shown[0]} % of the picture of {name}: it must be {shown[1]} % or "
+                "more"
             )
     if found.tilt < LEAST_TILT:
-        return (
-            f"the board was tilted by {math.degrees(found.tilt):.0f} degrees at most: it must be "
-            f"{math.degrees(LEAST_TILT):.0f} or more"
-        )
+        angles = math.degrees(found.tilt), math.degrees(LEAST_TILT)
+        shown = show_apart(*angles, digits=0, form="f")
+        return f"the board was tilted by {shown[0]} degrees at most: it must be {shown[1]} or more"
     if found.residual > MOST_RMS:
-        return f"residuals of {found.residual:.2f} px rms: they must be {MOST_RMS} px or less"
+        shown = show_apart(found.residual, MOST_RMS, digits=2, form="f")
+        return f"residuals of {shown[0]} px rms: they must be {shown[1]} px or less"
     expected = options.baseline
     if expected and len(names) > 1:
         off = abs(found.cameras.baseline / expected - 1.0)
         if off > BASELINE_TOLERANCE:
+            shown = show_apart(found.cameras.baseline, expected, digits=2, form="f")
             return (
-                f"the cameras are {found.cameras.baseline:.2f} mm apart, {expected:g} mm were "
+                f"the cameras are {shown[0]} mm apart, {shown[1]} mm were "
                 "expected: check the size of the board's squares"
             )
     return ""

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ..checks import check_fields, quantity
+from ..checks import check_fields, quantity, show_apart
 from ..errors import GeometryError, InputError
 from ..results import Json, Result, take_axes
 from .board import BORDER, Detection, StripBoard
@@ -286,9 +286,10 @@ def measure_length(
         raise GeometryError(seen.reason or found)
     plane = _fit_pose(seen, camera) if camera else _fit_homography(seen, options.distance)
     if plane.miss > REFUSED_MISS:
+        shown = show_apart(plane.miss, REFUSED_MISS, digits=2, form="f")
         raise GeometryError(
-            f"the corners of the board miss by {plane.miss:.2f} px rms, more than "
-            f"{REFUSED_MISS:g} px: another board, a bent one, or another camera"
+            f"the corners of the board miss by {shown[0]} px rms, more than "
+            f"{shown[1]} px: another board, a bent one, or another camera"
         )
     flags = list(picture.flags)
     if len(seen.ids) < FEW_CORNERS:

@@ -29,6 +29,7 @@ from .. import __version__
 from ..errors import BozziniError, FileFormatError, InputError, MissingExtraError
 from ..io.files import write_atomically, write_bytes, write_parquet, write_text
 from ..io.inputs import note_input
+from ..io.sheets import Sheet, refuse_untitled
 from ..progress import Progress, no_progress
 from ..results import Json, to_plain
 
@@ -210,7 +211,12 @@ def read_manifest(path: str | os.PathLike[str], required: Sequence[str]) -> Mani
         raise FileFormatError(f"{source}: not a table of comma-separated values: {error}") from None
     if len(lines) < 2:
         raise FileFormatError(f"{source}: there are no rows below the names of the columns")
-    head = tuple(lines[0])
+    sheet = Sheet(lines[0], lines[1:], range(1, len(lines)))
+    try:
+        sheet = refuse_untitled(sheet)
+    except FileFormatError as error:
+        raise FileFormatError(f"{source}: {error}") from None
+    head = tuple(sheet.titles)
     for name in required:
         if head.count(name) != 1:
             found = ", ".join(head)[:200]

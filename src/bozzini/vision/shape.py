@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from ..checks import check_fields, quantity
+from ..checks import check_fields, quantity, show_apart
 from ..errors import GeometryError, InputError
 from ..numeric.polylines import (
     carry_frames,
@@ -1151,7 +1151,9 @@ def _find_reason(shape: BackboneShape, pitch: float) -> str:
         (bool(shape.rings.any(axis=1).all()), "a picture shows none of the rings"),
         (
             shape.residual <= MOST_RESIDUAL,
-            f"the edges miss the rod by {shape.residual:.2f} px, at most {MOST_RESIDUAL:g}",
+            "the edges miss the rod by {} px, at most {}".format(
+                *show_apart(shape.residual, MOST_RESIDUAL, digits=2)
+            ),
         ),
         (
             shape.coverage >= LEAST_COVERAGE,
@@ -1167,11 +1169,15 @@ def _find_reason(shape: BackboneShape, pitch: float) -> str:
         ),
         (
             tip <= MOST_TIP_UNCERTAINTY,
-            f"the tip is uncertain by {tip:.2f} mm, at most {MOST_TIP_UNCERTAINTY:g}",
+            "the tip is uncertain by {} mm, at most {}".format(
+                *show_apart(tip, MOST_TIP_UNCERTAINTY, digits=2)
+            ),
         ),
         (
             away <= most,
-            f"points matched in both pictures miss the rod by {away:.2f} mm, at most {most:.2f}",
+            "points matched in both pictures miss the rod by {} mm, at most {}".format(
+                *show_apart(away, most, digits=2)
+            ),
         ),
     ]
     legal = " is allowed"

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...checks import check_array, check_integer, check_number, check_range
+from ...checks import check_array, check_integer, check_number, check_range, show_apart
 from ...errors import GeometryError, InputError
 from ...numeric.polylines import carry_frames, interpolate_polyline
 from ...progress import Progress, no_progress
@@ -216,19 +216,16 @@ ROUND_OFF_MM = 1e-6
 def explain_shortfall(report: FitReport, max_error: float, *, free: bool) -> str:
     """Return what an error is exceeded by, with `free` on the centreline too; else nothing."""
     if report.outside > max_error:
-        return (
-            f"a point of the fitted lumen is {report.outside:.2f} mm outside, more than "
-            f"{max_error:g} mm"
-        )
+        shown = show_apart(report.outside, max_error, digits=2, form="f")
+        return f"a point of the fitted lumen is {shown[0]} mm outside, more than {shown[1]} mm"
     if report.outside_bound > max_error:
-        return (
-            f"none is found more than {report.outside:.2f} mm outside, but only "
-            f"{report.outside_bound:.2f} mm is proved"
-        )
+        shown = show_apart(report.outside_bound, report.outside, max_error, digits=2, form="f")
+        return f"none is found more than {shown[1]} mm outside, but only {shown[0]} mm is proved"
     if free and report.clearance_loss[-1] > max_error + ROUND_OFF_MM:
+        shown = show_apart(report.clearance_loss[-1], max_error)
         return (
-            f"{report.clearance_loss[-1]:.6g} mm of the clearance on the centreline is lost at "
-            f"{report.clearance_loss_place:.1f} mm, more than {max_error:g} mm"
+            f"{shown[0]} mm of the clearance on the centreline is lost at "
+            f"{report.clearance_loss_place:.1f} mm, more than {shown[1]} mm"
         )
     return ""
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ...checks import check_number
+from ...checks import check_number, show_apart
 from ...errors import InputError
 from ..base import DuctShape
 from ..checks import (
@@ -160,9 +160,10 @@ class RoundCones(_Balls, ShapeUnion):
         rest = self.radii + self.inflation - clearance
         if rest.min() <= 0.0:
             index = int(np.argmin(rest))
+            shown = show_apart(clearance, self.radii[index] + self.inflation)
             raise InputError(
-                f"clearance is {clearance:g} mm: it must be below the radius of every ball, and "
-                f"ball {index} has {self.radii[index] + self.inflation:g} mm"
+                f"clearance is {shown[0]} mm: it must be below the radius of every ball, and "
+                f"ball {index} has {shown[1]} mm"
             )
         wall = f"{self.wall}, {clearance:g} mm inside"
         return RoundCones(self.centres, rest, wall=wall, wall_error=self.wall_error)

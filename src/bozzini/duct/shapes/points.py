@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...checks import check_number
+from ...checks import check_number, show_apart
 from ...errors import GeometryError, InputError
 from ...numeric.vectors import order_points
 from ..base import Duct
@@ -350,9 +350,10 @@ class PointCloud(Duct):
         for k, seed in enumerate(seeds):
             where = ", ".join(f"{x:.1f}" for x in seed)
             if far[k] <= self._radius:
+                shown = show_apart(far[k], self.spacing)
                 raise GeometryError(
-                    f"seeds[{k}] at ({where}) mm is {far[k]:.3g} mm from a sample: it must be "
-                    f"farther than the spacing, {self.spacing:g} mm"
+                    f"seeds[{k}] at ({where}) mm is {shown[0]} mm from a sample: it must be "
+                    f"farther than the spacing, {shown[1]} mm"
                 )
             cell = int(find_cells(self._cells, seed[None])[0])
             if cell < 0:

@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ...checks import show_apart
 from ...errors import GeometryError, InputError
 from ..checks import (
     COORDINATE_MAX,
@@ -86,9 +87,10 @@ class ConvexPolyhedra(ShapeUnion):
             far = np.abs(planes[:, 3]) > OFFSET_MAX
             if far.any():
                 i = int(np.argmax(far))
+                shown = show_apart(abs(planes[i, 3]), OFFSET_MAX)
                 raise InputError(
-                    f"pieces[{k}][{i}] is a plane {abs(planes[i, 3]):g} mm from the origin: it "
-                    f"must be at most {OFFSET_MAX:g} mm"
+                    f"pieces[{k}][{i}] is a plane {shown[0]} mm from the origin: it "
+                    f"must be at most {shown[1]} mm"
                 )
             planes = np.unique(planes, axis=0)
             planes.flags.writeable = False
@@ -212,8 +214,9 @@ def _find_corners(name: str, planes: NDArray[np.float64]) -> NDArray[np.float64]
         raise GeometryError(endless)
     corners = np.asarray(meeting.intersections)
     if not np.abs(corners).max() <= COORDINATE_MAX:
+        shown = show_apart(np.abs(corners).max(), COORDINATE_MAX)
         raise GeometryError(
-            f"{name} reaches to {np.abs(corners).max():g} mm: it must stay within "
-            f"{COORDINATE_MAX:g} mm of the origin along each axis"
+            f"{name} reaches to {shown[0]} mm: it must stay within "
+            f"{shown[1]} mm of the origin along each axis"
         )
     return corners

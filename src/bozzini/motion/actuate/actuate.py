@@ -16,7 +16,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from ...checks import check_number
+from ...checks import check_number, show_apart
 from ...continuum import ContinuumRobot
 from ...continuum.coupling import Coupling, require_arcs
 from ...duct.base import Duct
@@ -361,11 +361,12 @@ def _explain_bend(job: FitJob, free: Fit, over: Floats) -> Shortfall:
     step, section = np.unravel_index(int(np.argmax(over)), over.shape)
     needs, offers = float(free.angles[step, section]), float(job.limits[section])
     meets = offers < job.robot.sections[int(section)].max_bend
+    angles = show_apart(math.degrees(needs), math.degrees(offers), digits=1, form="f")
     return Shortfall(
         code="BEND_LIMIT",
         what=f"{job.robot.section_label(int(section))} would have to bend "
-        f"{math.degrees(needs):.1f} deg with the head at {free.heads[step]:.1f} mm, "
-        f"{'its discs meet at' if meets else 'its limit is'} {math.degrees(offers):.1f} deg",
+        f"{angles[0]} deg with the head at {free.heads[step]:.1f} mm, "
+        f"{'its discs meet at' if meets else 'its limit is'} {angles[1]} deg",
         head=float(free.heads[step]),
         section=int(section),
         needs=needs,
@@ -379,10 +380,11 @@ def _explain_travel(job: FitJob, free: Fit, over: Floats) -> Shortfall:
     step, tendon = np.unravel_index(int(np.argmax(over)), over.shape)
     needs = float(free.displacements[step, tendon])
     offers = float(job.robot.tendon_travel[tendon, 1 if needs > 0.0 else 0])
+    ways = show_apart(needs, offers, digits=2, form="f")
     return Shortfall(
         code="TENDON_TRAVEL",
-        what=f"tendon '{job.robot.tendon_names[tendon]}' would have to move {needs:.2f} mm with "
-        f"the head at {free.heads[step]:.1f} mm, its drive goes to {offers:.2f} mm",
+        what=f"tendon '{job.robot.tendon_names[tendon]}' would have to move {ways[0]} mm with "
+        f"the head at {free.heads[step]:.1f} mm, its drive goes to {ways[1]} mm",
         head=float(free.heads[step]),
         section=int(job.robot.tendon_sections[tendon]),
         needs=needs,

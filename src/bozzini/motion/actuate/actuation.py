@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...checks import check_array, check_number, check_range
+from ...checks import check_array, check_number, check_range, show_apart
 from ...continuum import ContinuumRobot
 from ...continuum.checks import check_frame
 from ...continuum.coupling import coupling_matrix
@@ -122,7 +122,8 @@ def check_words(given: Actuation, codes: Mapping[str, str]) -> None:
     )
     for name, value, high in most:
         if value > high * (1.0 + 1e-12):
-            raise InputError(f"certificate {name} is {value:g}: it must lie in [0, {high:g}]")
+            shown = show_apart(value, high)
+            raise InputError(f"certificate {name} is {shown[0]}: it must lie in [0, {shown[1]}]")
 
 
 def _reserved() -> list[str]:

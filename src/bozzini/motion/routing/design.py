@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...checks import check_integer, check_points, check_word
+from ...checks import check_integer, check_points, check_word, show_apart
 from ...continuum import ContinuumRobot, EnergyModel, RobotDesign, RodModel, Section, Shape, Tendon
 from ...continuum.robot import check_robot
 from ...continuum.routing import (
@@ -302,8 +302,9 @@ def _check_bend(target: BendTarget, stiffness: Floats, limits: RoutingLimits, be
             f"{offset:g} mm from the backbone"
         )
     if offset * target.sharpest >= 1.0:
+        shown = show_apart(offset, 1.0 / target.sharpest)
         raise InputError(
-            f"offset max is {offset:g} mm: it must be less than {1.0 / target.sharpest:.3g} mm, "
+            f"offset max is {shown[0]} mm: it must be less than {shown[1]} mm, "
             "the least radius of the curve"
         )
     apart = 2.0 * offset * math.sin(math.pi / beside) if beside > 1 else math.inf
@@ -326,8 +327,9 @@ def _take_section(robot: RobotDesign | None, limits: RoutingLimits) -> Section:
         )
     section = robot.sections[0]
     if section.radius < limits.offset_max:
+        shown = show_apart(limits.offset_max, section.radius)
         raise InputError(
-            f"offset max is {limits.offset_max:g} mm: it must lie in (0, {section.radius:g}] mm, "
+            f"offset max is {shown[0]} mm: it must lie in (0, {shown[1]}] mm, "
             "inside the body's radius"
         )
     return section
@@ -342,9 +344,8 @@ def take_curve(curve: ArrayLike | Plan) -> Floats:
     points = points[np.concatenate([[True], apart])]
     length = float(measure_arc_length(points)[-1])
     if not SHORTEST_MM <= length <= LONGEST_MM:
-        raise InputError(
-            f"curve is {length:g} mm long: it must be {SHORTEST_MM:g} to {LONGEST_MM:g} mm"
-        )
+        shown = show_apart(length, SHORTEST_MM, LONGEST_MM)
+        raise InputError(f"curve is {shown[0]} mm long: it must be {shown[1]} to {shown[2]} mm")
     return np.asarray(points)
 
 

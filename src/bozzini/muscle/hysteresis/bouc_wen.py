@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...checks import check_number, refuse_first
+from ...checks import check_number, refuse_first, show_apart
 from ...errors import InputError
 from ..kernels import hysteresis as kernels
 from .operator import HysteresisFit, LoopOptions, Loops, Operator, number
@@ -67,8 +67,9 @@ class BoucWen(Operator):
         both = self.beta + self.gamma
         if both <= 0.0 or self.beta > _SHARE * both:
             least = max(0.0, self.beta / _SHARE)
+            shown = show_apart(both, least)
             raise InputError(
-                f"beta + gamma is {both:g}: it must be above {least:g} for h to be bounded"
+                f"beta + gamma is {shown[0]}: it must be above {shown[1]} for h to be bounded"
             )
         with np.errstate(all="ignore"):
             ratio = np.float64(self.alpha) / self.bound

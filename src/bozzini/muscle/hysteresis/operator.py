@@ -17,6 +17,7 @@ from ...checks import (
     check_number,
     check_range,
     quantity,
+    show_apart,
 )
 from ...errors import InputError
 from ...results import Result
@@ -318,7 +319,10 @@ def take_increasing(
     numbers = take_numbers(name, values, low=low, low_open=low_open)
     for i, (one, two) in enumerate(zip(numbers, numbers[1:], strict=False), start=1):
         if two <= one:
-            raise InputError(f"{name}[{i}] is {two:g}: it must be above {one:g}, the one before it")
+            shown = show_apart(two, one)
+            raise InputError(
+                f"{name}[{i}] is {shown[0]}: it must be above {shown[1]}, the one before it"
+            )
     return numbers
 
 

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...checks import check_integer, check_number, name_at
+from ...checks import check_integer, check_number, name_at, show_apart
 from ...errors import InputError
 from ..kernels import hysteresis as kernels
 from .operator import (
@@ -100,9 +100,10 @@ class PlaySum(InvertibleOperator):
         )
         if row >= 0:
             index = row * flat.shape[1] + sample
+            shown = show_apart(outputs.flat[index], bottom, top)
             raise InputError(
-                f"{name_at('response', outputs, index)} is {outputs.flat[index]:g}: between inputs "
-                f"of {low:g} and {high:g} it must lie in [{bottom:g}, {top:g}]"
+                f"{name_at('response', outputs, index)} is {shown[0]}: between inputs "
+                f"of {low:g} and {high:g} it must lie in [{shown[1]}, {shown[2]}]"
             )
         return np.asarray(inputs.reshape(outputs.shape) + shift)
 
@@ -452,10 +453,11 @@ class AsymmetricPrandtlIshlinskii(PlaySum):
         place = _find_lowest(a1, a2, low, high)
         short = a0 + (a1 - 1.0 + a2 * place) * place + 2.0 * self.thresholds[0]
         if short < -1e-9 * (abs(low) + abs(high) + self.thresholds[0]):
+            shown = show_apart(place, place - 2.0 * self.thresholds[0])
             raise InputError(
-                f"history comes by {place:g}: there the envelope is "
+                f"history comes by {shown[0]}: there the envelope is "
                 f"{short - 2.0 * self.thresholds[0] + place:g}, which must be at least "
-                f"{place - 2.0 * self.thresholds[0]:g}, the input less twice the first threshold"
+                f"{shown[1]}, the input less twice the first threshold"
             )
 
 
@@ -639,9 +641,10 @@ class UnparallelPrandtlIshlinskii(PlaySum):
             crossed = up - down > 1e-9 * (np.abs(up) + np.abs(down))
             if crossed.any():
                 play = int(np.argmax(crossed))
+                shown = show_apart(up[play], down[play])
                 raise InputError(
                     f"{name_at('history', inputs, index)} is {value:g}: there the ascending edge "
-                    f"of play {play} is {up[play]:g}, which must be at most {down[play]:g}, its "
+                    f"of play {play} is {shown[0]}, which must be at most {shown[1]}, its "
                     "descending edge"
                 )
 

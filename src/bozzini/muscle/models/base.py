@@ -14,7 +14,15 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...checks import broadcast, check_array, check_range, name_at, refuse_first
+from ...checks import (
+    broadcast,
+    check_array,
+    check_range,
+    name_at,
+    refuse_first,
+    show_beside,
+    show_range,
+)
 from ...errors import BozziniError, InputError, PluginError
 from ...numeric import roots as numeric_roots
 from ...results import Json
@@ -419,7 +427,7 @@ class ExplicitModel(MuscleModel):
             contractions,
             lambda index: (
                 f"at a pressure of {pressures.flat[index]:g} MPa it must lie in "
-                f"[{rest - high.flat[index]:g}, {rest - low.flat[index]:g}] mm"
+                f"{show_range(contractions, index, rest - high, rest - low)} mm"
             ),
             unit="mm",
         )
@@ -454,12 +462,12 @@ class ExplicitModel(MuscleModel):
             for end in (low[0], high[0])
         )
         least, most = max(self.load_limits[0], float(down.min())), float(up.max())
-        legal = f"[{least:.6g}, {most:.6g}] N"
+        legal = f"{show_range(loads, index, least, most)} N"
         if most < least:
             legal = f"what it pulls, and at most that is {most:.6g} N"
         return InputError(
-            f"{name_at('load', loads, index)} is {loads.flat[index]:g} N: at a pressure of "
-            f"{pressure[0]:g} MPa it must lie in {legal}"
+            f"{name_at('load', loads, index)} is {show_beside(loads.flat[index], legal)} N: at a "
+            f"pressure of {pressure[0]:g} MPa it must lie in {legal}"
         )
 
 

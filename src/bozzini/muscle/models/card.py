@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
-from ...checks import Limit, check_number, check_word, list_quantities
+from ...checks import Limit, check_number, check_word, list_quantities, show_apart
 from ...errors import InputError, MissingLawError
 from ...units import INTERNAL_UNITS
 
@@ -84,8 +84,9 @@ class Parameter:
             raise InputError(f"bounds of {self.name} are {self.bounds}: low must be below high")
         for word, value in (("default", self.default), ("neutral value", self.neutral)):
             if value is not None and not low <= value <= high:
+                shown = show_apart(value, low, high)
                 raise InputError(
-                    f"{word} of {self.name} is {value:g}: it must lie in [{low:g}, {high:g}]"
+                    f"{word} of {self.name} is {shown[0]}: it must lie in [{shown[1]}, {shown[2]}]"
                 )
 
 
@@ -302,8 +303,9 @@ class Card:
         words = f"{name} of the model {self.name}"
         number = check_number(words, value, low=low, high=high, unit=item.unit)
         if item.whole and not number.is_integer():
+            shown = show_apart(number, low, high)
             raise InputError(
-                f"{words} is {number:g}: it must be a whole number in [{low:g}, {high:g}]"
+                f"{words} is {shown[0]}: it must be a whole number in [{shown[1]}, {shown[2]}]"
             )
         return number
 

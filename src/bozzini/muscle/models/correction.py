@@ -8,7 +8,7 @@ from abc import abstractmethod
 import numpy as np
 from numpy.typing import NDArray
 
-from ...checks import check_range
+from ...checks import check_range, show_apart
 from ...errors import InputError
 from .base import ANGLES, TYPICAL_PRESSURE, CatalogueModel
 from .card import BRAID_FIELDS, SHAPE_FIELDS, Card, Choice, Parameter, make_friction
@@ -318,9 +318,10 @@ class DavisCaldwell(TonduLopez):
     def _check(self) -> None:
         if self.keywords["minimum_angle"] == "thesis" and self._cover > 1.0:
             most = math.pi * self.braid.radius / self.muscle.strands
+            shown = show_apart(self.muscle.strand_radius, most)
             raise InputError(
-                f"muscle strand radius is {self.muscle.strand_radius:g} mm: for (2.10) as printed "
-                f"it must be at most {most:g} mm"
+                f"muscle strand radius is {shown[0]} mm: for (2.10) as printed "
+                f"it must be at most {shown[1]} mm"
             )
 
     def find_share(self, pressure: Floats) -> Floats:

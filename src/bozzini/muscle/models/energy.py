@@ -11,7 +11,7 @@ from typing import ClassVar, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...checks import check_word, name_at
+from ...checks import check_word, name_at, show_apart
 from ...errors import InputError
 from ..design import PRESSURE_LIMIT, Muscle, check_muscle
 from ..hysteresis import Hysteresis
@@ -124,9 +124,10 @@ class EnergyMuscle(MuscleModel):
         check_hysteresis(self.hysteresis)
         check_word("ends", self.ends, ENDS)
         if self._tapered and self.muscle.active_length < 6.0 * self.taper_length:
+            shown = show_apart(self.muscle.active_length, 6.0 * self.taper_length)
             raise InputError(
-                f"muscle active length is {self.muscle.active_length:g} mm: with trellis ends it "
-                f"must be at least {6.0 * self.taper_length:g} mm, for two tapers"
+                f"muscle active length is {shown[0]} mm: with trellis ends it "
+                f"must be at least {shown[1]} mm, for two tapers"
             )
         object.__setattr__(self, "_design", pack_design(self.muscle))
 
@@ -315,9 +316,10 @@ class EnergyMuscle(MuscleModel):
                 kernels.find_force(self._design, pressure, stretch, sign)[0]
                 for stretch in self._design[9:]
             )
+            shown = show_apart(loads.flat[index], max(0.0, low), high)
             raise InputError(
-                f"{name_at('load', loads, index)} is {loads.flat[index]:g} N: at a pressure of "
-                f"{pressure:g} MPa it must lie in [{max(0.0, low):.6g}, {high:.6g}] N, above "
+                f"{name_at('load', loads, index)} is {shown[0]} N: at a pressure of "
+                f"{pressure:g} MPa it must lie in [{shown[1]}, {shown[2]}] N, above "
                 "which the braid squeezes the bore shut"
             )
         return stretches, iterations

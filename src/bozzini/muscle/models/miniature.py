@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...checks import add_hint, broadcast, check_array, check_range, name_at
+from ...checks import add_hint, broadcast, check_array, check_range, name_at, show_apart
 from ...errors import InputError
 from ...numeric.roots import bisect
 from ..design import PRESSURE_LIMIT, Braid
@@ -89,10 +89,11 @@ class DeVolder(CatalogueModel):
     def _check(self) -> None:
         low, high = self._base_lengths()
         if low >= high:
+            shown = show_apart(self.parameters["length_offset"], self.braid.strand_length)
             raise InputError(
-                f"length_offset of the model de-volder is {self.parameters['length_offset']:g} mm: "
+                f"length_offset of the model de-volder is {shown[0]} mm: "
                 f"it must leave the braid a length, its strands are "
-                f"{self.braid.strand_length:g} mm long"
+                f"{shown[1]} mm long"
             )
 
     def _base_lengths(self) -> tuple[float, float]:

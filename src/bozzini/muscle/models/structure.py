@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ...checks import check_range
+from ...checks import check_range, show_apart
 from ...errors import InputError, MissingLawError
 from .base import CatalogueModel
 from .card import BRAID_FIELDS, WALL_FIELDS, Card, Law, Parameter, make_friction
@@ -121,9 +121,10 @@ class Doumit(CatalogueModel):
     def _check(self) -> None:
         space = self.muscle.braid_radius - self.muscle.outer_radius + self.muscle.inner_radius
         if 2.0 * self.muscle.strand_radius >= space:
+            shown = show_apart(self.muscle.strand_radius, 0.5 * space)
             raise InputError(
-                f"muscle strand radius is {self.muscle.strand_radius:g} mm: for a bore in the "
-                f"model doumit it must be below {0.5 * space:g} mm"
+                f"muscle strand radius is {shown[0]} mm: for a bore in the "
+                f"model doumit it must be below {shown[1]} mm"
             )
 
     @property

@@ -11,7 +11,7 @@ from typing import ClassVar, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...checks import check_array, check_word, name_at, refuse_first
+from ...checks import check_array, check_word, name_at, refuse_first, show_apart, show_range
 from ...errors import InputError
 from ...numeric.roots import bisect
 from ..design import Muscle, check_muscle
@@ -51,9 +51,10 @@ def meet_braid(muscle: Muscle) -> tuple[float, tuple[float, ...]]:
     """Return the pressure of contact [MPa] and the design of `kernels` from there on."""
     cover = muscle.strands * muscle.strand_radius / (math.pi * muscle.outer_radius)
     if cover > 1.0:
+        shown = show_apart(muscle.strand_radius, muscle.strand_radius / cover)
         raise InputError(
-            f"muscle strand radius is {muscle.strand_radius:g} mm: it must lie in (0, "
-            f"{muscle.strand_radius / cover:g}] mm for the contact area of eq. (3.22)"
+            f"muscle strand radius is {shown[0]} mm: it must lie in (0, "
+            f"{shown[1]}] mm for the contact area of eq. (3.22)"
         )
     tube, contact = muscle.tube, find_contact_pressure(muscle)
     touched = tube.deform(contact)
@@ -301,7 +302,7 @@ class ThesisMuscle(MuscleModel):
                 loads,
                 lambda index: (
                     f"at a pressure of {pressures.flat[index]:g} MPa it must lie in "
-                    f"[0, {most.flat[index]:.6g}] N, at which the strands are straight"
+                    f"{show_range(loads, index, 0.0, most)} N, at which the strands are straight"
                 ),
                 unit="N",
             )
@@ -337,9 +338,10 @@ class ThesisMuscle(MuscleModel):
         )
         if failed >= 0:
             index = int(above[failed])
+            shown = show_apart(flat[index], self._find_limit(float(flat[index])))
             raise InputError(
-                f"{name_at('pressure', pressures, index)} is {flat[index]:g} MPa: it must lie in "
-                f"[0, {self._find_limit(float(flat[index])):.4g}] MPa, above which the thesis's "
+                f"{name_at('pressure', pressures, index)} is {shown[0]} MPa: it must lie in "
+                f"[0, {shown[1]}] MPa, above which the thesis's "
                 "equations have no answer or this muscle gets longer again"
             )
         out[1:, above] = part[1:]
