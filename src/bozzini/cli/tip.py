@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ..units import parse_quantity
 from .common import (
@@ -21,8 +21,9 @@ from .common import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Sequence
 
+    from ..results import Json
     from ..study.tip import DrawOptions, TipError
 
 
@@ -71,7 +72,7 @@ def parse_deviations(
     }
 
 
-def give_tip_error(found: TipError, more: Mapping[str, Any], answer: Answer) -> None:
+def give_tip_error(found: TipError, more: Json, answer: Answer) -> None:
     """Write the answer; a first order that does not hold is a negative one."""
     from ..study.tip import ELLIPSE_OF
 
