@@ -10,6 +10,8 @@ import time
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 STAGES = """
 import json, resource, sys, time
 import numpy as np
@@ -66,26 +68,24 @@ def bench_colon_stages(benchmark: Any) -> None:
     assert found["seconds"]["finer nodes"] < 4.0
 
 
+@pytest.mark.timeout(1800)
 def bench_plan_in_a_real_colon(benchmark: Any, colon_dir: Path, tmp_path: Path) -> None:
     """No bound is claimed: `bozzini plan` on a surface of many sheets, after one run to compile."""
     (source,) = colon_dir.glob("*.vtk")
     command = [sys.executable, "-m", "bozzini", "plan", str(source), "--diameter", "8mm"]
-    command += ["--link", "8mm", "--out", str(tmp_path / "out"), "--force", "--json", "--quiet"]
+    command += ["--link", "8mm", "--out", str(tmp_path / "out"), "--force", "--quiet"]
 
-    def run() -> tuple[dict[str, Any], float, Any]:
+    def run() -> tuple[float, Any]:
         begin = time.perf_counter()
-        with (tmp_path / "answer.json").open("w") as answer:
-            process = subprocess.Popen(command, stdout=answer)
-            _, status, used = os.wait4(process.pid, 0)
+        process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
+        _, status, used = os.wait4(process.pid, 0)
         assert os.waitstatus_to_exitcode(status) == 0
-        took = time.perf_counter() - begin
-        return json.loads((tmp_path / "answer.json").read_text("utf-8")), took, used
+        return time.perf_counter() - begin, used
 
-    found, took, used = benchmark.pedantic(run, rounds=1, warmup_rounds=1)
-    stages = ", ".join(f"{stage} {value:.2f} s" for stage, value in found["seconds"].items())
+    took, used = benchmark.pedantic(run, rounds=1, warmup_rounds=1)
     benchmark.extra_info.update(
         what=f"`bozzini plan` on the colon of {source.name}, 8 mm, links 8 mm, whole process",
-        measured=f"{took:.0f} s, {used.ru_utime + used.ru_stime:.0f} s of the processor, "
-        f"{used.ru_maxrss / 1e6:.2f} GB ({stages}; load {os.getloadavg()[0]:.1f} on "
+        measured=f"{used.ru_utime + used.ru_stime:.0f} s of the processor, "
+        f"{used.ru_maxrss / 1e6:.2f} GB ({took:.0f} s at a load of {os.getloadavg()[0]:.1f} on "
         f"{os.cpu_count()} cores)",
     )

@@ -90,7 +90,7 @@ def make_robot(case: Case, pieces: int) -> ContinuumRobot:
     return ContinuumRobot((section,))
 
 
-def measure(call: Callable[[], Any], times: int = 20) -> tuple[Any, float]:
+def measure(call: Callable[[], Any], times: int = 200) -> tuple[Any, float]:
     """Answer and best time [s], compiled."""
     answer, best = call(), math.inf
     for _ in range(times):
