@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -318,3 +319,61 @@ def close_holes(points: Vertices, faces: Faces, holes: list[Hole]) -> tuple[Vert
         for k, hole in enumerate(holes)
     ]
     return np.concatenate((points, middles)), np.concatenate((faces, *caps)).astype(np.int64)
+
+
+LEAST_CORNERS, LEAST_PLANES = 100, 3
+"""A surface of fewer corners, or on fewer planes of a grid, does not show its voxels."""
+
+MOST_EMPTY = 1.5
+"""Planes of a grid from end to end, by those that hold a corner of a mask's surface."""
+
+GRID_SHARE, GRID_TOLERANCE = 0.95, 1e-3
+"""Share of the corners that lie on edges of the grid, and how near, by its step."""
+
+
+def find_voxels(points: Vertices) -> Vertices | None:
+    """Return the voxels (3,) [mm] that the corners (n, 3) of a surface betray, or None.
+
+    Marching cubes leave each corner on an edge of the grid: two of its coordinates are whole
+    steps of the grid, and one is not. Turned, smoothed or reduced surfaces betray nothing.
+    """
+    if len(points) < LEAST_CORNERS:
+        return None
+    choices: list[list[tuple[float, Mask]]] = []
+    for values in points.T:
+        tolerance = 1e-6 * float(np.abs(values).max()) + 1e-9
+        order = np.sort(values)
+        starts = np.append(0, np.flatnonzero(np.diff(order) > tolerance) + 1)
+        planes, counts = order[starts], np.diff(np.append(starts, len(order)))
+        most = np.argsort(-counts, kind="stable")
+        # Of a mask all coordinates are whole or half steps; else two of three are whole: then take
+        # the fullest planes, which hold a third.
+        least = float(np.diff(planes).min(initial=np.inf))
+        mask = np.ptp(values) < MOST_EMPTY * len(planes) * least
+        share = len(values) * (1.0 if mask else 1.0 / 3.0)
+        enough = int(np.searchsorted(np.cumsum(counts[most]), share)) + 1
+        levels = np.sort(planes[most[:enough]])
+        if len(levels) < LEAST_PLANES:
+            return None
+        step = float(np.diff(levels).min())
+        # The smallest difference of two numbers is rounded: take the mean over many.
+        step = float(levels[-1] - levels[0]) / float(np.rint((levels[-1] - levels[0]) / step))
+        index = (values - levels[0]) / step
+        on = np.abs(index - np.rint(index)) < GRID_TOLERANCE
+        odd = np.rint(index).astype(np.int64) % 2 == 1
+        choices.append([(2.0 * step, on & ~odd), (2.0 * step, on & odd)] if mask else [(step, on)])
+    for chosen in itertools.product(*choices):
+        if _lie_on_edges(np.stack([on for _, on in chosen], axis=1)):
+            return np.array([step for step, _ in chosen])
+    return None
+
+
+def _lie_on_edges(on: Mask) -> bool:
+    """Whether of corners with coordinates on planes of a grid (n, 3) nearly all lie on its edges.
+
+    A corner on a node of the grid has three; as many as that are no sign of one. Edges of all three
+    directions must be among them.
+    """
+    number = on.sum(axis=1)
+    edges = ~on[number == 2]
+    return bool((number >= 2).mean() > GRID_SHARE and edges.sum(axis=0).min() > 0.1 * len(on))

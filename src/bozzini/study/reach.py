@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -10,13 +11,11 @@ from numpy.typing import NDArray
 
 from ..anatomy.tract import LabelTract, SurfaceTract
 from ..duct import Centreline, SampledField
+from ..report.verdict import SHARE_REACHED
 from ..results import Json
-from .ends import LANDMARK_REACH, measure_gap, name_landmarks
+from .ends import LANDMARK_REACH, OrientedCentreline, measure_gap, name_landmarks
 
-__all__ = ["Unreached", "find_unreached"]
-
-SHARE_MIN = 0.02
-"""A smaller share of the lumen is not listed."""
+__all__ = ["Unreached", "find_unreached", "measure_unreached"]
 
 SHARE_STATED = 0.10
 """From this share of the lumen on, or from `LENGTH_STATED` on, a part stands in the verdict."""
@@ -69,12 +68,7 @@ class Unreached:
         if self.kind in ("missing", "landmark"):
             return True
         long = self.length is None or self.length >= LENGTH_STATED
-        return self.share >= SHARE_STATED or (long and self.share >= SHARE_MIN)
-
-    @property
-    def cut_off(self) -> bool:
-        """Whether the centreline, which ends before it, had to lead there if no end was given."""
-        return self.kind in ("component", "beyond")
+        return self.share >= SHARE_STATED or (long and self.share >= SHARE_REACHED)
 
     @property
     def words(self) -> str:
@@ -107,6 +101,17 @@ class Unreached:
             "stated": self.stated,
             "text": self.words,
         }
+
+
+def measure_unreached(parts: Sequence[Unreached], ends: OrientedCentreline) -> float:
+    """Return the share of the lumen that a way should have reached and does not.
+
+    That is what is not reached of all of it, less what is left out on purpose: everything beside
+    the way to a goal that was given, else what lies before an entry that was.
+    """
+    if ends.goal_given:
+        return 0.0
+    return sum(part.share for part in parts if not (ends.given and part.kind == "before"))
 
 
 def find_unreached(
@@ -171,7 +176,7 @@ def find_unreached(
         groups += [(np.flatnonzero(far & (number == k)), True) for k in range(1, count + 1)]
     for chosen, joined in groups:
         share = len(chosen) * cell / total
-        if share < SHARE_MIN:
+        if share < SHARE_REACHED:
             continue
         mouth, tip = chosen[np.argmin(distance[chosen])], chosen[np.argmax(distance[chosen])]
         x, y, z = (float(v) for v in rest.to_world(thin[tip] * rest.spacing))
