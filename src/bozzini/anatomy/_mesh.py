@@ -15,12 +15,15 @@ Integers = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
 
-def weld(points: Vertices, faces: Faces, *, tolerance: float = 0.0) -> tuple[Vertices, Faces]:
-    """Merge equal vertices, or those within about `tolerance` [mm] of each other."""
+def weld(
+    points: Vertices, faces: Faces, *, tolerance: float = 0.0, among: Integers | None = None
+) -> tuple[Vertices, Faces]:
+    """Merge equal vertices, or those (of `among`) within about `tolerance` [mm] of each other."""
     if tolerance > 0:
         from scipy.spatial import cKDTree
 
-        pairs = cKDTree(points).query_pairs(tolerance, output_type="ndarray")
+        chosen = np.arange(len(points)) if among is None else among
+        pairs = chosen[cKDTree(points[chosen]).query_pairs(tolerance, output_type="ndarray")]
         group = label_graph(pairs, len(points))
         _, first, index = np.unique(group, return_index=True, return_inverse=True)
     else:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -45,6 +46,9 @@ WELD_SHARE = 1e-5
 
 REPAIR_WELD_SHARE = 1e-3
 """The same with `repair`."""
+
+SAME_SHARE = 1e-7
+"""Differences of two surfaces, by their size, that are none but of rounding."""
 
 MOST_OPEN_SHARE = 0.3
 """Largest area of the holes of an open sheet, by its own, that are ends to be capped."""
@@ -147,7 +151,7 @@ def tract_from_surface(
         points, triangles, sheets = _split_corners(points, triangles, sheets, found)
     triangles = np.concatenate((triangles, sheets))
     wall_text = "triangles of the file, open ends capped flat" if openings else ""
-    return SurfaceTract(
+    made = SurfaceTract(
         vertices=points,
         faces=triangles,
         source=source,
@@ -157,6 +161,49 @@ def tract_from_surface(
         missing=missing,
         wall=wall_text,
     )
+    if repair:
+        return replace(made, findings=(*found, *_compare_unrepaired(made, vertices, faces)))
+    return made
+
+
+def _compare_unrepaired(
+    made: SurfaceTract, vertices: ArrayLike, faces: ArrayLike
+) -> tuple[Finding, ...]:
+    """Return a warning on what `repair` made of a surface that is also read without it."""
+    try:
+        plain = tract_from_surface(vertices, faces, source=made.source)
+    except GeometryError:  # refused without: what was mended stands in its own findings
+        return ()
+    changes = []
+    if isinstance(plain, SurfaceTract):
+        for name, before, after in (
+            ("corners", plain.vertices, made.vertices),
+            ("triangles", plain.faces, made.faces),
+        ):
+            if len(before) != len(after):
+                changes.append(f"{len(before)} {name} became {len(after)}")
+        farthest = max(_measure_distance(made, plain), _measure_distance(plain, made))
+        if farthest > SAME_SHARE * float(np.ptp(plain.vertices, axis=0).max()):
+            changes.append(f"the wall moved by up to {farthest:.2g} mm")
+    else:
+        changes.append("it is voxels without, and a surface with")
+    if abs(made.volume - plain.volume) > SAME_SHARE * plain.volume:
+        before, after = plain.volume / 1000.0, made.volume / 1000.0
+        changes.append(f"the volume became {after:.6g} mL from {before:.6g} mL")
+    if not changes:
+        return ()
+    message = f"repair changed a surface that is read without it too: {', '.join(changes)}"
+    return (Finding("repaired", "warning", message),)
+
+
+def _measure_distance(one: SurfaceTract, other: SurfaceTract) -> float:
+    """Return how far a corner of one surface lies from the other at most [mm]."""
+    import igl
+
+    boxes = igl.AABB()
+    boxes.init(other.vertices, other.faces)
+    squared = boxes.squared_distance(other.vertices, other.faces, one.vertices)[0]
+    return float(np.sqrt(np.max(squared)))
 
 
 def unite_parts(
@@ -273,14 +320,16 @@ def _close(
     for share in (WELD_SHARE, REPAIR_WELD_SHARE) if repair else (WELD_SHARE,):
         tolerance = share * size
         before = _count_open(triangles)
-        welded, kept = _mesh.weld(points, triangles, tolerance=tolerance)
+        edges = np.unique(_find_open(triangles))  # the rest of the surface stays as it is
+        welded, kept = _mesh.weld(points, triangles, tolerance=tolerance, among=edges)
+        moved = np.linalg.norm(welded[kept] - points[triangles], axis=2)
         kept = _mesh.drop_degenerate(kept)
         if before and len(kept) and _count_open(kept) < before:
             place = points[_find_open(triangles)].mean(axis=(0, 1))
             points, triangles, after = welded, kept, _count_open(kept)
             message = (
                 f"corners within {tolerance:.2g} mm welded, near {name_place(place)} mm: "
-                f"{before - after} open edges closed"
+                f"{before - after} open edges closed, corners moved by up to {moved.max():.2g} mm"
             )
             found.append(Finding("corners-welded", "note", message))
     if _count_open(triangles):

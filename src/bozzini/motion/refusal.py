@@ -37,6 +37,22 @@ def floor_mm(value: float) -> str:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Bind:
+    """What a motion meets where it ends.
+
+    Parameters
+    ----------
+    code : str
+        A key of `REASON_CODES`.
+    what : str
+        Which link or joint meets which limit, in words.
+    """
+
+    code: str
+    what: str
+
+
+@dataclass(frozen=True, kw_only=True)
 class Refusal:
     """Why a motion ends before the goal.
 
@@ -60,6 +76,9 @@ class Refusal:
         No wider scope passes, proved [mm].
     ends_at : float or None
         Arc length along the centreline at which the motion ends [mm].
+    ends_code, ends_what : str
+        What ends it there, if that is not the place that decides: a key of `REASON_CODES`, and
+        which link or joint meets which limit, in words.
     """
 
     code: str
@@ -72,6 +91,8 @@ class Refusal:
     inflate: float | None = quantity("length", default=None)
     diameter_bound: float | None = quantity("length", default=None)
     ends_at: float | None = quantity("length", default=None)
+    ends_code: str = ""
+    ends_what: str = ""
 
     @property
     def reason(self) -> str:
@@ -79,6 +100,9 @@ class Refusal:
         statement = self.what
         if self.ends_at is not None and abs(self.ends_at - self.at) > NEAR_MM:
             statement += f"; the motion ends at {self.ends_at:.1f} mm of the centreline"
+            if self.ends_what:
+                side = "before" if self.ends_at < self.at else "beyond"
+                statement += f", {side} that place: {self.ends_what}"
         advice = []
         if self.diameter_max is not None:
             advice.append(f"a scope of {self.diameter_max:.2f} mm diameter")
@@ -97,9 +121,11 @@ class Refusal:
             )
         return statement
 
-    def stop_at(self, arc: float) -> Refusal:
-        """Return the refusal with where on the centreline the motion itself ends."""
-        return replace(self, ends_at=arc)
+    def stop_at(self, arc: float, bind: Bind | None = None) -> Refusal:
+        """Return the refusal with where on the centreline the motion itself ends, and why there."""
+        if bind is None:
+            return replace(self, ends_at=arc)
+        return replace(self, ends_at=arc, ends_code=bind.code, ends_what=bind.what)
 
     @classmethod
     def at_entry(cls, scope: Scope, clearance: float, *, slack: float = 0.0) -> Refusal:
@@ -114,11 +140,15 @@ class Refusal:
         )
 
     @classmethod
-    def at_angle(cls, limit: float, head: float, *, at: float) -> Refusal:
-        """Links turn too far beyond a head `head` mm along its path, at `at` on the centreline."""
+    def at_angle(cls, limit: float, head: float, *, at: float, joint: int) -> Refusal:
+        """Links turn too far beyond a head `head` mm along its path, at `at` on the centreline.
+
+        Joint `j` is that between the links j and j + 1; the head's link is 1.
+        """
         return cls(
             code="ANGLE",
             at=at,
-            what=f"neighbouring links would turn by more than {math.degrees(limit):.1f} deg beyond "
-            f"{at:.1f} mm of the centreline, with the head {head:.1f} mm inserted along its path",
+            what=f"neighbouring links would turn by more than {math.degrees(limit):.1f} deg, at the "
+            f"joint of links {joint} and {joint + 1}, beyond {at:.1f} mm of the centreline, with the "
+            f"head {head:.1f} mm inserted along its path",
         )
