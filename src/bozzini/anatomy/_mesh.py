@@ -327,11 +327,14 @@ def close_holes(points: Vertices, faces: Faces, holes: list[Hole]) -> tuple[Vert
 LEAST_CORNERS, LEAST_PLANES = 100, 3
 """A surface of fewer corners, or on fewer planes of a grid, does not show its voxels."""
 
-MOST_EMPTY = 1.5
+MOST_EMPTY = 3.0
 """Planes of a grid from end to end, by those that hold a corner of a mask's surface."""
 
-GRID_SHARE, GRID_TOLERANCE = 0.95, 1e-3
+GRID_SHARE, GRID_TOLERANCE = 0.9, 1e-3
 """Share of the corners that lie on edges of the grid, and how near, by its step."""
+
+LEAST_EDGES = 0.01
+"""Share of the corners that lie on edges of one direction, at least."""
 
 
 def find_voxels(points: Vertices) -> Vertices | None:
@@ -364,7 +367,8 @@ def find_voxels(points: Vertices) -> Vertices | None:
         index = (values - levels[0]) / step
         on = np.abs(index - np.rint(index)) < GRID_TOLERANCE
         odd = np.rint(index).astype(np.int64) % 2 == 1
-        choices.append([(2.0 * step, on & ~odd), (2.0 * step, on & odd)] if mask else [(step, on)])
+        halves = [(2.0 * step, on & ~odd), (2.0 * step, on & odd)]
+        choices.append([*halves, (step, on)] if mask else [(step, on)])
     for chosen in itertools.product(*choices):
         if _lie_on_edges(np.stack([on for _, on in chosen], axis=1)):
             return np.array([step for step, _ in chosen])
@@ -374,9 +378,9 @@ def find_voxels(points: Vertices) -> Vertices | None:
 def _lie_on_edges(on: Mask) -> bool:
     """Whether of corners with coordinates on planes of a grid (n, 3) nearly all lie on its edges.
 
-    A corner on a node of the grid has three; as many as that are no sign of one. Edges of all three
-    directions must be among them.
+    A corner on a node of the grid has three. Edges of all three directions must be among them.
     """
-    number = on.sum(axis=1)
-    edges = ~on[number == 2]
-    return bool((number >= 2).mean() > GRID_SHARE and edges.sum(axis=0).min() > 0.1 * len(on))
+    edges = ~on[on.sum(axis=1) == 2]
+    return bool(
+        len(edges) > GRID_SHARE * len(on) and edges.sum(axis=0).min() > LEAST_EDGES * len(on)
+    )

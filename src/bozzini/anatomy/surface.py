@@ -318,14 +318,19 @@ def _close(
 ) -> tuple[Vertices, Faces]:
     """Weld nearly equal corners, then fill holes of three or four edges."""
     for share in (WELD_SHARE, REPAIR_WELD_SHARE) if repair else (WELD_SHARE,):
-        tolerance = share * size
-        before = _count_open(triangles)
-        edges = np.unique(_find_open(triangles))  # the rest of the surface stays as it is
-        welded, kept = _mesh.weld(points, triangles, tolerance=tolerance, among=edges)
+        edges = _find_open(triangles)
+        before = len(edges)
+        if not before:
+            break
+        # By its size alone a surface with one corner far away would be welded to nothing.
+        sides = np.linalg.norm(points[edges[:, 0]] - points[edges[:, 1]], axis=1)
+        tolerance = min(share * size, 0.5 * float(np.median(sides)))
+        # The rest of the surface stays as it is.
+        welded, kept = _mesh.weld(points, triangles, tolerance=tolerance, among=np.unique(edges))
         moved = np.linalg.norm(welded[kept] - points[triangles], axis=2)
         kept = _mesh.drop_degenerate(kept)
-        if before and len(kept) and _count_open(kept) < before:
-            place = points[_find_open(triangles)].mean(axis=(0, 1))
+        if len(kept) and _count_open(kept) < before:
+            place = points[edges].mean(axis=(0, 1))
             points, triangles, after = welded, kept, _count_open(kept)
             message = (
                 f"corners within {tolerance:.2g} mm welded, near {name_place(place)} mm: "

@@ -290,9 +290,7 @@ class LumenGraph:
             self._tips[key] = tips
         return tips
 
-    def _find_tips(
-        self, search: Search, lengths: NDArray[np.float64], most: int = 12
-    ) -> list[Tip]:
+    def _find_tips(self, search: Search, lengths: NDArray[np.float64], most: int = 12) -> list[Tip]:
         """Return the tips of longest taut paths, longest first, well apart."""
         from .kernels.graph import find_peaks
 
@@ -399,7 +397,7 @@ SPACING = 1.0
 """Distance between the points of a centreline [mm]; less in a narrow lumen."""
 
 SPACING_SHARE = 0.12
-"""The same by the radius of the lumen along the path, where that is narrow; but at least a voxel."""
+"""The same by the radius of the lumen along the path, if that is less; but at least a voxel."""
 
 BRANCH_SHARE, BRANCH_GAP = 0.8, 4.0
 """An end that was not taken is reported if it is about as far, and this many radii of the lumen

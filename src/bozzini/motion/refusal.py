@@ -148,7 +148,7 @@ class Refusal:
         return cls(
             code="ANGLE",
             at=at,
-            what=f"neighbouring links would turn by more than {math.degrees(limit):.1f} deg, at the "
-            f"joint of links {joint} and {joint + 1}, beyond {at:.1f} mm of the centreline, with the "
-            f"head {head:.1f} mm inserted along its path",
+            what=f"neighbouring links would turn by more than {math.degrees(limit):.1f} deg beyond "
+            f"{at:.1f} mm of the centreline, at the joint of links {joint} and {joint + 1}, with "
+            f"the head {head:.1f} mm inserted along its path",
         )

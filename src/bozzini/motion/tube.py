@@ -351,9 +351,9 @@ class Job:
 
     def _bind_link(self, shaped: ShapedPath, margin: float) -> Bind:
         what = (
-            f"link 1, that of the head, does not fit there with its {self.scope.link_length:g} mm: "
-            f"it needs {self.scope.radius + margin:.2f} mm from its axis to the wall, the best path "
-            f"found has {floor_mm(shaped.lacks)} mm"
+            f"link 1, that of the head, does not fit there with its {self.scope.link_length:g} "
+            f"mm: it needs {self.scope.radius + margin:.2f} mm from its axis to the wall, the best "
+            f"path found has {floor_mm(shaped.lacks)} mm"
         )
         return Bind(code="LINK_TOO_LONG", what=what)
 
@@ -366,7 +366,7 @@ class Job:
         return Bind(code="FOLD", what=what)
 
     def _bind_crossing(self, crossing: Crossing) -> Bind:
-        what = f"a link would pass through the wall to {crossing.far:.1f} mm of the centreline there"
+        what = f"a link would pass through the wall there, to {crossing.far:.1f} mm of the line"
         return Bind(code="LIMBS_JOINED", what=what)
 
     def _bind_proof(self, proof: Certificate) -> Bind:

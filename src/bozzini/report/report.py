@@ -29,6 +29,7 @@ from ..plot.plan_data import (
     Record,
     check_plan,
     read_clearance,
+    read_number,
     share_centreline,
 )
 from ..scene.make_view import view_plan

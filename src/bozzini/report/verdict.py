@@ -133,7 +133,9 @@ def _add_unreached(verdict: Verdict, plan: Plan, summary: Record) -> Verdict:
         return verdict
     gone = [str(part["text"]) for part in told if part.get("kind") == MISSING]
     rest = [part for part in told if part.get("kind") != MISSING]
-    texts = [*gone, *([f"not reached: {join_words([str(p['text']) for p in rest])}"] * bool(rest))]
+    texts = gone
+    if rest:
+        texts.append(f"not reached: {join_words([str(part['text']) for part in rest])}")
     text = "; ".join(texts)
     text = f"{text[0].upper()}{text[1:]}."
     if plan.status == "stopped":

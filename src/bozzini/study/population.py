@@ -34,11 +34,12 @@ class Population(ClosedForm):
     Attributes
     ----------
     table : pandas.DataFrame
-        A row for each scope: its factors; ``patients`` with an answer; of these ``fits`` (proved
-        to the end of all the lumen, and within the study's constraints), ``fits_not`` (proved: no
-        way through is so wide) and ``undecided``; ``errors``, which are not among the patients; ``share`` that it fits with ``share_low`` and ``share_high``, and
-        ``share_not`` with ``share_not_low`` and ``share_not_high``. The share that it fits in truth
-        is at least ``share`` and at most 1 - ``share_not`` of these patients.
+        A row for each scope: its factors; ``patients`` with an answer; of these ``fits`` (proved to
+        the end of all of the lumen, and within the study's constraints), ``fits_not`` (proved: no
+        way through is so wide) and ``undecided``; ``errors``, which are not among the patients;
+        ``share`` that it fits with ``share_low`` and ``share_high``, and ``share_not`` with
+        ``share_not_low`` and ``share_not_high``. The share that it fits in truth is at least
+        ``share`` and at most 1 - ``share_not`` of these patients.
     scopes : tuple of str
         The columns that are factors.
     level : float
