@@ -5,8 +5,10 @@ import pytest
 import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from skimage.measure import marching_cubes
 
 from bozzini.anatomy import tract_from_surface
+from bozzini.anatomy._mesh import find_voxels
 from bozzini.anatomy.kernels.meshes import cross_groups
 from bozzini.errors import GeometryError, InputError
 
@@ -418,6 +420,59 @@ def test_corners_doubled_by_more_than_rounding_are_welded_by_repair():
     mended = tract_from_surface(loose, index, repair=True)
     assert "near (" in codes(mended)["corners-welded"].message
     assert mended.volume == pytest.approx(tract_from_surface(vertices, faces).volume, rel=1e-2)
+
+
+def test_repair_tells_what_it_changed_and_leaves_the_rest():
+    vertices, faces = ball()
+    same = tract_from_surface(vertices, faces, repair=True)
+    assert np.array_equal(same.vertices, tract_from_surface(vertices, faces).vertices)
+    assert "repaired" not in codes(same)
+    # A triangle torn inwards by less than --repair welds; without it that is a body in the lumen.
+    seam = (1.0 - 5e-4) * vertices[faces[7]]
+    torn = np.concatenate([vertices, seam])
+    index = faces.copy()
+    index[7] = len(vertices) + np.arange(3)
+    plain, mended = (tract_from_surface(torn, index, repair=repair) for repair in (False, True))
+    text = codes(mended)["repaired"].message
+    assert codes(mended)["repaired"].severity == "warning"
+    for before, after, name in (
+        (plain.vertices, mended.vertices, "corners"),
+        (plain.faces, mended.faces, "triangles"),
+    ):
+        assert f"{len(before)} {name} became {len(after)}" in text
+    moved = float(text.split("moved by up to ")[1].split(" mm")[0])
+    assert 0.0 < moved <= 0.01 * np.sqrt(3.0) + 1e-3
+    # What is not at an open edge stays where it was.
+    kept = np.setdiff1d(np.unique(np.delete(faces, 7, axis=0)), faces[7])
+    known = {tuple(point) for point in mended.vertices.tolist()}
+    assert all(tuple(point) in known for point in vertices[kept].tolist())
+
+
+def make_cubes(shape, spacing, *, mask):
+    index = np.indices(shape).transpose(1, 2, 3, 0) * spacing
+    middle = 0.5 * np.array(shape) * spacing
+    along = np.clip(index[..., 2] - middle[2], -16.0, 16.0)[..., None] * [0.0, 0.0, 1.0]
+    inside = np.linalg.norm(index - middle - along, axis=-1) - 6.3
+    values = (inside < 0.0).astype(np.float32) if mask else -inside
+    found = marching_cubes(values, 0.5 if mask else 0.0, spacing=tuple(spacing))
+    return found[0] + [3.3, 1.7, -40.0], found[1]
+
+
+@pytest.mark.parametrize("mask", [True, False])
+@pytest.mark.parametrize("spacing", [(3.0, 3.0, 2.0), (1.5, 1.5, 1.5)])
+def test_a_surface_made_from_voxels_shows_their_size(mask, spacing):
+    shape = np.ceil(np.array([24.0, 24.0, 60.0]) / spacing).astype(int)
+    points, faces = make_cubes(tuple(shape), np.array(spacing), mask=mask)
+    found = find_voxels(points.astype(np.float32).astype(float))
+    assert found == pytest.approx(np.array(spacing), rel=1e-4)
+    text = codes(tract_from_surface(points, faces))["voxel-surface"].message
+    assert f"{0.5 * np.linalg.norm(spacing):.2f} mm" in text
+    # Turned or smoothed nothing is seen, nor in a surface that was never made of voxels.
+    turn = trimesh.transformations.rotation_matrix(0.3, [1.0, 1.0, 0.0])[:3, :3]
+    assert find_voxels(points @ turn.T) is None
+    boxes = trimesh.creation.box((30.0, 20.0, 100.0)).subdivide_to_size(3.0)
+    for other in (ball(subdivisions=4)[0], boxes.vertices):
+        assert find_voxels(np.asarray(other)) is None
 
 
 def test_loops_that_touch_are_split_by_repair_with_their_place():

@@ -223,6 +223,51 @@ def test_a_fork_is_told_and_a_single_tube_is_not(bend):
     assert find_centreline(bend[1]).other_ends == ()
 
 
+Y = np.array([[0.0, 0.0, 0.0], [50.0, 0.0, 0.0], [100.0, 20.0, 0.0], [70.0, -50.0, 0.0]])
+"""Trunk, fork, and the tips of two branches; a pouch on the fork makes ways through it dearer."""
+
+
+def make_y(scale, voxel):
+    """Return a Y of a wider trunk and two branches at right angles, `scale` times as large."""
+    trunk, fork, one, other = scale * Y
+    parts = [
+        curve_distance(np.array([trunk, fork]), 11.0 * scale),
+        curve_distance(np.array([fork, one]), 9.0 * scale),
+        curve_distance(np.array([fork, other]), 9.0 * scale),
+        ball_distance(scale * np.array([50.0, 0.0, 10.0]), 16.0 * scale),
+    ]
+    return sample_field(
+        lambda points: np.minimum.reduce([part(points) for part in parts]),
+        scale * np.array([-15.0, -63.0, -20.0]),
+        scale * np.array([113.0, 33.0, 30.0]),
+        voxel * scale,
+    )
+
+
+@pytest.mark.parametrize("scale", [1.0, 0.1])
+@pytest.mark.parametrize("voxel", [1.0, 1.25, 1.6])
+def test_a_fork_has_the_same_ends_at_every_voxel_and_scale(scale, voxel):
+    line = find_centreline(make_y(scale, voxel))
+    ends = line.points[[0, -1]] / scale
+    gaps = np.linalg.norm(ends[:, None] - Y[[0, 2]], axis=2)
+    # From the trunk to the branch that goes on nearly straight: longer than across the fork.
+    assert min(gaps[0, 0] + gaps[1, 1], gaps[0, 1] + gaps[1, 0]) < 2.0 * np.sqrt(3.0) * voxel
+    assert line.length / scale == pytest.approx(103.5, abs=2.0 * voxel)
+    (other,) = line.other_ends
+    assert np.linalg.norm(np.array(other.point) / scale - Y[3]) < 2.0 * voxel + 1.0
+    # Its way is measured as the line is, and is not longer.
+    assert other.distance < line.length
+
+
+def test_the_way_to_another_end_is_that_of_the_line_to_it():
+    field = make_y(1.0, 1.25)
+    line = find_centreline(field)
+    (other,) = line.other_ends
+    opposite = line.points[0 if other.end == "end" else -1]
+    way = find_centreline(field, (opposite, other.point))
+    assert other.distance == pytest.approx(way.length, abs=1.5)
+
+
 class PlainSearch:
     def __init__(self, mcp, costs):
         self.mcp, self.costs = mcp, costs

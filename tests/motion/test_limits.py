@@ -12,7 +12,7 @@ from bozzini.duct import PackedDuct, SampledField, field_from_mask, find_centrel
 from bozzini.duct.base import Wrapped
 from bozzini.errors import InputError
 from bozzini.motion import Scope
-from bozzini.numeric.polylines import measure_arc_length
+from bozzini.numeric.polylines import measure_arc_length, resample_polyline
 from tests.exact import VoxelWall, sample_body, voxelise
 from tests.motion.plans import insert
 from tests.motion.planted import plant
@@ -250,6 +250,28 @@ def test_a_pinched_tube_is_entered_up_to_where_it_gets_too_narrow(seed):
     narrow = np.argmax(tube.line.radius < tube.scope.radius)
     assert 0.0 <= tube.line.arc_length[narrow] - tube.line.arc_length[head] <= 3.0
     assert plan.refusal.ends_at == pytest.approx(tube.line.arc_length[head], abs=1.0)
+
+
+def test_what_ends_a_motion_far_from_the_place_that_decides_is_told():
+    # A bend that a long link does not pass, and far behind it a waist too narrow for the scope.
+    bend = bend_curve(14.0, 0.5 * np.pi, 45.0)
+    after = bend[-1] + np.arange(1.0, 90.0)[:, None] * (bend[-1] - bend[-2])
+    curve = resample_polyline(np.concatenate([bend, after]), 1.0)
+    s = measure_arc_length(curve)
+    lumen = Lumen(curve, 6.0 - 3.5 * np.exp(-(((s - s[-1] + 40.0) / 5.0) ** 2)))
+    plan = lumen.plan(8.0, 30.0, advise=False)
+    refusal = plan.refusal
+    assert refusal.code == "NO_PASSAGE" and refusal.at - refusal.ends_at > 40.0
+    assert refusal.ends_code in ("LINK_TOO_LONG", "FOLD")
+    # Which part of the body, which limit, and how it relates to the place named first.
+    assert "link 1, that of the head" in plan.reason and "before that place" in plan.reason
+    assert f"{refusal.ends_at:.1f} mm of the centreline, before that place: link 1" in plan.reason
+    # Links that pass the bend go on to the waist: the same place decides and ends.
+    short = lumen.plan(8.0, 8.0, advise=False)
+    assert short.refusal.code == "NO_PASSAGE"
+    assert short.refusal.ends_at > refusal.ends_at + 30.0
+    # It is kept in the file of the plan.
+    assert plan.meta["refusal"]["ends_what"] in plan.reason
 
 
 def test_an_introducer_is_no_wider_than_the_entry(narrow_start):

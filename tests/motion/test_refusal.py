@@ -85,7 +85,8 @@ def test_a_description_is_plain_json():
 
 
 def test_an_angle_is_stated_in_degrees():
-    reason = Refusal.at_angle(math.radians(30.0), 55.0, at=52.0).reason
+    reason = Refusal.at_angle(math.radians(30.0), 55.0, at=52.0, joint=3).reason
+    assert "at the joint of links 3 and 4" in reason
     assert "30.0 deg" in reason
     assert (
         "52.0 mm of the centreline" in reason and "head 55.0 mm inserted along its path" in reason

@@ -307,7 +307,11 @@ def test_a_component_that_is_not_joined_stands_in_the_verdict(tract, both) -> No
     assert "of the lumen not reached" in verdict.label and verdict.tone == "amber"
     assert verdict.label.startswith("Reaches the end of a part") and not torn.fits
     assert "separate component (caecum)" in verdict.sentence
-    assert replace(torn, unreached=(replace(torn.unreached[0], kind="branch"),)).fits
+    # A side branch is part of the lumen, too; it is not, where the goal was given.
+    forked = replace(torn, unreached=(replace(torn.unreached[0], kind="branch"),))
+    assert not forked.fits
+    assert forked.verdict.label.startswith("Reaches the far end, proved; 23 % of the lumen not")
+    assert replace(forked, centreline=replace(forked.centreline, goal_given=True)).fits
     whole = judge_plan(study.plan, study.to_dict())
     assert whole.label.startswith("Fits, proved") and "lumen" not in whole.label
 
@@ -324,7 +328,41 @@ def test_missing_lumen_and_landmarks_outside_stand_in_the_verdict(tract, both) -
     size = f"{gone.volume / 1000.0:.3g} mL of lumen are missing in the file"
     assert f"{size}; not reached: ileocaecal valve." in verdict.sentence
     assert verdict.label.endswith("lumen is missing in the file") and verdict.tone == "amber"
-    assert torn.fits
+    assert "; 7 % of the lumen" in verdict.label and not verdict.label.startswith("Fits")
+    assert not torn.fits
+
+
+def test_the_error_of_a_surface_is_not_known_unless_it_is_stated(both) -> None:
+    study = both[1]
+    proved = study.plan.proved
+    bare = study.to_dict() | {"wall_error_mm": None}
+    verdict = judge_plan(study.plan, bare)
+    assert verdict.tone == "amber" and verdict.label.startswith("Fits this surface, proved; ")
+    assert "own error is not known" in verdict.label
+    assert "--label-error" in verdict.notes[-1]
+    for stated, tone in ((0.5 * proved, "green"), (2.0 * proved, "amber")):
+        verdict = judge_plan(study.plan, bare | {"label_error_mm": stated})
+        assert verdict.tone == tone and "not known" not in verdict.label
+
+
+def test_surface_and_voxels_of_one_lumen_agree() -> None:
+    from skimage.measure import marching_cubes
+
+    step = 3.0
+    grid = np.stack(np.meshgrid(*[np.arange(-18.0, 19.0, step)] * 2, np.arange(0.0, 91.0, step),
+                                indexing="ij"), axis=-1)  # fmt: skip
+    line = np.array([[0.0, 0.0, 12.0], [0.0, 0.0, 78.0]])
+    mask = curve_distance(line, 8.0)(grid) < 0.0
+    corners, faces, _, _ = marching_cubes(mask.astype(np.float32), 0.5, spacing=(step,) * 3)
+    ask = {"scope": Scope(diameter=8.0, link_length=8.0), "method": "follow"}
+    made = plan(replace(tract_from_surface(corners, faces), organ="colon"), **ask)
+    voxels = tract_from_labels(mask.astype(np.uint16), np.diag([step] * 3 + [1.0]), source="v")
+    same = plan(replace(voxels, organ="colon"), **ask)
+    assert made.plan.certified and same.plan.certified
+    assert made.verdict.tone == same.verdict.tone == "amber"
+    # The voxels that it was made from are seen, and half of their diagonal is named.
+    assert f"{0.5 * np.sqrt(3.0) * step:.2f} mm" in made.verdict.notes[-1]
+    assert made.to_dict()["verdict"]["label"] == made.verdict.label
 
 
 def test_a_proof_below_the_error_of_the_wall_is_amber(both) -> None:
@@ -335,6 +373,18 @@ def test_a_proof_below_the_error_of_the_wall_is_amber(both) -> None:
     ):
         verdict = judge_plan(study.plan, study.to_dict() | {"wall_error_mm": error})
         assert (verdict.tone, verdict.label) == (tone, label)
+
+
+@pytest.mark.parametrize(("share", "fits"), [(0.42, False), (0.03, False), (0.015, True)])
+@pytest.mark.parametrize("kind", ["branch", "missing", "before", "beyond"])
+def test_a_lumen_not_reached_is_no_fit_and_its_share_is_in_the_label(both, share, fits, kind):
+    part = Unreached(kind=kind, volume=100.0, share=share, point=(0.0, 0.0, 0.0), length=5.0)
+    study = replace(both[1], unreached=(part,))
+    assert study.fits is study.to_dict()["fits"] is fits
+    verdict = study.verdict
+    if not fits:
+        assert f"{100 * share:.0f} % of the lumen" in verdict.label
+        assert "Fits" not in verdict.label and verdict.tone == "amber"
 
 
 def test_a_small_part_is_less_than_one_percent() -> None:

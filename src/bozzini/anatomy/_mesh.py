@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -17,12 +18,15 @@ MOST_PLACES = 100
 """Corners of a sheet that are asked whether they lie inside another."""
 
 
-def weld(points: Vertices, faces: Faces, *, tolerance: float = 0.0) -> tuple[Vertices, Faces]:
-    """Merge equal vertices, or those within about `tolerance` [mm] of each other."""
+def weld(
+    points: Vertices, faces: Faces, *, tolerance: float = 0.0, among: Integers | None = None
+) -> tuple[Vertices, Faces]:
+    """Merge equal vertices, or those (of `among`) within about `tolerance` [mm] of each other."""
     if tolerance > 0:
         from scipy.spatial import cKDTree
 
-        pairs = cKDTree(points).query_pairs(tolerance, output_type="ndarray")
+        chosen = np.arange(len(points)) if among is None else among
+        pairs = chosen[cKDTree(points[chosen]).query_pairs(tolerance, output_type="ndarray")]
         group = label_graph(pairs, len(points))
         _, first, index = np.unique(group, return_index=True, return_inverse=True)
     else:
@@ -352,3 +356,65 @@ def close_holes(points: Vertices, faces: Faces, holes: list[Hole]) -> tuple[Vert
         for k, hole in enumerate(holes)
     ]
     return np.concatenate((points, middles)), np.concatenate((faces, *caps)).astype(np.int64)
+
+
+LEAST_CORNERS, LEAST_PLANES = 100, 3
+"""A surface of fewer corners, or on fewer planes of a grid, does not show its voxels."""
+
+MOST_EMPTY = 3.0
+"""Planes of a grid from end to end, by those that hold a corner of a mask's surface."""
+
+GRID_SHARE, GRID_TOLERANCE = 0.9, 1e-3
+"""Share of the corners that lie on edges of the grid, and how near, by its step."""
+
+LEAST_EDGES = 0.01
+"""Share of the corners that lie on edges of one direction, at least."""
+
+
+def find_voxels(points: Vertices) -> Vertices | None:
+    """Return the voxels (3,) [mm] that the corners (n, 3) of a surface betray, or None.
+
+    Marching cubes leave each corner on an edge of the grid: two of its coordinates are whole
+    steps of the grid, and one is not. Turned, smoothed or reduced surfaces betray nothing.
+    """
+    if len(points) < LEAST_CORNERS:
+        return None
+    choices: list[list[tuple[float, Mask]]] = []
+    for values in points.T:
+        tolerance = 1e-6 * float(np.abs(values).max()) + 1e-9
+        order = np.sort(values)
+        starts = np.append(0, np.flatnonzero(np.diff(order) > tolerance) + 1)
+        planes, counts = order[starts], np.diff(np.append(starts, len(order)))
+        most = np.argsort(-counts, kind="stable")
+        # Of a mask all coordinates are whole or half steps; else two of three are whole: then take
+        # the fullest planes, which hold a third.
+        least = float(np.diff(planes).min(initial=np.inf))
+        mask = np.ptp(values) < MOST_EMPTY * len(planes) * least
+        share = len(values) * (1.0 if mask else 1.0 / 3.0)
+        enough = int(np.searchsorted(np.cumsum(counts[most]), share)) + 1
+        levels = np.sort(planes[most[:enough]])
+        if len(levels) < LEAST_PLANES:
+            return None
+        step = float(np.diff(levels).min())
+        # The smallest difference of two numbers is rounded: take the mean over many.
+        step = float(levels[-1] - levels[0]) / float(np.rint((levels[-1] - levels[0]) / step))
+        index = (values - levels[0]) / step
+        on = np.abs(index - np.rint(index)) < GRID_TOLERANCE
+        odd = np.rint(index).astype(np.int64) % 2 == 1
+        halves = [(2.0 * step, on & ~odd), (2.0 * step, on & odd)]
+        choices.append([*halves, (step, on)] if mask else [(step, on)])
+    for chosen in itertools.product(*choices):
+        if _lie_on_edges(np.stack([on for _, on in chosen], axis=1)):
+            return np.array([step for step, _ in chosen])
+    return None
+
+
+def _lie_on_edges(on: Mask) -> bool:
+    """Whether of corners with coordinates on planes of a grid (n, 3) nearly all lie on its edges.
+
+    A corner on a node of the grid has three. Edges of all three directions must be among them.
+    """
+    edges = ~on[on.sum(axis=1) == 2]
+    return bool(
+        len(edges) > GRID_SHARE * len(on) and edges.sum(axis=0).min() > LEAST_EDGES * len(on)
+    )

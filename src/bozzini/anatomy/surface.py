@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -45,6 +46,9 @@ WELD_SHARE = 1e-5
 
 REPAIR_WELD_SHARE = 1e-3
 """The same with `repair`."""
+
+SAME_SHARE = 1e-7
+"""Differences of two surfaces, by their size, that are none but of rounding."""
 
 MOST_OPEN_SHARE = 0.3
 """Largest area of the holes of an open sheet, by its own, that are ends to be capped."""
@@ -139,6 +143,7 @@ def tract_from_surface(
     triangles = np.concatenate((triangles, parts.bodies))
     found += _check_topology(points, triangles)
     found += _check_crossing(points, triangles)
+    found += _report_voxels(points[np.unique(triangles)])
     found += check_scale(size, hint="give the file's own unit, for example --unit m or --unit cm")
     # Each triangle of a sheet both ways: it bounds, and winds about nothing.
     sheets = np.concatenate((parts.sheets, parts.sheets[:, ::-1]))
@@ -146,7 +151,7 @@ def tract_from_surface(
         points, triangles, sheets = _split_corners(points, triangles, sheets, found)
     triangles = np.concatenate((triangles, sheets))
     wall_text = "triangles of the file, open ends capped flat" if openings else ""
-    return SurfaceTract(
+    made = SurfaceTract(
         vertices=points,
         faces=triangles,
         source=source,
@@ -156,6 +161,49 @@ def tract_from_surface(
         missing=missing,
         wall=wall_text,
     )
+    if repair:
+        return replace(made, findings=(*found, *_compare_unrepaired(made, vertices, faces)))
+    return made
+
+
+def _compare_unrepaired(
+    made: SurfaceTract, vertices: ArrayLike, faces: ArrayLike
+) -> tuple[Finding, ...]:
+    """Return a warning on what `repair` made of a surface that is also read without it."""
+    try:
+        plain = tract_from_surface(vertices, faces, source=made.source)
+    except GeometryError:  # refused without: what was mended stands in its own findings
+        return ()
+    changes = []
+    if isinstance(plain, SurfaceTract):
+        for name, before, after in (
+            ("corners", plain.vertices, made.vertices),
+            ("triangles", plain.faces, made.faces),
+        ):
+            if len(before) != len(after):
+                changes.append(f"{len(before)} {name} became {len(after)}")
+        farthest = max(_measure_distance(made, plain), _measure_distance(plain, made))
+        if farthest > SAME_SHARE * float(np.ptp(plain.vertices, axis=0).max()):
+            changes.append(f"the wall moved by up to {farthest:.2g} mm")
+    else:
+        changes.append("it is voxels without, and a surface with")
+    if abs(made.volume - plain.volume) > SAME_SHARE * plain.volume:
+        before, after = plain.volume / 1000.0, made.volume / 1000.0
+        changes.append(f"the volume became {after:.6g} mL from {before:.6g} mL")
+    if not changes:
+        return ()
+    message = f"repair changed a surface that is read without it too: {', '.join(changes)}"
+    return (Finding("repaired", "warning", message),)
+
+
+def _measure_distance(one: SurfaceTract, other: SurfaceTract) -> float:
+    """Return how far a corner of one surface lies from the other at most [mm]."""
+    import igl
+
+    boxes = igl.AABB()
+    boxes.init(other.vertices, other.faces)
+    squared = boxes.squared_distance(other.vertices, other.faces, one.vertices)[0]
+    return float(np.sqrt(np.max(squared)))
 
 
 def unite_parts(
@@ -270,16 +318,23 @@ def _close(
 ) -> tuple[Vertices, Faces]:
     """Weld nearly equal corners, then fill holes of three or four edges."""
     for share in (WELD_SHARE, REPAIR_WELD_SHARE) if repair else (WELD_SHARE,):
-        tolerance = share * size
-        before = _count_open(triangles)
-        welded, kept = _mesh.weld(points, triangles, tolerance=tolerance)
+        edges = _find_open(triangles)
+        before = len(edges)
+        if not before:
+            break
+        # By its size alone a surface with one corner far away would be welded to nothing.
+        sides = np.linalg.norm(points[edges[:, 0]] - points[edges[:, 1]], axis=1)
+        tolerance = min(share * size, 0.5 * float(np.median(sides)))
+        # The rest of the surface stays as it is.
+        welded, kept = _mesh.weld(points, triangles, tolerance=tolerance, among=np.unique(edges))
+        moved = np.linalg.norm(welded[kept] - points[triangles], axis=2)
         kept = _mesh.drop_degenerate(kept)
-        if before and len(kept) and _count_open(kept) < before:
-            place = points[_find_open(triangles)].mean(axis=(0, 1))
+        if len(kept) and _count_open(kept) < before:
+            place = points[edges].mean(axis=(0, 1))
             points, triangles, after = welded, kept, _count_open(kept)
             message = (
                 f"corners within {tolerance:.2g} mm welded, near {name_place(place)} mm: "
-                f"{before - after} open edges closed"
+                f"{before - after} open edges closed, corners moved by up to {moved.max():.2g} mm"
             )
             found.append(Finding("corners-welded", "note", message))
     if _count_open(triangles):
@@ -362,6 +417,20 @@ def _split_corners(
     used, index = np.unique(sheets, return_inverse=True)
     sheets = index.reshape(-1, 3).astype(np.int64) + len(corner)
     return np.concatenate((points[corner], points[used])), fan, sheets
+
+
+def _report_voxels(corners: Vertices) -> list[Finding]:
+    """Return a note on the voxels that a surface was made from, if it shows them."""
+    voxels = _mesh.find_voxels(corners)
+    if voxels is None:
+        return []
+    size = " x ".join(f"{step:.3g}" for step in voxels)
+    message = (
+        f"the corners lie on the edges of a grid, as marching cubes leave them: the surface was "
+        f"made from voxels of {size} mm, of which half a diagonal is "
+        f"{0.5 * np.linalg.norm(voxels):.2f} mm"
+    )
+    return [Finding("voxel-surface", "note", message)]
 
 
 def _check_crossing(points: Vertices, triangles: Faces) -> list[Finding]:

@@ -115,9 +115,7 @@ def write_result(
 
 def _describe_result(study: InsertionStudy, summary: dict[str, Any], out: Path) -> str:
     """Return the result as text for people: the verdict, where the files are."""
-    from ..report.verdict import judge_plan
-
-    verdict = judge_plan(study.plan, summary, error=summary["clearance_error_mm"])
+    verdict = study.verdict
     lines = [f"{verdict.label}. {verdict.sentence}", *verdict.notes]
     if not summary["certified"] and summary["clearance_min_mm"] is not None:
         lines.append(

@@ -14,7 +14,7 @@ import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
-from dataclasses import dataclass, fields, replace
+from dataclasses import asdict, dataclass, fields, replace
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from ..duct.field import SampledField
     from ..motion import FreeSpace, Plan, PlannerOptions, Scope
     from ..scene.view import View
+    from ..study.ends import OrientedCentreline
 
 Floats = NDArray[np.float64]
 
@@ -123,6 +124,8 @@ class Bench:
         self._space_for: tuple[object, ...] = ()
         self._whole: Centreline | None = None
         self._line: Centreline | None = None
+        self._ends: OrientedCentreline | None = None
+        self._unreached: tuple[Centreline, Json] | None = None
         self._moved: tuple[Floats, Floats] | None = None
         self._space: FreeSpace | None = None
         self._last_space: FreeSpace | None = None
@@ -316,6 +319,7 @@ class Bench:
         found = orient_centreline(self.tract, field, places, reverse=reverse, progress=progress)
         if not (asked.start or asked.end):
             self._whole = found.line
+        self._ends = found
         return found.line
 
     def _find_whole(self, progress: Progress) -> Centreline:
@@ -385,6 +389,7 @@ class Bench:
             "centreline_mm": round(space.centreline.length, 1),
             "inflate_most_mm": self.most,
             "robot": robot or None,
+            "verdict": self._judge(plan, space) if plan.status == "complete" else {},
         }
         shown = ShownPlan(
             view=self._encode(plan, space.duct),  # type: ignore[arg-type]
@@ -398,6 +403,30 @@ class Bench:
         )
         _ = shown.frames  # made here, not in the server's event loop
         return shown
+
+    def _judge(self, plan: Plan, space: FreeSpace) -> Json:
+        """Return the verdict on a plan, as reports and commands state it."""
+        from ..report.verdict import judge_plan
+        from ..study.reach import find_unreached, measure_unreached
+
+        if self._ends is None or self._ends.line is not space.centreline:
+            return {}
+        if self._unreached is None or self._unreached[0] is not space.centreline:
+            parts = find_unreached(self.tract, space.duct, space.centreline)  # type: ignore[arg-type]
+            record: Json = {
+                "unreached": [part.describe() for part in parts],
+                "unreached_share": measure_unreached(parts, self._ends),
+            }
+            self._unreached = space.centreline, record
+        ends = self._ends
+        summary = {
+            **self._unreached[1],
+            "goal": {"name": ends.goal, "given": ends.given, "chosen": ends.goal_given},
+            "wall_error_mm": space.duct.wall_error,
+            "findings": [asdict(item) for item in self.tract.findings],
+        }
+        verdict = judge_plan(plan, summary)
+        return {"tone": verdict.tone, "label": verdict.label}
 
     def view_wall(self, field: SampledField | None = None) -> View:
         """Return the wall to look at, as it is inflated in a field."""

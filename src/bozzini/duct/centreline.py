@@ -33,11 +33,23 @@ Key = tuple[tuple[int, ...], ...]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Tip:
-    """A place of locally longest taut path: its node, the middle path to it, and that one's use."""
+    """A place of locally longest taut path, and the middle path to it without its closed tip.
+
+    Attributes
+    ----------
+    node : (3,) int
+    path : (n, 3) float
+        Grid frame [mm].
+    length : float
+        Of that path of nodes [mm]: up to an eighth more than it is when smoothed.
+    radius : float
+        Of the lumen on the way to it: the median [mm].
+    """
 
     node: NDArray[np.int64]
     path: NDArray[np.float64]
     length: float
+    radius: float
 
 
 class Region:
@@ -226,7 +238,34 @@ class LumenGraph:
         may call a pouch the far end. So the tips, the places of locally longest taut path, are
         compared by the length of their middle path.
         """
-        return max(self.measure_tips(source, among), key=lambda tip: tip.length).node
+        return self.find_longest(self.measure_tips(source, among)).node
+
+    def find_longest(self, tips: list[Tip]) -> Tip:
+        """Return the tip with the longest path, as that is when it is smoothed."""
+        rivals = self.list_rivals(tips)
+        return rivals[0] if len(rivals) == 1 else max(rivals, key=self.measure_way)
+
+    def list_rivals(self, tips: list[Tip]) -> list[Tip]:
+        """Return the tips that may be the farthest, those on the way to another left out."""
+        from scipy.spatial import cKDTree
+
+        rivals: list[Tip] = []
+        ways = []
+        tips = sorted(tips, key=lambda tip: -tip.length)
+        for tip in tips:
+            if tip.length < BRANCH_SHARE * tips[0].length:
+                break
+            if all(way.query(tip.path[-1])[0] > 2.0 * tip.radius for way in ways):
+                rivals.append(tip)
+                ways.append(cKDTree(tip.path))
+        return rivals
+
+    def measure_way(self, tip: Tip, *, closed: bool = True) -> float:
+        """Return the length of the smoothed path to a tip [mm]; `closed`: from another tip."""
+        path = tip.path
+        if closed:
+            path = path[find_first_crest(path, self.measure_depth(path)) :]
+        return float(measure_arc_length(_smooth(path, self))[-1]) if len(path) > 1 else 0.0
 
     def measure_tips(
         self, source: NDArray[np.int64], among: NDArray[np.int64] | None = None
@@ -246,31 +285,32 @@ class LumenGraph:
             lengths[~allowed] = -1.0
         if lengths.max() < 0.0:
             raise GeometryError(self._explain_apart(source, among))
-        tips = []
-        for node in self._find_tips(lengths):
-            path = search.traceback(node) * self.field.spacing
-            crest = find_first_crest(path[::-1], self.measure_depth(path)[::-1])
-            path = path[: len(path) - crest]
-            tips.append(Tip(node=node, path=path, length=float(measure_arc_length(path)[-1])))
+        tips = self._find_tips(search, lengths)
         if among is None:
             self._tips[key] = tips
         return tips
 
-    def _find_tips(self, lengths: NDArray[np.float64], most: int = 12) -> list[NDArray[np.int64]]:
-        """Return the nodes of locally longest taut path, longest first, well apart."""
-        apart = 25.0
-        reach = np.ceil(apart / self.field.spacing).astype(int)
-        left = np.flatnonzero(lengths > 0.5 * float(lengths.max()))
+    def _find_tips(self, search: Search, lengths: NDArray[np.float64], most: int = 12) -> list[Tip]:
+        """Return the tips of longest taut paths, longest first, well apart."""
+        from .kernels.graph import find_peaks
+
+        peaks = np.zeros(len(lengths), dtype=bool)
+        find_peaks(self.number, self.nodes, lengths, peaks)
+        left = np.flatnonzero(peaks & (lengths > 0.5 * float(lengths.max())))
         if len(left) == 0:  # the source is all there is
             left = np.array([int(np.argmax(lengths))])
-        places = self.places(left).astype(np.int32)
-        tips: list[NDArray[np.int64]] = []
+        places = self.places(left)
+        tips: list[Tip] = []
         while len(tips) < most and len(left) > 0:
-            tip = places[int(np.argmax(lengths[left]))]
-            tips.append(tip.astype(np.int64))
-            near = np.ones(len(left), dtype=bool)
-            for axis in range(3):
-                near &= np.abs(places[:, axis] - tip[axis]) <= reach[axis]
+            node = places[int(np.argmax(lengths[left]))]
+            path = search.traceback(node) * self.field.spacing
+            depth = self.measure_depth(path)[::-1]
+            radius = float(np.median(depth))
+            path = path[: len(path) - find_first_crest(path[::-1], depth)]
+            length = float(measure_arc_length(path)[-1])
+            tips.append(Tip(node=node, path=path, length=length, radius=radius))
+            apart = TIPS_APART * radius + self.field.spacing
+            near = (np.abs(places - node) * self.field.spacing <= apart).all(axis=1)
             left, places = left[~near], places[~near]
         return tips
 
@@ -329,30 +369,42 @@ def make_key(nodes: NDArray[np.int64]) -> Key:
     return tuple(map(tuple, np.atleast_2d(nodes).tolist()))
 
 
+CREST_AHEAD, CREST_NEXT = 0.8, 1.0
+"""How far from a tip its crest is compared and sought, in radii of the lumen along the path."""
+
+TIPS_APART = 2.5
+"""Tips nearer to each other along each axis are one, in radii of the lumen along the path."""
+
+
 def find_first_crest(points: NDArray[np.float64], depth: NDArray[np.float64]) -> int:
     """Index where a path that starts in a closed tip comes out of it.
 
     That is the first point with at least 0.8 of the clearance that the path has soon after it
-    (within two radii, at least 8 mm), and from there the one with the most clearance within the
-    next 10 mm: an end that was
-    only found, not given, need not be a narrow one.
+    (within two radii), and from there the one with the most clearance within the next radius: an
+    end that was only found, not given, need not be a narrow one. The radius is the path's median.
     """
-    arc = measure_arc_length(points)
+    arc, radius = measure_arc_length(points), float(np.median(depth))
     for here in range(len(points)):
-        reach = arc[here] + max(2.0 * depth[here], 8.0)
+        reach = arc[here] + max(2.0 * depth[here], CREST_AHEAD * radius)
         ahead = int(np.searchsorted(arc, reach, "right"))
         if depth[here] >= 0.8 * depth[here:ahead].max():
-            ahead = int(np.searchsorted(arc, arc[here] + 10.0, "right"))
+            ahead = int(np.searchsorted(arc, arc[here] + CREST_NEXT * radius, "right"))
             return here + int(np.argmax(depth[here:ahead] > 0.98 * depth[here:ahead].max()))
     return 0
 
 
 SPACING = 1.0
-"""Distance between the points of a centreline [mm]."""
+"""Distance between the points of a centreline [mm]; less in a narrow lumen."""
 
+SPACING_SHARE = 0.12
+"""The same by the radius of the lumen along the path, if that is less; but at least a voxel."""
 
-BRANCH_SHARE, BRANCH_GAP = 0.8, 40.0
-"""An end that was not taken is reported if it is about as far, and this far from the path [mm]."""
+BRANCH_SHARE, BRANCH_GAP = 0.8, 4.0
+"""An end that was not taken is reported if it is about as far, and this many radii of the lumen
+from the path."""
+
+SWEEPS = 4
+"""How often the ends are settled anew at most, from one end to the other."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -537,10 +589,11 @@ def find_centreline(
     nodes = _find_path_via(graph, start, goal, via)
     progress("centreline", 0.8)
     others: list[OtherEnd] = []
-    if end_nodes is None:
-        others += _find_other_ends(graph, "end", start, nodes)
-    if start_nodes is None:
-        others += _find_other_ends(graph, "start", goal, nodes, known=others)
+    found = {"start": start_nodes is None, "end": end_nodes is None}
+    if found["end"]:
+        others += _find_other_ends(graph, "end", start, nodes, found=found["start"])
+    if found["start"]:
+        others += _find_other_ends(graph, "start", goal, nodes, found=found["end"], known=others)
     points = _trim_path(graph, nodes * field.spacing, ends, areas)
     if start_nodes is None and end_nodes is None:
         ends_z = field.to_world(points[[0, -1]])[:, 2]
@@ -684,7 +737,18 @@ def _choose_ends(
         return graph.farthest(second, start), second
     first = graph.find_remotest(graph.find_deepest())
     second = graph.farthest(first, None)
-    return graph.farthest(second, None), second
+    first = graph.farthest(second, None)
+    for _ in range(SWEEPS):
+        rivals = graph.list_rivals(graph.measure_tips(first))
+        if len(rivals) == 1:  # the way that led here
+            break
+        ways = [graph.measure_way(tip) for tip in rivals]
+        known = min(rivals, key=lambda tip: float(np.abs(tip.node - second).max()))
+        longest = int(np.argmax(ways))
+        if ways[longest] <= ways[rivals.index(known)] + float(graph.field.spacing.max()):
+            break
+        first, second = rivals[longest].node, first
+    return first, second
 
 
 def _find_other_ends(
@@ -693,33 +757,38 @@ def _find_other_ends(
     source: NDArray[np.int64],
     nodes: NDArray[np.int64],
     *,
-    known: list[OtherEnd] | None = None,
+    found: bool,
+    known: Sequence[OtherEnd] = (),
 ) -> list[OtherEnd]:
     """Return the tips that could be the end `name` as well as the one that was taken.
 
-    They lie about as far from the opposite end `source`, but well away from the path, from each
-    other's paths and from those that are known.
+    They lie about as far from the opposite end `source`, which may be one that was `found`, but
+    well away from the path, from each other's paths and from those that are known.
     """
     from scipy.spatial import cKDTree
 
     tips = sorted(graph.measure_tips(source), key=lambda tip: -tip.length)
     taken = [nodes * graph.field.spacing]
-    taken += [graph.field.to_grid(np.array([other.point])) for other in known or ()]
-    found = []
+    taken += [graph.field.to_grid(np.array([other.point])) for other in known]
+    others = []
     for tip in tips:
         if tip.length < BRANCH_SHARE * tips[0].length:
             break
-        if cKDTree(np.concatenate(taken)).query(tip.path[-1])[0] < BRANCH_GAP:
+        gap = cKDTree(np.concatenate(taken)).query(tip.path[-1])[0]
+        if gap < BRANCH_GAP * tip.radius:
             continue
         taken.append(tip.path)
         x, y, z = (float(v) for v in graph.field.to_world(tip.path[-1]))
-        found.append(OtherEnd(end=name, point=(x, y, z), distance=tip.length))
-    return found
+        way = graph.measure_way(tip, closed=found)
+        others.append(OtherEnd(end=name, point=(x, y, z), distance=way))
+    return others
 
 
 def _smooth(points: NDArray[np.float64], graph: LumenGraph) -> NDArray[np.float64]:
     """Smooth a path of nodes; where that loses clearance against the path itself, push it back."""
-    points = resample_polyline(points, SPACING)
+    radius = float(np.median(graph.measure_depth(points)))
+    spacing = min(SPACING, max(float(graph.field.spacing.min()), SPACING_SHARE * radius))
+    points = resample_polyline(points, spacing)
     for sweeps, keep in ((120, 0.95), (40, 0.95)):
         target = keep * graph.measure_depth(points)
         spread = np.minimum(target, _running_minimum(target, 3))
@@ -728,10 +797,10 @@ def _smooth(points: NDArray[np.float64], graph: LumenGraph) -> NDArray[np.float6
             moved = points.copy()
             moved[1:-1] += 0.5 * (middle - points[1:-1])
             lack = spread - graph.measure_depth(moved)
-            push = np.clip(lack, 0.0, 0.5 * SPACING)[:, None] * graph.measure_slope(moved)
+            push = np.clip(lack, 0.0, 0.5 * spacing)[:, None] * graph.measure_slope(moved)
             moved[1:-1] += push[1:-1]
             points = moved
-        points = resample_polyline(points, SPACING)
+        points = resample_polyline(points, spacing)
     return _stay_inside(points, graph)
 
 
@@ -743,12 +812,13 @@ def _running_minimum(values: NDArray[np.float64], half: int) -> NDArray[np.float
 
 def _stay_inside(points: NDArray[np.float64], graph: LumenGraph) -> NDArray[np.float64]:
     """Push any point that smoothing left outside the lumen back in, or raise with the place."""
+    inner = 0.1 * min(1.0, float(graph.field.spacing.min()))
     for _ in range(50):
         depth = graph.measure_depth(points)
         bad = depth <= 0.0
         if not bad.any():
             return points
-        points[bad] += (0.1 - depth[bad])[:, None] * graph.measure_slope(points[bad])
+        points[bad] += (inner - depth[bad])[:, None] * graph.measure_slope(points[bad])
     worst = int(np.argmin(graph.measure_depth(points)))
     place = graph.field.to_world(points[worst])
     raise GeometryError(

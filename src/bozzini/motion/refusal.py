@@ -42,6 +42,22 @@ def needs_mm(value: float, offers: float) -> str:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Bind:
+    """What a motion meets where it ends.
+
+    Parameters
+    ----------
+    code : str
+        A key of `REASON_CODES`.
+    what : str
+        Which link or joint meets which limit, in words.
+    """
+
+    code: str
+    what: str
+
+
+@dataclass(frozen=True, kw_only=True)
 class Refusal:
     """Why a motion ends before the goal.
 
@@ -65,6 +81,9 @@ class Refusal:
         No wider scope passes, proved [mm].
     ends_at : float or None
         Arc length along the centreline at which the motion ends [mm].
+    ends_code, ends_what : str
+        What ends it there, if that is not the place that decides: a key of `REASON_CODES`, and
+        which link or joint meets which limit, in words.
     """
 
     code: str
@@ -77,6 +96,8 @@ class Refusal:
     inflate: float | None = quantity("length", default=None)
     diameter_bound: float | None = quantity("length", default=None)
     ends_at: float | None = quantity("length", default=None)
+    ends_code: str = ""
+    ends_what: str = ""
 
     @property
     def reason(self) -> str:
@@ -84,6 +105,9 @@ class Refusal:
         statement = self.what
         if self.ends_at is not None and abs(self.ends_at - self.at) > NEAR_MM:
             statement += f"; the motion ends at {self.ends_at:.1f} mm of the centreline"
+            if self.ends_what:
+                side = "before" if self.ends_at < self.at else "beyond"
+                statement += f", {side} that place: {self.ends_what}"
         advice = []
         if self.diameter_max is not None:
             advice.append(f"a scope of {self.diameter_max:.2f} mm diameter")
@@ -102,9 +126,11 @@ class Refusal:
             )
         return statement
 
-    def stop_at(self, arc: float) -> Refusal:
-        """Return the refusal with where on the centreline the motion itself ends."""
-        return replace(self, ends_at=arc)
+    def stop_at(self, arc: float, bind: Bind | None = None) -> Refusal:
+        """Return the refusal with where on the centreline the motion itself ends, and why there."""
+        if bind is None:
+            return replace(self, ends_at=arc)
+        return replace(self, ends_at=arc, ends_code=bind.code, ends_what=bind.what)
 
     @classmethod
     def at_entry(cls, scope: Scope, clearance: float, *, slack: float = 0.0) -> Refusal:
@@ -120,11 +146,15 @@ class Refusal:
         )
 
     @classmethod
-    def at_angle(cls, limit: float, head: float, *, at: float) -> Refusal:
-        """Links turn too far beyond a head `head` mm along its path, at `at` on the centreline."""
+    def at_angle(cls, limit: float, head: float, *, at: float, joint: int) -> Refusal:
+        """Links turn too far beyond a head `head` mm along its path, at `at` on the centreline.
+
+        Joint `j` is that between the links j and j + 1; the head's link is 1.
+        """
         return cls(
             code="ANGLE",
             at=at,
             what=f"neighbouring links would turn by more than {math.degrees(limit):.1f} deg beyond "
-            f"{at:.1f} mm of the centreline, with the head {head:.1f} mm inserted along its path",
+            f"{at:.1f} mm of the centreline, at the joint of links {joint} and {joint + 1}, with "
+            f"the head {head:.1f} mm inserted along its path",
         )

@@ -6,6 +6,7 @@ one parameter. Its clearance decides for all times, all joints, advancing or ret
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -68,6 +69,8 @@ class ShapedPath:
         Whether that is at least what was asked for.
     clear_until : float
         Arc length up to which all chords have what was asked for [mm].
+    lacks : float
+        Clearance bound of the first chord that has less [mm]; infinite if none has.
     """
 
     points: NDArray[np.float64]
@@ -77,6 +80,7 @@ class ShapedPath:
     tightest: float
     clear: bool
     clear_until: float
+    lacks: float = math.inf
 
     @property
     def length(self) -> float:
@@ -189,6 +193,7 @@ class Band:
             tightest=float(arc[int(np.argmin(found))]),
             clear=worst >= self.clearance,
             clear_until=max(0.0, float(arc[short[0] - 1] if len(short) else arc[-1])),
+            lacks=float(found[short[0]]) if len(short) else math.inf,
         )
 
 

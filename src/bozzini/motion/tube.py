@@ -24,7 +24,7 @@ from .measures import Crossing, find_crossing, measure_angles, measure_step_rati
 from .plan import CandidateMotion
 from .planner import Motion
 from .planners import PlannerOptions
-from .refusal import NEAR_MM, Refusal, floor_mm, needs_mm
+from .refusal import NEAR_MM, Bind, Refusal, floor_mm, needs_mm
 from .scope import Scope
 from .shape import Band, ShapedPath, cut_path, measure_folds
 from .space import FreeSpace
@@ -187,6 +187,7 @@ class Job:
         self.largest_link = 0.0
         self.unresolved: Certificate | None = None
         self.crossing: Crossing | None = None
+        self.bind: Bind | None = None
         self.widest: NDArray[np.float64] | None = None
         self.bases: list[tuple[float, NDArray[np.float64]]] = []
 
@@ -321,23 +322,68 @@ class Job:
         return motion
 
     def follow_until(self, shaped: ShapedPath, margin: float) -> TubeMotion | None:
-        """Move along a shaped path as far as it is clear, unfolded and certified."""
+        """Move along a shaped path as far as it is clear, unfolded and certified.
+
+        What cuts it off is kept in `bind`.
+        """
         for _ in range(CUTS):
             arc = shaped.clear_until
+            if arc < shaped.length:
+                self.bind = self._bind_link(shaped, margin)
             folded = np.flatnonzero(measure_folds(shaped, self.scope.link_length) < FOLD_COSINE)
-            if len(folded):
-                arc = min(arc, float(shaped.arc_length[folded[0] - 1]))
+            if len(folded) and float(shaped.arc_length[folded[0] - 1]) < arc:
+                arc = float(shaped.arc_length[folded[0] - 1])
+                self.bind = self._bind_fold()
             if arc <= self.options.head_step:
                 return None
             shaped = cut_path(shaped, arc)
             motion = self.follow(shaped, margin)
+            if motion is None and self.crossing is not None:
+                self.bind = self._bind_crossing(self.crossing)
             if motion is not None or self.unresolved is None:
                 return motion
+            self.bind = self._bind_proof(self.unresolved)
             # Cut where the certificate fails; the chain there may stand anywhere on its way.
             heads = spread_heads(shaped.length, self.options)
             reached = float(heads[: int(self.unresolved.step) + 1].max())
             shaped = cut_path(shaped, min(reached, shaped.length) - 1.0)
         return None
+
+    def _bind_link(self, shaped: ShapedPath, margin: float) -> Bind:
+        what = (
+            f"link 1, that of the head, does not fit there with its {self.scope.link_length:g} "
+            f"mm: it needs {self.scope.radius + margin:.2f} mm from its axis to the wall, the best "
+            f"path found has {floor_mm(shaped.lacks)} mm"
+        )
+        return Bind(code="LINK_TOO_LONG", what=what)
+
+    def _bind_fold(self) -> Bind:
+        limit = math.degrees(math.acos(FOLD_COSINE))
+        what = (
+            f"link 1, that of the head, of {self.scope.link_length:g} mm, would stand across its "
+            f"path by more than {limit:.0f} deg in the bend there"
+        )
+        return Bind(code="FOLD", what=what)
+
+    def _bind_crossing(self, crossing: Crossing) -> Bind:
+        what = f"a link would pass through the wall there, to {crossing.far:.1f} mm of the line"
+        return Bind(code="LIMBS_JOINED", what=what)
+
+    def _bind_proof(self, proof: Certificate) -> Bind:
+        behind = max(proof.link - 1, 0) * self.scope.link_length
+        what = (
+            f"the clearance of link {proof.link}, {behind:g} mm behind the head, could not be "
+            f"proved farther (bound {proof.clearance:.2f} mm)"
+        )
+        return Bind(code="CERTIFICATE_UNRESOLVED", what=what)
+
+    def bind_lumen(self, clearance: float) -> Bind:
+        """Return that the lumen is too narrow beyond, for whatever link."""
+        what = (
+            f"beyond, no way for the head was found that has {clearance:.2f} mm from its axis to "
+            "the wall"
+        )
+        return Bind(code="HEAD_CLEARANCE", what=what)
 
     def prove(self, motion: TubeMotion) -> TubeMotion:
         """Return a motion with its certificate settled as far as that can be."""
@@ -363,12 +409,14 @@ class Job:
         refusal = None
         limit = self.options.angle_limit
         if limit is not None and self.links > 1:
-            over = np.flatnonzero(measure_angles(world).max(axis=1) > limit)
+            angles = measure_angles(world)
+            over = np.flatnonzero(angles.max(axis=1) > limit)
             if len(over):
+                joint = int(np.argmax(angles[over[0]])) + 1
                 head = world[over[0], 0]
                 near = int(np.argmin(np.linalg.norm(self.line.points - head, axis=1)))
                 refusal = Refusal.at_angle(
-                    limit, float(heads[over[0]]), at=float(self.line.arc_length[near])
+                    limit, float(heads[over[0]]), at=float(self.line.arc_length[near]), joint=joint
                 )
                 keep = max(1, int(over[0]))
                 world, heads = world[:keep], heads[:keep]
@@ -534,11 +582,11 @@ def find_prefix(job: Job, refusal: Refusal, *, progress: Progress = no_progress)
     margin = MARGINS[-1]
     guide = _find_guide(job, job.scope.radius + margin)
     if guide is None:
-        return job.stand_still(refusal.stop_at(0.0))
+        return job.stand_still(refusal.stop_at(0.0, job.bind_lumen(job.scope.radius + margin)))
     arcs = measure_arc_length(guide)
     best, reached, low = None, 0.0, 0.0
     arc = high = float(arcs[-1])
-    shaped = job.failed
+    shaped, bind = job.failed, job.bind_lumen(job.scope.radius + margin)
     for tries in range(PREFIX_TRIES):
         progress("plan", tries / PREFIX_TRIES)
         if shaped is None:
@@ -546,7 +594,9 @@ def find_prefix(job: Job, refusal: Refusal, *, progress: Progress = no_progress)
             if count < 3:
                 break
             shaped = job.shape(guide[:count], margin, thorough=tries == 0)
+        job.bind = job.crossing = None
         motion, shaped, end = job.follow_until(shaped, margin), None, 0.0
+        bind = job.bind or bind
         if motion is not None:
             end = _locate_on(guide, arcs, motion.path[-1])
             if best is None or end > reached:
@@ -561,12 +611,12 @@ def find_prefix(job: Job, refusal: Refusal, *, progress: Progress = no_progress)
             break
         arc = 0.5 * (low + high)
     if best is None:
-        return job.stand_still(refusal.stop_at(0.0))
+        return job.stand_still(refusal.stop_at(0.0, bind))
     if best.refusal is not None:
         return best
     if job.style.compare:
         best = job.improve(best)
-    return replace(best, refusal=refusal.stop_at(_locate(job, best.path[-1])))
+    return replace(best, refusal=refusal.stop_at(_locate(job, best.path[-1]), bind))
 
 
 def _stop_before_goal(job: Job, motion: TubeMotion) -> TubeMotion:
@@ -586,10 +636,12 @@ def _stop_before_goal(job: Job, motion: TubeMotion) -> TubeMotion:
     before = Job(space, job.scope, job.options, job.style, links=job.links)
     farther = before.try_whole_way()
     if farther is None:
-        return replace(motion, refusal=explain_stop(before).stop_at(refusal.ends_at))
+        bind = Bind(code=refusal.ends_code, what=refusal.ends_what)
+        return replace(motion, refusal=explain_stop(before).stop_at(refusal.ends_at, bind))
     if job.style.compare:
         farther = before.improve(farther)
-    return replace(farther, refusal=refusal.stop_at(_locate(job, farther.path[-1])))
+    bind = job.bind_lumen(job.scope.radius + MARGINS[-1])
+    return replace(farther, refusal=refusal.stop_at(_locate(job, farther.path[-1]), bind))
 
 
 def _find_guide(job: Job, clearance: float) -> NDArray[np.float64] | None:

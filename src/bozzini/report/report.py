@@ -29,6 +29,7 @@ from ..plot.plan_data import (
     Record,
     check_plan,
     read_clearance,
+    read_number,
     share_centreline,
 )
 from ..scene.make_view import view_plan
@@ -155,8 +156,8 @@ def write_report(
         check_plan(other)
         _check_field(other, field)
     known = read_clearance(plan, summary)
-    error = float(getattr(field, "error", 0.0))
-    verdict = judge_plan(plan, summary, error=error)
+    error = read_number(summary, "clearance_error_mm")
+    verdict = judge_plan(plan, summary, error=field.error if error is None else error)
     pictures = [render_fluoroscopy(field, axis=axis) for axis in ("coronal", "sagittal")]
     depths = min(5, plan.steps)
     title = _find_title(plan)

@@ -22,6 +22,12 @@ from ..plot.plan_data import (
 CUT_OFF = ("component", "beyond")
 """Kinds of parts not reached to which a centreline without given ends had to lead."""
 
+MISSING = "missing"
+"""The kind of a part that the file lacks."""
+
+SHARE_REACHED = 0.02
+"""Up to this share of the lumen may be left out by what counts as all of it."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Verdict:
@@ -31,9 +37,9 @@ class Verdict:
     ----------
     tone : {"green", "amber", "red"}
         Green: reaches the end, clear of the wall. Amber: reaches the end, but the wall is nearer
-        than the error of an estimate or than its own error, or has to give way; or lumen is missing
-        or not reached, or something that the scope may meet was not checked. Red: through the wall,
-        or stopped.
+        than the error of an estimate or than its own error, or states none, or has to give way; or
+        lumen is missing or not reached, or something that the scope may meet was not checked. Red:
+        through the wall, or stopped.
     label : str
         The same in a word or two.
     sentence : str
@@ -68,7 +74,8 @@ def judge_plan(plan: Plan, summary: Record, *, error: float = 0.0) -> Verdict:
     verdict = _judge(plan, summary, known, scope, error)
     verdict = _add_unreached(verdict, plan, summary)
     verdict = _add_unchecked(verdict, plan, summary)
-    return _add_wall_error(verdict, known, summary)
+    verdict = _add_robot(verdict, read_part(summary, "robot"))
+    return _add_wall_error(verdict, plan, known, summary)
 
 
 def _judge(plan: Plan, summary: Record, known: PlanClearance, scope: str, error: float) -> Verdict:
@@ -112,31 +119,51 @@ def _judge(plan: Plan, summary: Record, known: PlanClearance, scope: str, error:
 
 def _add_unreached(verdict: Verdict, plan: Plan, summary: Record) -> Verdict:
     """State what of the lumen is not reached: a plan fits only to the end that it reaches."""
-    parts = [part for part in list_unreached(summary) if part.get("stated")]
-    if not parts:
+    parts = list_unreached(summary)
+    told = [part for part in parts if part.get("stated")]
+    chosen = _is_goal_given(summary)
+    share = sum(read_number(part, "share") or 0.0 for part in parts)
+    lacks = sum(read_number(part, "share") or 0.0 for part in parts if part.get("kind") == MISSING)
+    # What is left out on purpose is named, too, but it is no lack of the plan.
+    left = read_number(summary, "unreached_share")
+    left = (0.0 if chosen else share) if left is None else left
+    if left > SHARE_REACHED and not told:
+        told = parts
+    if not told:
         return verdict
-    lacks = [str(part["text"]) for part in parts if part.get("kind") == "missing"]
-    rest = [part for part in parts if part.get("kind") != "missing"]
-    texts = [*lacks, *([f"not reached: {join_words([str(p['text']) for p in rest])}"] * bool(rest))]
+    gone = [str(part["text"]) for part in told if part.get("kind") == MISSING]
+    rest = [part for part in told if part.get("kind") != MISSING]
+    texts = gone
+    if rest:
+        texts.append(f"not reached: {join_words([str(part['text']) for part in rest])}")
     text = "; ".join(texts)
     text = f"{text[0].upper()}{text[1:]}."
     if plan.status == "stopped":
         return replace(verdict, notes=(*verdict.notes, text))
     label, tone = verdict.label, verdict.tone
-    if label.startswith("Fits") and _is_goal_given(summary):
+    if label.startswith("Fits") and chosen:
         label = label.replace("Fits", f"Fits to {_read_goal(summary)}", 1)
-    elif label.startswith("Fits"):
-        share = sum(read_number(part, "share") or 0.0 for part in rest)
-        if not _are_ends_given(summary) and any(part.get("kind") in CUT_OFF for part in rest):
-            label = label.replace("Fits", "Reaches the end of a part", 1)
-        if share > 0.0:
-            label += f"; {max(1.0, 100.0 * share):.0f} % of the lumen not reached"
-        if lacks:
-            label += "; lumen is missing in the file"
-        if share > 0.0 or lacks:
-            tone = "amber"
+    elif label.startswith("Fits") and not _are_ends_given(summary) and _is_cut_off(told):
+        label = label.replace("Fits", "Reaches the end of a part", 1)
+    elif label.startswith("Fits") and left > SHARE_REACHED:
+        label = label.replace("Fits", f"Reaches {_read_goal(summary)}", 1)
+    if share > 0.0 and verdict.tone != "red":
+        how = "not reached" if lacks <= 0.0 else "is missing in the file"
+        how = "not reached or missing in the file" if 0.0 < lacks < share else how
+        label += f"; {max(1.0, 100.0 * share):.0f} % of the lumen {how}"
+        tone = "amber"
     return replace(verdict, label=label, tone=tone, sentence=f"{verdict.sentence} {text}")
 
+
+def _is_cut_off(parts: Sequence[Record]) -> bool:
+    return any(part.get("kind") in CUT_OFF for part in parts)
+
+
+REACHES = ("Fits", "Reaches", "The scope fits")
+"""How labels begin of plans that reach their end."""
+
+VOXEL_SURFACE = "voxel-surface"
+"""The code of the finding that a surface was made from voxels, and of which size."""
 
 UNCHECKED = {
     "introducer-crosses": "the introducer crosses the organ",
@@ -165,29 +192,61 @@ def _add_unchecked(verdict: Verdict, plan: Plan, summary: Record) -> Verdict:
     return verdict
 
 
-def _add_wall_error(verdict: Verdict, known: PlanClearance, summary: Record) -> Verdict:
-    """State up to which error of the given wall the proof holds."""
-    if not known.certified or known.proved is None:
+def _add_robot(verdict: Verdict, robot: Record) -> Verdict:
+    """State that a robot does not follow a plan that its scope fits."""
+    if robot.get("fits", True) or verdict.tone == "red":
         return verdict
-    covered, voxel = known.proved, read_number(summary, "wall_error_mm")
-    text = f"The proof holds as long as the given wall is wrong by at most {floor_mm(covered)} mm"
-    if voxel:
-        relation = "more" if covered >= voxel else "less"
-        text += f", {relation} than the {voxel:.2f} mm by which its resolution may displace it"
-        if covered < voxel and ", proved" in verdict.label:
-            label = verdict.label.replace(", proved", ", proved for the stated wall", 1)
-            verdict = replace(verdict, label=label, tone="amber")
-    stated = read_number(summary, "label_error_mm")
-    if stated is None:
-        return replace(verdict, notes=(*verdict.notes, f"{text}."))
-    if covered >= stated:
-        text += f"; it covers the stated error of {stated:g} mm"
-        return replace(verdict, notes=(*verdict.notes, f"{text}."))
+    name = f"robot '{robot.get('name', '')}'"
+    label = verdict.label.replace("Fits", "The scope fits", 1)
+    return replace(
+        verdict,
+        tone="red",
+        label=f"{label}; {name} does not get there",
+        sentence=f"{verdict.sentence} The {name} does not follow: {robot.get('reason', '')}.",
+    )
+
+
+def _add_wall_error(verdict: Verdict, plan: Plan, known: PlanClearance, summary: Record) -> Verdict:
+    """State for which error of the given wall the clearance holds, or that this is not known."""
+    error, stated = _read_wall_error(plan, summary), read_number(summary, "label_error_mm")
+    if known.certified and known.proved is not None:
+        kept = known.proved
+        text = f"The proof holds as long as the given wall is wrong by at most {floor_mm(kept)} mm"
+    elif verdict.label.startswith(REACHES) and not known.soft and known.estimate is not None:
+        kept = known.estimate
+        text = f"The estimate of {kept:.2f} mm is for the given wall"
+    else:
+        return verdict
     label, tone = verdict.label, verdict.tone
-    if verdict.tone != "red":
-        label, tone = f"{label}; not for a wall wrong by {stated:g} mm", "amber"
-    text += f"; it does not cover the stated error of {stated:g} mm"
+    if error is None and stated is None:
+        label = label.replace("Fits", "Fits this surface", 1) if label.startswith("Fits") else label
+        label += "" if tone == "red" else "; the surface's own error is not known"
+        text += "; the surface states no error of its own: give it with --label-error"
+        for item in read_parts(summary, "findings"):
+            if item.get("code") == VOXEL_SURFACE:
+                text += f". Of its error: {item.get('message')}"
+    elif error:
+        relation = "more" if kept >= error else "less"
+        text += f", {relation} than the {error:.2f} mm by which its resolution may displace it"
+        if kept < error and ", proved" in label:
+            label = label.replace(", proved", ", proved for the stated wall", 1)
+        elif kept < error:
+            label = label.replace("Fits", "Fits the stated wall", 1)
+    if stated is not None:
+        covers = kept >= stated
+        text += f"; it {'covers' if covers else 'does not cover'} the stated error of {stated:g} mm"
+        if not covers and tone != "red":
+            label = f"{label}; not for a wall wrong by {stated:g} mm"
+    if label != verdict.label and tone == "green":
+        tone = "amber"
     return replace(verdict, label=label, tone=tone, notes=(*verdict.notes, f"{text}."))
+
+
+def _read_wall_error(plan: Plan, summary: Record) -> float | None:
+    """Return what the wall may be wrong by [mm]; 0 where nothing is said of the wall at all."""
+    if "wall_error_mm" in summary:
+        return read_number(summary, "wall_error_mm")
+    return 0.0 if plan.field is None else plan.field.wall_error
 
 
 def list_unreached(summary: Record) -> list[Record]:

@@ -20,6 +20,7 @@ from ..anatomy.frame import find_axis
 from ..anatomy.tract import Finding, LabelTract, Opening, SurfaceTract, name_place
 from ..checks import check_points
 from ..duct import Centreline, SampledField, find_centreline
+from ..duct.centreline import CREST_AHEAD, CREST_NEXT, TIPS_APART
 from ..duct.field import INFLATION_MAX
 from ..errors import GeometryError, InputError
 from ..motion import Plan
@@ -60,6 +61,18 @@ OPENING_REACH = 25.0
 
 LANDMARK_REACH = 25.0
 """A landmark may lie this far outside the lumen [mm]."""
+
+SIZE_SHARE, OPENING_SHARE = 0.25, 0.04
+"""These reaches, and `OPENING_RADIUS`, are no more than these shares of a tract's longest side."""
+
+
+def find_reach(tract: Tract, most: float, share: float = SIZE_SHARE) -> float:
+    """Return a length that is `most` [mm] in an organ, and less in a small tract."""
+    if isinstance(tract, SurfaceTract):
+        sides = np.ptp(tract.vertices, axis=0)
+    else:
+        sides = np.array(tract.labels.shape) * tract.spacing
+    return min(most, share * float(sides.max()))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -320,12 +333,15 @@ def _measure_behind(rest: SampledField, plan: Plan, entry: Point, *, tip: bool) 
     from scipy import ndimage
 
     spacing = rest.spacing
-    near = plan.path[plan.path_arc_length <= OPENING_REACH]
-    radius = float(max((-rest.signed_distance(near)).max(), spacing.max()))
+    depth = -rest.signed_distance(plan.path)
+    usual = float(np.median(depth))
+    near = depth[plan.path_arc_length <= TIPS_APART * usual]
+    radius = float(max(near.max(), spacing.max()))
     ball = 1.3 * radius
     most = ball + radius + 2.0 * float(spacing.max())
     if tip:
-        most = max(most, max(2.0 * radius, 8.0) + 10.0 + 2.0 * float(spacing.max()))
+        crest = max(2.0 * radius, CREST_AHEAD * usual) + CREST_NEXT * usual
+        most = max(most, crest + 2.0 * float(spacing.max()))
     half = np.ceil((most + radius) / spacing).astype(int)
     middle = np.rint(rest.to_grid(entry) / spacing).astype(int)
     low = np.maximum(middle - half, 0)
@@ -360,7 +376,8 @@ def turn_centreline(tract: Tract, ends: OrientedCentreline) -> OrientedCentrelin
 
 def _find_two_openings(tract: Tract, field: SampledField) -> tuple[Point, Point] | None:
     """Return the ends of a tract with two wide openings: such a file is clear about its ends."""
-    wide = [o for o in tract.openings if o.radius >= OPENING_RADIUS]
+    least = find_reach(tract, OPENING_RADIUS, OPENING_SHARE)
+    wide = [o for o in tract.openings if o.radius >= least]
     if len(wide) != 2:
         return None
     first, second = (_step_inside(field, _take_opening(opening)) for opening in wide)
@@ -390,7 +407,7 @@ def _find_named_ends(
     }
     taken: dict[int, int] = {}
     for k, n in sorted(gaps, key=lambda pair: gaps[pair]):
-        reach = OPENING_REACH if named[k].kind == "opening" else LANDMARK_REACH
+        reach = find_reach(tract, OPENING_REACH if named[k].kind == "opening" else LANDMARK_REACH)
         if (
             k not in taken
             and n not in taken.values()
@@ -411,7 +428,8 @@ def _find_named_ends(
 
 def _check_near(tract: Tract, option: str, place: Place) -> None:
     """Raise `GeometryError` if a place is so far outside the lumen that no end can be there."""
-    reach = INFLATION_MAX if place.kind == "point" else max(LANDMARK_REACH, 2.0 * place.radius)
+    reach = max(find_reach(tract, LANDMARK_REACH), 2.0 * place.radius)
+    reach = INFLATION_MAX if place.kind == "point" else reach
     gap = measure_gap(tract, place.points)
     if gap > reach:
         raise GeometryError(
@@ -467,8 +485,8 @@ def name_landmarks(tract: Tract) -> dict[str, tuple[float, float, float]]:
 def _step_inside(field: SampledField, place: Place) -> Point:
     """Return a point in the lumen for a place that may lie on the wall: a cap, a landmark.
 
-    It is the nearest node in line of sight that has about the opening's radius (at a landmark 5 mm)
-    of clearance; if none has, that with the most.
+    It is the nearest node in line of sight that has about the opening's radius of clearance (at a
+    landmark 5 mm, or less where the lumen is narrow); if none has, that with the most.
     """
     point = np.array(place.points, dtype=np.float64)
     if place.kind == "point":
@@ -476,7 +494,8 @@ def _step_inside(field: SampledField, place: Place) -> Point:
     from scipy.spatial import cKDTree
 
     rest = field.inflate(-field.inflation)
-    enough = 0.9 * place.radius if place.kind == "opening" else 5.0
+    deepest = float(-rest.values.min())
+    enough = 0.9 * place.radius if place.kind == "opening" else min(5.0, 0.8 * deepest)
     if -float(rest.signed_distance(point)) >= enough:
         return point
     nodes = rest.to_world(np.argwhere(rest.values < 0.0) * rest.spacing)
@@ -550,6 +569,7 @@ def _list_candidates(tract: Tract, line: Centreline) -> tuple[CandidateEnd, ...]
     """Return the two ends of the line, the others that were found, openings and landmarks."""
     found: list[CandidateEnd] = []
     openings = sorted(tract.openings, key=lambda opening: -opening.radius)
+    reach = find_reach(tract, OPENING_REACH)
     roles: dict[str, Literal["entry", "goal"]] = {}
     ends: tuple[tuple[Literal["entry", "goal"], int], ...] = (("entry", 0), ("goal", -1))
     for role, at in ends:
@@ -558,7 +578,7 @@ def _list_candidates(tract: Tract, line: Centreline) -> tuple[CandidateEnd, ...]
             (float(np.linalg.norm(point - np.array(o.point))), o.name)
             for o in openings
             if o.name not in roles
-            and np.linalg.norm(point - np.array(o.point)) <= max(OPENING_REACH, 2.0 * o.radius)
+            and np.linalg.norm(point - np.array(o.point)) <= max(reach, 2.0 * o.radius)
         ]
         if near:
             roles[min(near)[1]] = role

@@ -42,6 +42,7 @@ from ..motion.measures import measure_displacement
 from ..motion.plan import FieldSummary, Measures, TractInput, write_record
 from ..motion.refusal import floor_mm
 from ..progress import Progress, no_progress
+from ..report.verdict import SHARE_REACHED, Verdict, judge_plan
 from ..results import Json, Result
 from .ends import (
     OrientedCentreline,
@@ -51,7 +52,7 @@ from .ends import (
     turn_centreline,
 )
 from .options import InsertionOptions, explain_scale
-from .reach import Unreached, find_unreached
+from .reach import Unreached, find_unreached, measure_unreached
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -284,20 +285,31 @@ class InsertionStudy(Result):
         return self.centreline.line
 
     @property
+    def unreached_share(self) -> float:
+        """Share of the lumen that the centreline should have reached and does not."""
+        return measure_unreached(self.unreached, self.centreline)
+
+    @property
     def fits(self) -> bool:
         """Whether the scope, or the robot if there is one, is proved to reach the end clear.
 
-        That is the end which the user can see: given, or of the whole lumen. Where no end was
-        given and a large part of the lumen is closed off from the centreline or beyond it, that is
-        False. With a stated label error also whether the proof covers it.
+        That is the end which was given, or of the whole lumen: where more than `SHARE_REACHED` of
+        it is not reached, or is missing in the file, that is False. With a stated label error also
+        whether the proof covers it.
         """
-        if not self.centreline.given and any(p.stated and p.cut_off for p in self.unreached):
+        if self.unreached_share > SHARE_REACHED:
             return False
         bound = self.plan.proved
         if self.label_error is not None and (bound is None or bound < self.label_error):
             return False
         proved = self.plan.certified if self.robot is None else self.robot.fits
         return self.plan.status == "complete" and proved
+
+    @property
+    def verdict(self) -> Verdict:
+        """The same in words, with its colour: what commands, report and page state."""
+        summary = self._summarise()
+        return judge_plan(self.plan, summary, error=self.residual)
 
     @property
     def converged(self) -> bool:
@@ -318,6 +330,9 @@ class InsertionStudy(Result):
 
     def to_dict(self) -> Json:
         """Return the summary: what ``--json`` prints and ``summary.json`` holds."""
+        return self._summarise() | {"verdict": asdict(self.verdict)}
+
+    def _summarise(self) -> Json:
         summary = summarise_plan(self.plan, self.field, self.line)
         summary["fits"] = self.fits
         if self.passage is not None:
@@ -345,6 +360,7 @@ class InsertionStudy(Result):
             },
             "ends": [candidate.describe() for candidate in ends.candidates],
             "unreached": [part.describe() for part in self.unreached],
+            "unreached_share": self.unreached_share,
             "label_error_mm": self.label_error,
         }
         if self.entries:

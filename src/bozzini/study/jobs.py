@@ -273,7 +273,14 @@ def list_tract_inputs() -> dict[str, Quantity]:
 
 def open_row(row: Mapping[str, Value]) -> tuple[FreeSpace, Scope, PlannerOptions]:
     """Return the tract of a row of `list_tract_inputs`, its scope and the planner's options."""
-    space = open_tract(
+    space = open_tract(*_list_tract(row))
+    scope = Scope(diameter=float(row["diameter"]), link_length=float(row["link_length"]))
+    return space, scope, PlannerOptions(head_step=float(row.get("head_step", 1.0)), advise=False)
+
+
+def _list_tract(row: Mapping[str, Value]) -> tuple[str, float, str, str, float, float]:
+    """Return the arguments of `open_tract` in a row."""
+    return (
         str(row.get("tract", "")),
         float(row.get("phantom", -1.0)),
         str(row.get("labels", "")),
@@ -281,8 +288,6 @@ def open_row(row: Mapping[str, Value]) -> tuple[FreeSpace, Scope, PlannerOptions
         float(row.get("voxel", 0.0)),
         float(row.get("inflate", 0.0)),
     )
-    scope = Scope(diameter=float(row["diameter"]), link_length=float(row["link_length"]))
-    return space, scope, PlannerOptions(head_step=float(row.get("head_step", 1.0)), advise=False)
 
 
 def plan_row(row: Mapping[str, Value]) -> tuple[FreeSpace, Plan]:
@@ -328,8 +333,8 @@ class InsertionJob(RowJob):
 
     @property
     def outputs(self) -> Mapping[str, str]:
-        """Certified clearance, the widest that can pass, and the way's length."""
-        return {"clearance": "mm", "passage": "mm", "way": "mm"}
+        """Certified clearance, widest that can pass, way's length, share of lumen not reached."""
+        return {"clearance": "mm", "passage": "mm", "way": "mm", "unreached": ""}
 
     def measure(self, row: Mapping[str, Value]) -> Mapping[str, float]:
         """Return what is known of a scope in a tract."""
@@ -337,7 +342,12 @@ class InsertionJob(RowJob):
 
         space, scope, options = open_row(row)
         bound = space.passages.passage.bound
-        found = {"passage": 2.0 * bound, "way": space.centreline.length, "clearance": math.nan}
+        found = {
+            "passage": 2.0 * bound,
+            "way": space.centreline.length,
+            "clearance": math.nan,
+            "unreached": measure_tract(*_list_tract(row)),
+        }
         if scope.radius <= bound:
             clearance = certify_scope(space, scope, options=options)
             found["clearance"] = math.nan if clearance is None else clearance
@@ -354,16 +364,30 @@ class InsertionJob(RowJob):
         return rows
 
 
-@lru_cache(maxsize=4)
 def open_tract(
     source: str, phantom: float, labels: str, organ: str, voxel: float, inflate: float
 ) -> FreeSpace:
     """Return the free space of a tract, with its centreline; the last few are kept."""
+    return _open_tract(source, phantom, labels, organ, voxel, inflate)[0]
+
+
+def measure_tract(
+    source: str, phantom: float, labels: str, organ: str, voxel: float, inflate: float
+) -> float:
+    """Return the share of a tract's lumen that its centreline does not reach and should."""
+    return _open_tract(source, phantom, labels, organ, voxel, inflate)[1]
+
+
+@lru_cache(maxsize=4)
+def _open_tract(
+    source: str, phantom: float, labels: str, organ: str, voxel: float, inflate: float
+) -> tuple[FreeSpace, float]:
     from ..anatomy.phantom import make_phantom
     from ..duct import build_field
     from ..motion import FreeSpace
     from .ends import orient_centreline, resolve_places
     from .options import ReadOptions
+    from .reach import find_unreached, measure_unreached
 
     start = end = None
     if source:
@@ -377,7 +401,10 @@ def open_tract(
     field = build_field(tract, voxel=voxel or None, inflate=inflate)
     places = resolve_places(tract, start, end, ())
     ends = orient_centreline(tract, field, places)
-    return FreeSpace(field, ends.line)
+    share = 0.0
+    if not ends.goal_given:
+        share = measure_unreached(find_unreached(tract, field, ends.line), ends)
+    return FreeSpace(field, ends.line), share
 
 
 class RoutingJob(RowJob):

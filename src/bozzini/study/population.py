@@ -10,6 +10,7 @@ import numpy as np
 
 from ..checks import check_number
 from ..errors import InputError
+from ..report.verdict import SHARE_REACHED
 from ..results import ClosedForm, Json
 from .definition import Study
 from .jobs import InsertionJob
@@ -18,6 +19,9 @@ if TYPE_CHECKING:
     import pandas
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+UNREACHED = "unreached"
+"""The column with the share of lumen that a motion leaves out."""
 
 PATIENTS = ("tract", "phantom")
 """Factors that are patients."""
@@ -30,12 +34,12 @@ class Population(ClosedForm):
     Attributes
     ----------
     table : pandas.DataFrame
-        A row for each scope: its factors; ``patients`` with an answer; of these ``fits`` (proved,
-        and within the study's constraints), ``fits_not`` (proved: no way through is so wide) and
-        ``undecided``; ``errors``, which are
-        not among the patients; ``share`` that it fits with ``share_low`` and ``share_high``, and
-        ``share_not`` with ``share_not_low`` and ``share_not_high``. The share that it fits in truth
-        is at least ``share`` and at most 1 - ``share_not`` of these patients.
+        A row for each scope: its factors; ``patients`` with an answer; of these ``fits`` (proved to
+        the end of all of the lumen, and within the study's constraints), ``fits_not`` (proved: no
+        way through is so wide) and ``undecided``; ``errors``, which are not among the patients;
+        ``share`` that it fits with ``share_low`` and ``share_high``, and ``share_not`` with
+        ``share_not_low`` and ``share_not_high``. The share that it fits in truth is at least
+        ``share`` and at most 1 - ``share_not`` of these patients.
     scopes : tuple of str
         The columns that are factors.
     level : float
@@ -110,7 +114,10 @@ def count_fits(study: Study, rows: pandas.DataFrame, *, level: float = 0.95) -> 
     table = []
     for key, group in groups:
         code, feasible = group["code"].to_numpy(), group["feasible"].to_numpy()
-        beyond = (code == 0) & ~feasible  # another motion may keep the constraints
+        if UNREACHED in group:
+            feasible = feasible & ~(group[UNREACHED].to_numpy() > SHARE_REACHED)
+        # Another motion may keep the constraints, and another way reach the rest of the lumen.
+        beyond = (code == 0) & ~feasible
         counts = {
             "fits": int(feasible.sum()),
             "fits_not": int((code == InsertionJob.TOO_WIDE).sum()),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -10,19 +11,21 @@ from numpy.typing import NDArray
 
 from ..anatomy.tract import LabelTract, SurfaceTract
 from ..duct import Centreline, SampledField
+from ..report.verdict import SHARE_REACHED
 from ..results import Json
-from .ends import LANDMARK_REACH, measure_gap, name_landmarks
+from .ends import LANDMARK_REACH, OrientedCentreline, find_reach, measure_gap, name_landmarks
 
-__all__ = ["Unreached", "find_unreached"]
-
-SHARE_MIN = 0.02
-"""A smaller share of the lumen is not listed."""
+__all__ = ["Unreached", "find_unreached", "measure_unreached"]
 
 SHARE_STATED = 0.10
 """From this share of the lumen on, or from `LENGTH_STATED` on, a part stands in the verdict."""
 
 LENGTH_STATED = 40.0
 """How far a part that stands in the verdict reaches beyond the lumen along the centreline [mm]."""
+
+NEAR, NEAR_SHARE = 5.0, 0.6
+"""What is this near to the lumen round the line is part of it [mm]; in a narrow lumen this share of
+its radius."""
 
 SUBSAMPLE = 200_000
 """About so many nodes of the lumen are looked at."""
@@ -69,12 +72,7 @@ class Unreached:
         if self.kind in ("missing", "landmark"):
             return True
         long = self.length is None or self.length >= LENGTH_STATED
-        return self.share >= SHARE_STATED or (long and self.share >= SHARE_MIN)
-
-    @property
-    def cut_off(self) -> bool:
-        """Whether the centreline, which ends before it, had to lead there if no end was given."""
-        return self.kind in ("component", "beyond")
+        return self.share >= SHARE_STATED or (long and self.share >= SHARE_REACHED)
 
     @property
     def words(self) -> str:
@@ -109,13 +107,24 @@ class Unreached:
         }
 
 
+def measure_unreached(parts: Sequence[Unreached], ends: OrientedCentreline) -> float:
+    """Return the share of the lumen that a way should have reached and does not.
+
+    That is what is not reached of all of it, less what is left out on purpose: everything beside
+    the way to a goal that was given, else what lies before an entry that was.
+    """
+    if ends.goal_given:
+        return 0.0
+    return sum(part.share for part in parts if not (ends.given and part.kind == "before"))
+
+
 def find_unreached(
     tract: LabelTract | SurfaceTract, field: SampledField, line: Centreline
 ) -> tuple[Unreached, ...]:
     """Find the parts of a tract's lumen that a centreline does not reach, largest first.
 
     A node of the lumen belongs to the centreline if it is no farther from it than 1.5 times
-    the largest inscribed radius within about that distance, and 5 mm more: this holds the lumen
+    the largest inscribed radius within about that distance, and `NEAR` more: this holds the lumen
     round the line also where its section is not round. What is farther is grouped into connected
     parts. What a wall closes off from the centreline is a component. Components that are not in the
     field at all, and lumen that is missing in the file, are those that the tract lists; landmarks
@@ -141,7 +150,8 @@ def find_unreached(
     own = np.setdiff1d(component[tuple(on_line.T)], 0)
     closed_off = component[tuple(thin.T)]
     closed_off[np.isin(closed_off, own)] = 0
-    far = distance > 1.5 * _spread(clearance, line.arc_length)[nearest] + 5.0
+    more = min(NEAR, NEAR_SHARE * float(np.median(clearance)))
+    far = distance > 1.5 * _spread(clearance, line.arc_length)[nearest] + more
     far &= closed_off == 0
     total = len(thin) * cell + sum(part.volume for part in (*tract.not_reached, *tract.missing))
     found = [
@@ -171,7 +181,7 @@ def find_unreached(
         groups += [(np.flatnonzero(far & (number == k)), True) for k in range(1, count + 1)]
     for chosen, joined in groups:
         share = len(chosen) * cell / total
-        if share < SHARE_MIN:
+        if share < SHARE_REACHED:
             continue
         mouth, tip = chosen[np.argmin(distance[chosen])], chosen[np.argmax(distance[chosen])]
         x, y, z = (float(v) for v in rest.to_world(thin[tip] * rest.spacing))
@@ -179,9 +189,9 @@ def find_unreached(
         kind: Kind = "branch"
         if not joined:
             kind = "component"
-        elif at <= max(5.0, 1.5 * clearance[0]):
+        elif at <= max(more, 1.5 * clearance[0]):
             kind = "before"
-        elif at >= line.length - max(5.0, 1.5 * clearance[-1]):
+        elif at >= line.length - max(more, 1.5 * clearance[-1]):
             kind = "beyond"
         found.append(
             Unreached(
@@ -195,7 +205,7 @@ def find_unreached(
         )
     for name, place in name_landmarks(tract).items():
         gap = measure_gap(tract, np.array(place))
-        if gap > LANDMARK_REACH:
+        if gap > find_reach(tract, LANDMARK_REACH):
             found.append(
                 Unreached(
                     kind="landmark", volume=0.0, share=0.0, point=place, length=gap, name=name

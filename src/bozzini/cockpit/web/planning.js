@@ -37,11 +37,11 @@ export function createPlanning(section, send, viewer) {
 	}
 	for (const each of ends) each.onclick = () => choose(each.ariaPressed === "true" ? null : each.value);
 
-	function judge({ status, certified, reason, proved_mm: proved, inserted_mm: inserted, seconds }) {
-		section.dataset.verdict = status === "stopped" ? status : certified ? "fits" : "open";
+	function judge({ status, certified, reason, proved_mm: proved, inserted_mm: inserted, seconds, verdict: { tone, label = "Fits" } = {} }) {
+		section.dataset.verdict = status === "stopped" ? status : certified && tone === "green" ? "fits" : "open";
 		if (status === "stopped") return `${reason[0].toUpperCase()}${reason.slice(1)}.`;
 		if (!certified) return "Reaches the goal; no clearance is proved.";
-		return `Fits: ${(Math.floor(100 * proved) / 100).toFixed(2)} mm of clearance proved over ${inserted} mm, planned in ${seconds} s.`;
+		return `${label}: ${(Math.floor(100 * proved) / 100).toFixed(2)} mm of clearance proved over ${inserted} mm, planned in ${seconds} s.`;
 	}
 
 	function showRobot({ name, fits, reason, tendons }, moves) {

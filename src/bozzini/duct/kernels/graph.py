@@ -218,3 +218,24 @@ def find_lengths(number, nodes, step, sources, lengths):
                     heads[to] = entry
                     left += 1
         ring += 1
+
+
+@njit(cache=True, nogil=True)
+def find_peaks(number, nodes, lengths, peaks):
+    """Mark in `peaks` (n,), False at first, the nodes of which no neighbour has a longer path."""
+    nx, ny, nz = number.shape
+    for here in range(nodes.shape[0]):
+        if lengths[here] < 0.0:
+            continue
+        flat = nodes[here]
+        i = flat // (ny * nz)
+        j = (flat // nz) % ny
+        k = flat % nz
+        peak = True
+        for a in range(max(i - 1, 0), min(i + 2, nx)):
+            for b in range(max(j - 1, 0), min(j + 2, ny)):
+                for c in range(max(k - 1, 0), min(k + 2, nz)):
+                    there = number[a, b, c]
+                    if there >= 0 and lengths[there] > lengths[here]:
+                        peak = False
+        peaks[here] = peak
