@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ..errors import InputError
 from ..units import parse_quantity
@@ -73,7 +73,9 @@ def parse_deviations(
     return found
 
 
-def give_tip_error(found: TipError, more: Mapping[str, Any], answer: Answer) -> None:
+def give_tip_error(
+    found: TipError, more: Mapping[str, object], answer: Answer, *, notes: Sequence[str] = ()
+) -> None:
     """Write the answer; a first order that does not hold is a negative one."""
     from ..study.tip import ELLIPSE_OF
 
@@ -87,7 +89,7 @@ def give_tip_error(found: TipError, more: Mapping[str, Any], answer: Answer) -> 
         for name, each in plain["errors"].items()
     ]
     lines = [
-        *(f"note: {note}" for note in more.get("notes", ())),
+        *(f"note: {note}" for note in notes),
         f"tip at ({place}) mm, in the frame of the {found.frame}",
         f"semi-axes {lengths} mm (one standard deviation), {ends} mm ({100 * found.level:g} %), of "
         f"{ELLIPSE_OF}",
@@ -98,6 +100,6 @@ def give_tip_error(found: TipError, more: Mapping[str, Any], answer: Answer) -> 
         format_rows(["error", "sd", "moves the tip by [mm]"], rows),
     ]
     lines += [f"the first order does not hold: {found.reason}"] if found.reason else []
-    answer.give({**plain, **more, "file": answer.out}, "\n".join(lines))
+    answer.give({**plain, **more, "notes": notes, "file": answer.out}, "\n".join(lines))
     if not found.converged:
         run_exit(EXIT_NEGATIVE)
