@@ -125,7 +125,7 @@ def test_the_output_names_the_blocks_that_the_intervals_are_of():
     fit = fit_robot(make_robot(), data, free=["tendons.*.offset"], options=BARE)
     rule = "10 runs of 2 to 3 row(s), in the order of the table, count as independent"
     assert rule in fit.format_table() and rule in fit.to_dict()["interval_rule"]
-    assert "if the model is right for these rows" in fit.interval_rule
+    assert "for rows like these: others can ask for other constants" in fit.interval_rule
     labels = np.repeat(list("abcdef"), 4)
     labelled = dataclasses.replace(data, blocks=labels)
     other = fit_robot(make_robot(), labelled, free=["tendons.*.offset"], options=BARE)

@@ -640,8 +640,8 @@ def tip_error_command(
         parameters=errors,
         options=options,
     )
-    more = {"commands": commands, "robot": describe_robot(robot), "notes": notes}
-    give_tip_error(found, more, answer)
+    more = {"commands": commands, "robot": describe_robot(robot)}
+    give_tip_error(found, more, answer, notes=notes)
 
 
 def _list_derivatives(

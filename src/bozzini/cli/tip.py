@@ -21,9 +21,8 @@ from .common import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
-    from ..results import Json
     from ..study.tip import DrawOptions, TipError
 
 
@@ -72,7 +71,9 @@ def parse_deviations(
     }
 
 
-def give_tip_error(found: TipError, more: Json, answer: Answer) -> None:
+def give_tip_error(
+    found: TipError, more: Mapping[str, object], answer: Answer, *, notes: Sequence[str] = ()
+) -> None:
     """Write the answer; a first order that does not hold is a negative one."""
     from ..study.tip import ELLIPSE_OF
 
@@ -86,7 +87,7 @@ def give_tip_error(found: TipError, more: Json, answer: Answer) -> None:
         for name, each in plain["errors"].items()
     ]
     lines = [
-        *(f"note: {note}" for note in more.get("notes", ())),
+        *(f"note: {note}" for note in notes),
         f"tip at ({place}) mm, in the frame of the {found.frame}",
         f"semi-axes {lengths} mm (one standard deviation), {ends} mm ({100 * found.level:g} %), of "
         f"{ELLIPSE_OF}",
@@ -97,6 +98,6 @@ def give_tip_error(found: TipError, more: Json, answer: Answer) -> None:
         format_rows(["error", "sd", "moves the tip by [mm]"], rows),
     ]
     lines += [f"the first order does not hold: {found.reason}"] if found.reason else []
-    answer.give({**plain, **more, "file": answer.out}, "\n".join(lines))
+    answer.give({**plain, **more, "notes": notes, "file": answer.out}, "\n".join(lines))
     if not found.converged:
         run_exit(EXIT_NEGATIVE)

@@ -160,7 +160,10 @@ class Spread:
 
     def describe(self) -> str:
         """Return what the intervals take as independent, and what they do not cover."""
-        return f"intervals: 95 %, {self.rule}; they hold if the model is right for these rows"
+        return (
+            f"intervals: 95 %, {self.rule}; they hold if the model is right, for rows like these: "
+            "others can ask for other constants"
+        )
 
 
 def measure_spread(
