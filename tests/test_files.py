@@ -56,6 +56,39 @@ def test_permissions_are_those_of_an_ordinary_file(tmp_path: Path) -> None:
     assert stat.S_IMODE(path.stat().st_mode) == stat.S_IMODE((tmp_path / "plain").stat().st_mode)
 
 
+@pytest.mark.parametrize("there", [False, True])
+def test_a_file_is_written_where_a_link_leads(tmp_path: Path, there: bool) -> None:
+    (tmp_path / "data").mkdir()
+    link, target = tmp_path / "plan", tmp_path / "data" / "plan"
+    link.symlink_to(Path("data", "plan"))
+    if there:
+        target.write_text("old")
+    check_new_file(link, ("",), force=there)
+    assert write_text(link, "new") == link
+    assert link.is_symlink() and target.read_text() == "new" and not target.is_symlink()
+    assert sorted(os.listdir(tmp_path / "data")) == ["plan"]
+
+
+def test_a_directory_is_made_where_a_link_leads(tmp_path: Path) -> None:
+    (tmp_path / "out").symlink_to("data")
+    with new_directory(tmp_path / "out") as place:
+        (place / "report").write_text("new")
+    assert (tmp_path / "out").is_symlink() and (tmp_path / "data" / "report").is_file()
+
+
+def test_links_in_a_circle_and_devices_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "circle").symlink_to(tmp_path / "circle")
+    (tmp_path / "null").symlink_to(os.devnull)
+    for name, words in (("circle", "in a circle"), ("null", "a device or a pipe")):
+        for force in (False, True):
+            with pytest.raises(OutputError, match=words):
+                check_new_file(tmp_path / name, ("",), force=force)
+        with pytest.raises(OutputError, match=words):
+            write_text(tmp_path / name, "x")
+    assert sorted(os.listdir(tmp_path)) == ["circle", "null"]
+    assert stat.S_ISCHR(os.stat(os.devnull).st_mode)
+
+
 @pytest.mark.parametrize("write", [_fail, _fill_then_fail])
 def test_failure_leaves_what_was_there(tmp_path: Path, write: object) -> None:
     target = write_text(tmp_path / "plan", "old")
@@ -289,6 +322,50 @@ def other(tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
     yield process
     process.kill()
     process.communicate()
+
+
+def _list_hidden(folder: Path) -> list[str]:
+    return sorted(path.name for path in folder.iterdir() if path.name.startswith("."))
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no locks are used there")
+@pytest.mark.parametrize("next_one", ["out", "another"])
+def test_what_a_killed_process_left_is_removed_by_the_next(
+    tmp_path: Path, other: subprocess.Popen[str], next_one: str
+) -> None:
+    (tmp_path / ".bozzini-mine").mkdir()
+    while_it_works = _list_hidden(tmp_path)
+    with new_directory(tmp_path / "another") as place:  # it lives: nothing of it is removed
+        (place / "summary.json").write_text('{"files": ["summary.json"]}')
+    assert _list_hidden(tmp_path) == while_it_works
+    other.kill()
+    other.wait()
+    with new_directory(tmp_path / next_one, force=True) as place:
+        (place / "report").write_text("new")
+    assert _list_hidden(tmp_path) == [".bozzini-mine"]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no locks are used there")
+def test_an_old_result_is_there_again_after_a_kill_between_the_renames(tmp_path: Path) -> None:
+    code = """
+import os, sys
+from pathlib import Path
+from bozzini.io.files import new_directory
+rename = Path.rename
+def stop(self, target):
+    rename(self, target)
+    os._exit(9)
+Path.rename = stop
+with new_directory("out", force=True) as place:
+    (place / "report").write_text("new")
+"""
+    with new_directory(tmp_path / "out") as place:
+        (place / "summary.json").write_text('{"files": ["summary.json"]}')
+    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, check=False)
+    assert done.returncode == 9 and not (tmp_path / "out").exists()
+    with pytest.raises(OutputError, match="exists already"), new_directory(tmp_path / "out"):
+        pytest.fail("the old result would be lost")
+    assert _read_all(tmp_path) == {"out/summary.json": '{"files": ["summary.json"]}'}
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no locks are used there")

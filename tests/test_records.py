@@ -13,7 +13,14 @@ from hypothesis import strategies as st
 
 from bozzini.checks import quantity
 from bozzini.errors import FileFormatError, InputError
-from bozzini.io.records import load_record, read_record, save_record, write_record
+from bozzini.io.records import (
+    DEPTH_MAX,
+    load_data,
+    load_record,
+    read_record,
+    save_record,
+    write_record,
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -115,3 +122,19 @@ def test_a_file_that_cannot_be_read_is_one_line(
         load_record(path, Whole)
     assert str(caught.value).startswith(str(path))
     assert "\n" not in str(caught.value)
+
+
+def _nest(depth: int, inside: str = "1") -> str:
+    return "[" * depth + inside + "]" * depth
+
+
+@pytest.mark.parametrize("name", ["x.json", "x.yaml"])
+def test_a_tree_is_read_down_to_a_depth(tmp_path: Path, name: str) -> None:
+    path = tmp_path / name
+    for depth, inside in ((DEPTH_MAX, "1"), (DEPTH_MAX, ""), (DEPTH_MAX - 1, '{"a": 1}')):
+        path.write_text(_nest(depth, inside))
+        load_data(path)
+    for depth, inside in ((DEPTH_MAX + 1, "1"), (DEPTH_MAX, '{"a": 1}'), (900, "1"), (9000, "1")):
+        path.write_text(_nest(depth, inside))
+        with pytest.raises(FileFormatError, match=rf"{name}: it is nested more than {DEPTH_MAX} "):
+            load_data(path)

@@ -260,6 +260,30 @@ def test_reader_that_goes_away_is_no_traceback() -> None:
     assert err == b""
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="a shell of POSIX closes them")
+@pytest.mark.parametrize("closed", [">&-", "2>&-", "<&-", ">&- 2>&- <&-"])
+def test_closed_streams_are_no_error(tmp_path: Path, closed: str) -> None:
+    table = tmp_path / "curve.csv"
+    words = f'"{sys.executable}" -m bozzini muscle curve --points 2 --out "{table}" --force'
+    for more, code in (("", 0), (" --json", 0), (" --help", 0), (" --no-such", 2)):
+        shell = ["sh", "-c", f"{words}{more} {closed}"]
+        done = subprocess.run(shell, capture_output=True, text=True, check=False)
+        assert done.returncode == code, done.stderr
+        assert "Traceback" not in done.stderr
+        if code == 0 and more != " --help":
+            # The file has its own content, not what was printed.
+            assert table.read_text().count("\n") == 3 and "{" not in table.read_text()
+            table.unlink()
+
+
+def test_a_path_that_the_system_refuses_is_one_line(
+    use: Setup, capsys: pytest.CaptureFixture[str]
+) -> None:
+    use(_raise(PermissionError(13, "Permission denied", "/root/scans")))
+    assert cli.main(["probe"]) == 2
+    assert capsys.readouterr().err == "bozzini: error: /root/scans: Permission denied\n"
+
+
 _WRITING = """
 import sys, time, click
 from types import ModuleType

@@ -71,6 +71,23 @@ def test_a_new_robot_runs_at_once(ask: Callable[..., Any], refuse: Callable[...,
     assert line == "bozzini: error: sections is 0: it must lie in [1, 20]\n"
 
 
+def test_the_comment_on_the_offset_of_a_tendon_is_what_is_checked(
+    ask: Callable[..., Any], refuse: Callable[..., str]
+) -> None:
+    ask("new", "robot", "--sections", 1, "--tendons", 1)
+    text = Path("robot.yaml").read_text()
+    assert "; at most the radius." in text
+    radius = re.search(r"radius: (\S+) mm", text)
+    assert radius is not None
+    for factor in (1.0, 1.001):
+        offset = float(radius[1]) * factor
+        Path("robot.yaml").write_text(re.sub(r"offset: [\d.]+ mm", f"offset: {offset} mm", text))
+        if factor == 1.0:
+            assert ask("continuum", "pose", "robot.yaml", "--displacement", "T1=1mm")["converged"]
+        else:
+            assert f"(0, {radius[1]}] mm" in refuse("continuum", "pose", "robot.yaml")
+
+
 def test_a_new_muscle_is_the_preset_that_it_begins_with(ask: Callable[..., Any]) -> None:
     ask("new", "muscle")
     assert read_muscle("muscle.yaml").muscle == preset("effector-45")

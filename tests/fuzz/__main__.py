@@ -442,6 +442,8 @@ def make_case(
         _repeat(options, words, rng, damages)
     if rng.random() < 0.25:
         words.append("--json")
+    if rng.random() < 0.05:
+        _write_over_input(words, rng)
     if rng.random() < 0.04:
         (folder / "out").mkdir()
         (folder / "out" / "mine.txt").write_text("mine")
@@ -491,6 +493,15 @@ def _take(
         inside = sorted(path for path in target.rglob("*") if path.is_file())
         damages.append(damage(rng.choice(inside or [target]), rng))
     return f"./{target.name}"
+
+
+def _write_over_input(words: list[str], rng: random.Random) -> None:
+    """Let the output be a file that is given, or its folder."""
+    given = [word for word in words if word.startswith("./")]
+    if given and "--out" in words[:-1]:
+        target = rng.choice(given)
+        words[words.index("--out") + 1] = rng.choice([target, target, f"no/../{target}", "."])
+        words.append("--force")
 
 
 def _add_option(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import io
+import json
 import random
 import re
 import struct
@@ -76,18 +77,18 @@ def damage(path: Path, rng: random.Random) -> str:
     content = path.read_bytes()
     name = path.name
     if name.endswith((".yaml", ".json")):
-        ways += [_text, _text, _tree, _tree, _tree, _scale, _scale, _scale]
+        ways += [_text, _text, _tree, _tree, _tree, _scale, _scale, _scale, _nest]
     elif name.endswith((".csv", ".obj")) or content[:5] in (b"# vtk", b"solid"):
         ways += [_text] * 4 + [_scale] * 2
         ways += [_units, _row_of_units, _swap, _gaps, _untitled] if name.endswith(".csv") else []
     elif name.endswith(".nii.gz"):
-        ways += [_unzipped, _nifti, _nifti, _nifti]
+        ways += [_unzipped, _nifti, _nifti, _nifti, _contradict_zipped]
     elif name.endswith(".nii"):
-        ways += [_nifti_plain] * 3
+        ways += [_nifti_plain, _nifti_plain, _contradict]
     elif name.endswith(".stl"):
         ways += [_stl] * 4
     elif name.endswith(".npz"):
-        ways += [_arrays] * 5
+        ways += [*[_arrays] * 5, _nest_in_array]
     way = rng.choice(ways)
     try:
         changed = way(content, rng)
@@ -283,6 +284,63 @@ def _find_places(tree: Any) -> Any:
         yield tree, key
         if isinstance(tree[key], (dict, list)):
             yield from _find_places(tree[key])
+
+
+def _nest(content: bytes, rng: random.Random) -> bytes:
+    """Put a node of a YAML or JSON tree into many lists or objects; the result is both."""
+    tree = yaml.safe_load(content)
+    places = list(_find_places(tree))
+    if not places:
+        raise ValueError("nothing to nest")
+    holder, key = rng.choice(places)
+    depth = rng.choice([1, 10, 40, 60, 300, 900, 3000])
+    before, after = rng.choice([("[", "]"), ('{"x": ', "}"), ('[{"x": ', "}]")])
+    inside = json.dumps(holder[key], default=str)
+    holder[key] = mark = "the node"
+    text = json.dumps(tree, default=str)
+    return text.replace(json.dumps(mark), before * depth + inside + after * depth, 1).encode()
+
+
+def _nest_in_array(content: bytes, rng: random.Random) -> bytes:
+    """Do the same to the JSON in an array of an .npz file."""
+    with np.load(io.BytesIO(content), allow_pickle=False) as file:
+        arrays = dict(file.items())
+    name = rng.choice([name for name, array in arrays.items() if array.dtype.kind == "U"])
+    arrays[name] = np.array(_nest(str(arrays[name]).encode(), rng).decode())
+    stream = io.BytesIO()
+    np.savez_compressed(stream, **arrays)
+    return stream.getvalue()
+
+
+def _contradict_zipped(content: bytes, rng: random.Random) -> bytes:
+    return gzip.compress(_contradict(gzip.decompress(content), rng), mtime=0)
+
+
+def _contradict(content: bytes, rng: random.Random) -> bytes:
+    """Let the header of a NIfTI file say two things, each of them legal by itself.
+
+    Its two places of the grid (qform, sform), its spacing and its unit can each be another.
+    """
+    data = bytearray(content)
+    for _ in range(rng.choice([1, 1, 2, 3])):
+        kind = rng.randrange(5)
+        if kind == 0:  # another spacing than the sform's columns have
+            struct.pack_into("<f", data, 80 + 4 * rng.randrange(3), rng.choice([0.5, 2, 3.7, 1000]))
+        elif kind == 1:  # a qform beside the sform: turned, moved, mirrored
+            quaternion = [rng.choice([0.0, 0.5, 0.70710678, rng.uniform(-0.5, 0.5)]), 0.0, 0.0]
+            rng.shuffle(quaternion)
+            offset = [rng.choice([0.0, rng.gauss(0.0, 100.0)]) for _ in range(3)]
+            struct.pack_into("<f", data, 76, rng.choice([1.0, -1.0, 0.0]))
+            struct.pack_into("<6f", data, 256, *quaternion, *offset)
+        elif kind == 2:  # an sform whose axes are swapped, skew or mirrored
+            rows = np.frombuffer(bytes(data[280:328]), dtype="<f4").reshape(3, 4).copy()
+            rows = rows[rng.sample(range(3), 3)] * np.float32(rng.choice([1.0, -1.0, 0.1]))
+            rows[0, 1] += np.float32(rng.choice([0.0, 0.3, 2.0]))
+            data[280:328] = rows.tobytes()
+        elif kind == 3:
+            data[123] = rng.choice([0, 1, 2, 3, 10, 8 + 1, 16 + 3])  # m, mm, um, with and without s
+        struct.pack_into("<2h", data, 252, *rng.choice([(1, 1), (1, 2), (2, 0), (0, 1), (0, 0)]))
+    return bytes(data)
 
 
 def _unzipped(content: bytes, rng: random.Random) -> bytes:

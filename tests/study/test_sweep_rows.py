@@ -314,6 +314,13 @@ def test_front_is_what_none_betters() -> None:
 WRONG: list[tuple[dict[str, Any], str]] = [
     ({"job": "effector"}, "there is no job 'effector'"),
     ({"job": "no_such_module:f", "outputs": ["a"]}, "cannot be imported"),
+    ({"job": "math:sqrt", "outputs": ["a"]}, "job 'math:sqrt' has no source in Python"),
+    ({"job": "builtins:dict", "outputs": ["a"]}, "has no source in Python"),
+    ({"job": "builtins:print", "outputs": ["a"]}, "has no source in Python"),
+    ({"job": "numpy:sin", "outputs": ["a"]}, "has no source in Python"),
+    ({"job": "operator:itemgetter", "outputs": ["a"]}, "has no source in Python"),
+    ({"job": "sys:exit", "outputs": ["a"]}, "has no source in Python"),
+    ({"job": "textwrap:dedent", "outputs": ["a"]}, "does not take the inputs preset, "),
     ({"format": "x"}, "must be bozzini-study-1"),
     ({"factors": {}}, "factors is empty"),
     ({"factors": {"ofset": {"range": [1, 2]}}}, "did you mean 'offset'"),

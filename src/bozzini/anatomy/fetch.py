@@ -190,16 +190,17 @@ def fetch_data(
     if not entry.url.startswith(_SCHEMES):
         raise InputError(f"the address of {entry.name} is '{entry.url}': it must be http or file")
     folder = Path(directory)
-    fresh = not folder.exists()
+    fresh = not os.path.exists(folder)
     try:
-        folder.mkdir(exist_ok=True)
+        place = Path(os.path.realpath(folder))  # a link may lead to what is not there yet
+        place.mkdir(exist_ok=True)
     except OSError as error:
         raise OutputError(f"cannot write to {folder}: {error.strerror or error}") from None
     target = folder / entry.file_name
     beside = folder / f"{entry.file_name}.citation.txt"
-    if target.is_dir():
+    if os.path.isdir(target):
         raise OutputError(f"{target} is a directory: remove it or choose another place")
-    if target.exists() and not force:
+    if os.path.exists(target) and not force:
         raise OutputError(f"{target} exists already: choose another directory or give --force")
     done: list[tuple[str, int]] = []
     try:
@@ -207,7 +208,7 @@ def fetch_data(
     except BaseException:
         if fresh:
             with suppress(OSError):
-                folder.rmdir()  # made for a file that did not come
+                place.rmdir()  # made for a file that did not come
         raise
     checksum, size = done[0]
     write_text(

@@ -437,7 +437,7 @@ def _open_data(handle: BinaryIO, path: PathLike, detached: str | None) -> Iterat
         raise FileFormatError(
             f"{path} has its voxels in '{detached}': only one file beside it is read"
         )
-    if not other.is_file():
+    if not os.path.isfile(other):
         raise FileFormatError(f"{path} has its voxels in '{detached}', which is not beside it")
     note_input(other)
     with other.open("rb") as data:
@@ -525,7 +525,7 @@ SAME_PLACE_MM = 1e-3
 
 def is_volume(path: PathLike) -> bool:
     """Whether a path is one that `read_labels` takes: by its suffix, or a folder."""
-    return has_suffix(path, LABEL_SUFFIXES) or Path(path).is_dir()
+    return has_suffix(path, LABEL_SUFFIXES) or os.path.isdir(path)
 
 
 def read_labels(
@@ -557,7 +557,7 @@ def read_labels(
     InputError, GeometryError
         As `tract_from_labels` does.
     """
-    if Path(path).is_dir() and (masks := _list_masks(Path(path))):
+    if os.path.isdir(path) and (masks := _list_masks(Path(path))):
         volume = _read_masks(Path(path), masks, labels)
         labels = "all"
     else:
@@ -585,7 +585,7 @@ def read_volume(path: PathLike) -> Volume:
     MissingExtraError
         If it is a DICOM series and SimpleITK is not installed.
     """
-    if Path(path).is_dir():
+    if os.path.isdir(path):
         return read_dicom(Path(path), LABEL_SUFFIXES)
     check_file(path)
     for suffixes, reader in _READERS.items():

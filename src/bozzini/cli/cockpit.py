@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import click
@@ -95,11 +96,11 @@ def command(
         check_rig(rig)
         if source is None and list_given(reading):
             raise InputError(f"--{list_given(reading)[0]} has no effect without an INPUT")
-        if source is not None and not source.exists():
+        if source is not None and not os.path.exists(source):
             raise InputError(f"{source}: there is no such file")
         if answer.out is not None and operator is None:
             raise InputError("--out has no effect without --operator")
-        if moving not in (None, "breathing", "peristalsis") and not Path(moving).is_file():
+        if moving not in (None, "breathing", "peristalsis") and not os.path.isfile(moving):
             raise InputError(
                 f"--moving is '{moving}': it must be breathing, peristalsis or a file that is there"
             )

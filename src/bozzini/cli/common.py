@@ -759,7 +759,7 @@ def answer_options(
 
     def make(**values: Any) -> Answer:
         answer = Answer(**values)
-        if answer.out is not None and not answer.out.is_dir():
+        if answer.out is not None and not os.path.isdir(answer.out):
             check_no_input(answer.out)
         if suffixes:
             check_target(answer.out, suffixes, force=answer.force)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import os
 import re
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -397,7 +398,7 @@ def _read_drives(path: Path, robot: ContinuumRobot) -> DriveTable:
 
     table = DriveTable.from_csv(path, robot)
     plan = path.parent / "robot.npz"
-    if not plan.is_file():
+    if not os.path.isfile(plan):
         return table
     return dataclasses.replace(table, frame=Actuation.load(plan).frame)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -154,7 +155,7 @@ def _find_scenery(
             return None
         scenery = Scenery.from_plan(plan, read, duct=duct)
         beside = source.with_name("robot.npz")
-        if options.drive == "tendons" and beside.exists():
+        if options.drive == "tendons" and os.path.exists(beside):
             scenery = replace(scenery, actuation=Actuation.load(beside))
         return scenery
     if tract is not None:

@@ -67,6 +67,9 @@ EXIT_BROKEN_PIPE = 141
 _NO_PLACE = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO, errno.EMFILE}
 """What an output may meet that is no fault of Bozzini: no space, for example."""
 
+_NO_PATH = {errno.EACCES, errno.EPERM, errno.ENAMETOOLONG, errno.ELOOP}
+"""Why the system may refuse a path that was given."""
+
 COMPLETE = "_BOZZINI_COMPLETE"
 """The variable by which a shell asks for completions."""
 
@@ -253,6 +256,9 @@ class _Run:
         except BrokenPipeError:
             raise
         except OSError as error:
+            if error.errno in _NO_PATH and error.filename is not None:
+                message = f"{os.fsdecode(error.filename)}: {error.strerror}"
+                return self._report("InputError", message, EXIT_BAD_INPUT)
             if error.errno not in _NO_PLACE:
                 return self._report_internal(error)
             _silence_stdout()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -137,7 +138,7 @@ def _of_study(
     from ..study.sensitivity import analyse_rows, analyse_study
 
     check_number("--level", level, low=0.5, high=0.9999)
-    computed = source.is_dir()
+    computed = os.path.isdir(source)
     study = open_study(source) if computed else Study.load(source)
     if not computed and answer.out is None:
         raise InputError("--out is missing: the directory of the results")
@@ -169,13 +170,13 @@ def _of_study(
 
 def _check_out(out: Path | None, source: Path) -> None:
     """Refuse a directory of something else."""
-    if out is None or not out.exists() or out == source:
+    if out is None or not os.path.exists(out) or out == source:
         return
     if not out.is_dir():
         raise OutputError(f"{out} is a file: choose a directory")
     if any(out.iterdir()) and not (out / "study.json").exists():
         raise OutputError(f"{out} holds other files and no study: choose another directory")
-    if source.is_dir() and (out / "study.json").exists():
+    if os.path.isdir(source) and (out / "study.json").exists():
         raise OutputError(f"{out} holds the results of another study: choose another directory")
 
 
@@ -194,7 +195,7 @@ def _write(found: Population | StudySpread, study: Study, answer: Answer) -> Non
             figures["indices.png"] = found.draw_indices
     result = {"job": study.spec.job, "key": study.key, **found.to_dict()}
     if answer.out is not None:
-        answer.out.mkdir(parents=True, exist_ok=True)
+        os.makedirs(os.path.realpath(answer.out), exist_ok=True)
         write_text(answer.out / "summary.json", json.dumps(result, indent=2) + "\n")
         columns = found.list_columns()
         if len(next(iter(columns.values()))):  # type: ignore[arg-type]

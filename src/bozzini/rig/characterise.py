@@ -130,7 +130,7 @@ class PictureHook:
             If not.
         """
         try:
-            empty = not self.folder.exists() or not any(self.folder.iterdir())
+            empty = not os.path.exists(self.folder) or not any(self.folder.iterdir())
         except OSError as error:
             raise OutputError(f"cannot write {self.folder}: {error.strerror or error}") from None
         if not empty:
@@ -572,7 +572,7 @@ class _Run:
             trouble.append(f"hook: not done within {self.hook.timeout:g} s")
         elif code:
             trouble.append(f"hook: exit status {code}")
-        if not path.is_file() or not path.stat().st_size:
+        if not os.path.isfile(path) or not path.stat().st_size:
             return "", (*trouble, "hook: no picture")
         return str(path), tuple(trouble)
 

@@ -119,8 +119,8 @@ def read_curve(
         If the values are no curve.
     """
     path = Path(path)
-    if not path.is_file():
-        words = "it is a directory" if path.is_dir() else "there is no such file"
+    if not os.path.isfile(path):
+        words = "it is a directory" if os.path.isdir(path) else "there is no such file"
         raise FileFormatError(f"cannot read {path}: {words}")
     if path.suffix.lower() == ".csv":
         return _take_sheet(read_sheet(path), path.name, unit, supply)

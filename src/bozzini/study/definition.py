@@ -143,7 +143,7 @@ class Study:
 
     def _find_file(self, given: str) -> str:
         path = self.base / given
-        if not path.is_file():
+        if not os.path.isfile(path):
             raise InputError(f"there is no file {path}")
         note_input(path)
         return str(path)

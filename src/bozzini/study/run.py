@@ -217,7 +217,7 @@ class Engine:
                     )
                 client = Client(local)
             elif cluster.endswith(".json"):
-                if not Path(cluster).is_file():
+                if not os.path.isfile(cluster):
                     raise InputError(f"there is no scheduler's file {cluster}")
                 client = Client(scheduler_file=cluster, timeout=PATIENCE_S)
             else:
@@ -318,9 +318,9 @@ def run_study(
     check_parquet()
     target = check_path("folder", folder)
     chunk = _check_folder(study, target) or study.chunk
-    there = target.exists()
+    there = os.path.exists(target)
     try:
-        (target / "rows").mkdir(parents=True, exist_ok=True)
+        os.makedirs(os.path.realpath(target / "rows"), exist_ok=True)
     except OSError as error:
         raise OutputError(f"cannot write {target}: {error.strerror}") from None
     try:
@@ -451,7 +451,7 @@ class _Rate:
 
 def _check_folder(study: Study, folder: Path) -> int | None:
     """Return the chunk of results that are there; None if there are none."""
-    if not folder.exists():
+    if not os.path.exists(folder):
         return None
     if not folder.is_dir():
         raise OutputError(f"{folder} is a file: choose a directory")

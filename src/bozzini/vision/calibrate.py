@@ -295,7 +295,7 @@ def list_pictures(
         If there are no pictures of one camera or two.
     """
     place = Path(folder)
-    if not place.is_dir():
+    if not os.path.isdir(place):
         raise InputError(f"{place}: there is no such folder")
     found: dict[str, dict[str, Path]] = {}
     cameras: set[str] = set()

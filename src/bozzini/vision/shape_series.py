@@ -329,7 +329,7 @@ def measure_shapes(
 
 def _measure_row(paths: Sequence[Path], cameras: CameraSet, options: ShapeOptions) -> Json:
     for name, path in zip(cameras.names, paths, strict=True):
-        if path.is_dir():  # an empty cell is the table's own folder
+        if os.path.isdir(path):  # an empty cell is the table's own folder
             raise FileFormatError(f"{path}: no picture of camera '{name}'")
     pictures = [read_picture(path) for path in paths]
     shape = measure_shape(pictures, cameras, options=options)
