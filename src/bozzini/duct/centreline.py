@@ -250,7 +250,7 @@ class LumenGraph:
         from scipy.spatial import cKDTree
 
         rivals: list[Tip] = []
-        ways = []
+        ways: list[cKDTree] = []
         tips = sorted(tips, key=lambda tip: -tip.length)
         for tip in tips:
             if tip.length < BRANCH_SHARE * tips[0].length:
@@ -743,9 +743,9 @@ def _choose_ends(
         if len(rivals) == 1:  # the way that led here
             break
         ways = [graph.measure_way(tip) for tip in rivals]
-        known = min(rivals, key=lambda tip: float(np.abs(tip.node - second).max()))
+        reached = min(rivals, key=lambda tip: float(np.abs(tip.node - second).max()))
         longest = int(np.argmax(ways))
-        if ways[longest] <= ways[rivals.index(known)] + float(graph.field.spacing.max()):
+        if ways[longest] <= ways[rivals.index(reached)] + float(graph.field.spacing.max()):
             break
         first, second = rivals[longest].node, first
     return first, second
