@@ -312,7 +312,7 @@ class LiveRun(Result):
         ax = take_axes(ax, x="latency [ms]", y="frames")
         # Bins over all that is shown: over the latencies alone, bars of a steady run are hairlines.
         most = max(float(self.latencies.max()), 1.0 / self.rate)
-        ax.hist(1e3 * self.latencies, bins=np.linspace(0.0, 1e3 * most, 41), color="#2f7fd0")
+        ax.hist(1e3 * self.latencies, bins=40, range=(0.0, 1e3 * most), color="#2f7fd0")
         ax.axvline(1e3 / self.rate, color="#b3261e", linewidth=1.0, label=f"{self.rate:g} Hz")
         ax.legend(frameon=False, fontsize=8)
         return ax
