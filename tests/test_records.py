@@ -79,7 +79,7 @@ def test_units_are_those_of_the_field() -> None:
         ({"parts": [3]}, r"parts\[0\] is 3: it must hold"),
         ({"parts": [{"length": 11}]}, r"parts\[0\]\.length is 11 mm: it must lie in \(0, 10\] mm"),
         ({"parts": [{"length": "2 cm"}]}, r"20 mm: .* \(2 cm was given, \(0, 1\] cm is legal\)$"),
-        ({"parts": [{"length": "5 parsec"}]}, r"parts\[0\]\.length: '5 parsec' is 1.5.*e\+20 mm"),
+        ({"parts": [{"length": "5e14 km"}]}, r"parts\[0\]\.length: '5e14 km' is 5e\+20 mm"),
         ({"parts": [{"length": True}]}, r"parts\[0\]\.length is True: it must be a length"),
         ({"parts": [{"length": 1, "count": 0}]}, r"count is 0: it must lie in \[1, 9\], or leave"),
         ({"parts": [{"length": 1, "count": 1.5}]}, "count is 1.5: it must be a whole number"),
