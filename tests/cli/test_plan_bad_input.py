@@ -168,7 +168,11 @@ BAD = [
     Bad("negative inflation", with_options("--inflate", "-1mm"), ("inflation", "-1", "[0")),
     Bad("huge inflation", with_options("--inflate", "3m"), ("inflation", "3000", "30]")),
     Bad("much inflation", with_options("--inflate", "99mm"), ("inflation", "99", "[0, 30] mm")),
-    Bad("parsecs", with_options("--length", "5parsec"), ("--length", "unknown unit", "parsec", "5mm")),
+    Bad(
+        "parsecs",
+        with_options("--length", "5parsec"),
+        ("--length", "unknown unit", "parsec", "5mm"),
+    ),
     Bad("a scope of 1 km", with_options("--length", "1km"), ("scope length", "[10, 10000] mm")),
     Bad("a wide scope", with_options("--diameter", "1km"), ("scope diameter", "[0.1, 500] mm")),
     Bad("a long scope", with_options("--length", "1e9mm"), ("--length", "1e9mm", "1e+06] mm")),

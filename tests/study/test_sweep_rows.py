@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import math
 from pathlib import Path
@@ -20,7 +21,7 @@ from bozzini.muscle import EnergyMuscle
 from bozzini.muscle import preset as muscle_preset
 from bozzini.study import Engine, Sampling, Study, StudySpec, read_rows, run_study
 from bozzini.study.factors import draw_rows
-from bozzini.study.jobs import ERROR
+from bozzini.study.jobs import ERROR, find_source
 
 SERIAL = Engine(workers=1)
 EFFECTOR: dict[str, Any] = {
