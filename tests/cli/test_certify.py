@@ -199,8 +199,8 @@ STATEMENTS = {
         change(measures={"joint_travel_mm": 1.0}),
         change(measures={"joint_angle_max_rad": 0.001}),
         change(measures={"joint_step_max_mm": 100.0}),
-        change(measures={"joint_step_ratio_max": 1.0}),
-        change(measures={"clearance_insertion_mm": 1.0}),
+        change(measures={"joint_step_ratio_max": 0.5}),
+        change(measures={"clearance_insertion_mm": 1.5}),
         change(measures={"clearance_min_mm": 2.9}),
     ],
     "closest place": [

@@ -151,7 +151,7 @@ def compare_affines(
     elif len(swapped) == 2:  # half a turn about an axis is two exchanges
         mirror[swapped, swapped] = -1.0
     cosine = 0.5 * (float(np.trace(turn @ mirror)) - 1.0)
-    names = ("x and -x", "y and -y", "z and -z")
+    names: tuple[str, ...] = ("x and -x", "y and -y", "z and -z")
     if frame is not None:
         names = tuple(next(_SIDES[pair] for pair in _SIDES if letter in pair) for letter in frame)
     return AffineGap(

@@ -261,8 +261,8 @@ def _read_nrrd_space(
             raise FileFormatError(f"{path} has {dimension} dimensions: a label volume has 3")
         spatial = [0, 1, 2]
         affine[:3, :3] = np.diag(_split_numbers(fields, "spacings", path))
-    words = f"{fields.get('space units', '')} {fields.get('units', '')}"
-    stated = set(re.findall(r'"([^"]*)"', words)) - {""}
+    text = f"{fields.get('space units', '')} {fields.get('units', '')}"
+    stated = set(re.findall(r'"([^"]*)"', text)) - {""}
     if len(stated) > 1:
         raise FileFormatError(
             f"{path} states the units {' and '.join(sorted(stated))}: one is read"

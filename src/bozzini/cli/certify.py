@@ -64,7 +64,7 @@ def _describe(result: Verification, source: Path | None) -> str:
         f"{'ok' if item.ok else 'FAILED':<7}{item.name}: {item.message}" for item in result.checks
     ]
     plan, proof = result.plan, result.certificate
-    if result.reading is None and plan.input is not None:
+    if source is None and plan.input is not None:
         named = ("file", "labels", "part", "unit", "frame", "organ")
         known = {name: getattr(plan.input, name) for name in named}
         stated = [f"{name} {_show(value)}" for name, value in known.items() if value is not None]
