@@ -177,19 +177,19 @@ def _compare_unrepaired(
     changes = []
     if isinstance(plain, SurfaceTract):
         for name, before, after in (
-            ("corners", plain.vertices, made.vertices),
-            ("triangles", plain.faces, made.faces),
+            ("corners", len(plain.vertices), len(made.vertices)),
+            ("triangles", len(plain.faces), len(made.faces)),
         ):
-            if len(before) != len(after):
-                changes.append(f"{len(before)} {name} became {len(after)}")
+            if before != after:
+                changes.append(f"{before} {name} became {after}")
         farthest = max(_measure_distance(made, plain), _measure_distance(plain, made))
         if farthest > SAME_SHARE * float(np.ptp(plain.vertices, axis=0).max()):
             changes.append(f"the wall moved by up to {farthest:.2g} mm")
     else:
         changes.append("it is voxels without, and a surface with")
     if abs(made.volume - plain.volume) > SAME_SHARE * plain.volume:
-        before, after = plain.volume / 1000.0, made.volume / 1000.0
-        changes.append(f"the volume became {after:.6g} mL from {before:.6g} mL")
+        volumes = [tract.volume / 1000.0 for tract in (plain, made)]
+        changes.append("the volume of {:.6g} mL became {:.6g} mL".format(*volumes))
     if not changes:
         return ()
     message = f"repair changed a surface that is read without it too: {', '.join(changes)}"

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -250,7 +250,7 @@ class LumenGraph:
         from scipy.spatial import cKDTree
 
         rivals: list[Tip] = []
-        ways = []
+        ways: list[Any] = []
         tips = sorted(tips, key=lambda tip: -tip.length)
         for tip in tips:
             if tip.length < BRANCH_SHARE * tips[0].length:
@@ -743,9 +743,9 @@ def _choose_ends(
         if len(rivals) == 1:  # the way that led here
             break
         ways = [graph.measure_way(tip) for tip in rivals]
-        known = min(rivals, key=lambda tip: float(np.abs(tip.node - second).max()))
+        back = min(rivals, key=lambda tip: float(np.abs(tip.node - second).max()))
         longest = int(np.argmax(ways))
-        if ways[longest] <= ways[rivals.index(known)] + float(graph.field.spacing.max()):
+        if ways[longest] <= ways[rivals.index(back)] + float(graph.field.spacing.max()):
             break
         first, second = rivals[longest].node, first
     return first, second
