@@ -330,7 +330,8 @@ class InsertionStudy(Result):
 
     def to_dict(self) -> Json:
         """Return the summary: what ``--json`` prints and ``summary.json`` holds."""
-        return self._summarise() | {"verdict": asdict(self.verdict)}
+        verdict = asdict(self.verdict)
+        return self._summarise() | {"verdict": verdict | {"notes": list(verdict["notes"])}}
 
     def _summarise(self) -> Json:
         summary = summarise_plan(self.plan, self.field, self.line)
