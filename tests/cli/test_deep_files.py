@@ -20,7 +20,8 @@ COMMANDS = (
 OF_FILES = (
     "continuum pose x.yaml", "muscle curve --muscle x.yaml", "duct limits x.json --diameter 4mm",
     "show x.json", "plan x.stl --options x.yaml --out o", "study run x.yaml --out o",
-    "uncertainty x.yaml --out o", "vision plan-setup --board x.yaml --height 2mm --diameter 1mm --ring 2mm",
+    "uncertainty x.yaml --out o",
+    "vision plan-setup --board x.yaml --height 2mm --diameter 1mm --ring 2mm",
     "muscle hysteresis trace x.yaml x.csv", "vision track x.csv --cameras x.yaml --out o",
     "effector tip-error --fit x.yaml --pressure R=0.4MPa", "muscle predict x.yaml",
     "effector curve --muscle-preset x.yaml", "continuum pose x.yaml --json", "study status results",

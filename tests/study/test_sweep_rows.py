@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import math
 from pathlib import Path
@@ -20,7 +21,7 @@ from bozzini.muscle import EnergyMuscle
 from bozzini.muscle import preset as muscle_preset
 from bozzini.study import Engine, Sampling, Study, StudySpec, read_rows, run_study
 from bozzini.study.factors import draw_rows
-from bozzini.study.jobs import ERROR
+from bozzini.study.jobs import ERROR, find_source
 
 SERIAL = Engine(workers=1)
 EFFECTOR: dict[str, Any] = {
@@ -318,9 +319,9 @@ WRONG: list[tuple[dict[str, Any], str]] = [
     ({"job": "builtins:dict", "outputs": ["a"]}, "has no source in Python"),
     ({"job": "builtins:print", "outputs": ["a"]}, "has no source in Python"),
     ({"job": "numpy:sin", "outputs": ["a"]}, "has no source in Python"),
-    ({"job": "operator:itemgetter", "outputs": ["a"]}, "has no source in Python"),
+    ({"job": "operator:itemgetter", "outputs": ["a"]}, "no signature found"),
     ({"job": "sys:exit", "outputs": ["a"]}, "has no source in Python"),
-    ({"job": "textwrap:dedent", "outputs": ["a"]}, "does not take the inputs preset, "),
+    ({"job": "textwrap:dedent", "outputs": ["a"]}, "does not take the inputs deflection, preset"),
     ({"format": "x"}, "must be bozzini-study-1"),
     ({"factors": {}}, "factors is empty"),
     ({"factors": {"ofset": {"range": [1, 2]}}}, "did you mean 'offset'"),
@@ -370,6 +371,18 @@ def test_refusals(tmp_path: Path, changes: dict[str, Any], message: str) -> None
     with pytest.raises(BozziniError, match=message) as caught:
         Study.load(path)
     assert "\n" not in str(caught.value) and str(path) in str(caught.value)
+
+
+def test_the_source_of_a_wrapped_function_is_found() -> None:
+    class Callable:
+        def __call__(self, x: float) -> float:
+            return x
+
+    wrapped = functools.lru_cache(functools.partial(functools.lru_cache(fail_at_three), power=1))
+    for function in (fail_at_three, wrapped, Callable(), Callable):
+        assert find_source(function) == __file__
+    for function in (math.sqrt, len, dict, np.sin, functools.partial(math.sqrt), [].append):
+        assert find_source(function) is None
 
 
 def test_a_folder_of_another_study_is_refused(tmp_path: Path) -> None:

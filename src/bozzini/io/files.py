@@ -285,10 +285,12 @@ def _check_place(given: Path, *, force: bool) -> None:
 
 def _check_replaceable(target: Path, given: Path) -> None:
     """Refuse a directory that is more than a result of Bozzini: it is replaced as a whole."""
-    if Path.cwd().is_relative_to(target):
-        raise OutputError(
-            f"{given} is the working directory or holds it: choose a directory inside it"
-        )
+    with suppress(FileNotFoundError):  # a working directory that is no more
+        here = Path.cwd()
+        if here.is_relative_to(target):
+            raise OutputError(
+                f"{given} is the working directory or holds it: choose a directory inside it"
+            )
     if os.path.ismount(target):
         raise OutputError(f"{given} is a mount point: choose a directory inside it")
     own = _list_own(target)
