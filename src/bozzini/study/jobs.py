@@ -654,7 +654,7 @@ def find_source(function: Callable[..., object]) -> str | None:
     while isinstance(made, partial):
         made = inspect.unwrap(made.func)
     if not (inspect.isroutine(made) or inspect.isclass(made)):
-        made = type(made)
+        made = type(made).__call__  # type: ignore[operator]  # of a callable object
     try:
         return inspect.getsourcefile(made)  # type: ignore[arg-type]  # it says so if it cannot
     except TypeError:
