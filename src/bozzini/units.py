@@ -169,7 +169,8 @@ _LONGEST_UNIT = 40
 _RAISED = "⁰¹²³⁴⁵⁶⁷⁸⁹⁻⁺"
 _DIGITS = str.maketrans(_RAISED, "0123456789-+")
 _TOKEN = re.compile(
-    r"\s*(?P<word>(?:mm|cm|in)H2O|[numckM]?N(?=[nuµmck]?m(?![^\W\d_]))"  # Nmm is N mm
+    r"\s*(?P<word>(?:mm|cm|in)H2O"
+    rf"|[numckM]?N(?=[nuµmck]?m(?![^\W\d_{_RAISED}]))"  # Nmm is N mm
     rf'|[^\W\d_{_RAISED}]+|[°"%]|\))'
     rf"(?:\s*(?:\*\*|\^)\s*(?P<power>[-+]?[0-9])|(?P<raised>[⁻⁺]?[{_RAISED[:10]}])|(?P<glued>[234]))?"
     rf"(?![\d{_RAISED}.])(?!\s*(?:\*\*|\^))|\s*(?P<mark>[*·⋅/(])"

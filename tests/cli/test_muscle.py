@@ -143,8 +143,8 @@ def test_options_of_a_model_reach_it(run):
         return json.loads(out)["contraction_mm"]
 
     assert solve("--ends", "trellis") != solve("--ends", "none")
-    loaded = ("--model", "thesis", "--load", "1N", "--load-path", "bulk")
-    assert solve(*loaded) < solve(*loaded, "--load", "0.5N")
+    loaded = ("--model", "thesis", "--load-path", "bulk", "--load")
+    assert solve(*loaded, "1N") < solve(*loaded, "0.5N")
 
 
 def test_text_says_the_same_as_json(run):

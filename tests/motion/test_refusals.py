@@ -130,7 +130,7 @@ REFUSALS: list[tuple[Callable[[], object], type[InputError], str, str]] = [
     (lambda: insert(TUBE, LINE, scope=SCOPE, head_step=9.0),
      InputError, "head step is 9 mm", "[0.001, 8] mm"),
     (lambda: insert(TUBE, LINE, scope=Scope(diameter=4.0, link_length=500.0)),
-     InputError, "link length is 500 mm", "at most the tract's centreline, 60.0 mm"),
+     InputError, "link length is 500 mm", "at most the tract's centreline, 60 mm"),
     (lambda: insert(TUBE, LINE, scope=Scope(diameter=2.0, link_length=8.0, length=8000.0),
         head_step=1e-3),
      InputError, "head step is 0.001 mm", "at least 0.00607 mm for 1001 joints on a"),
@@ -212,7 +212,7 @@ REFUSALS: list[tuple[Callable[[], object], type[InputError], str, str]] = [
     (lambda: replan(plan(), TUBE, advect=lambda points: 0.0 * points),
      InputError, "advect folds the tissue at the entry", "the introducer has no direction"),
     (lambda: replan(plan(), TUBE, scope=Scope(diameter=4.0, link_length=500.0)),
-     InputError, "link length is 500 mm", "at most the tract's centreline, 60.0 mm"),
+     InputError, "link length is 500 mm", "at most the tract's centreline, 60 mm"),
     (lambda: replan(plan(), STRIP),
      InputError, "the last plan has 3 dimensions, the duct has 2", "they must agree"),
     # Limits of links

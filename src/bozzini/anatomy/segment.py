@@ -434,7 +434,7 @@ def _find_seeded(
         at = int(distance.argmin())
         if distance[at] > NEAR_MM:
             text = ", ".join(f"{value:g}" for value in point)
-            shown = show_apart(distance[at], NEAR_MM, digits=2)
+            shown = show_apart(distance[at], NEAR_MM, digits=3)
             raise InputError(
                 f"seed ({text}) mm lies {shown[0]} mm from the nearest gas that is not "
                 f"lung: it must lie within {shown[1]} mm"

@@ -330,7 +330,7 @@ class Duct(ABC):
         size = np.ptp(self.bounds, axis=0)
         least = (float(size.prod()) / NODES_MAX) ** (1.0 / len(size))
         if voxel < 1e-3 * least:  # the number of nodes might overflow
-            shown = show_apart(voxel, least)
+            shown = show_apart(voxel, least, digits=2)
             raise InputError(
                 f"voxel is {shown[0]} mm: the grid would have far too many nodes, it must be at "
                 f"least about {shown[1]} mm"
@@ -339,7 +339,7 @@ class Duct(ABC):
         counts = np.ceil((high - low) / voxel) + 1.0
         if counts.prod() > NODES_MAX:
             least = voxel * (counts.prod() / NODES_MAX) ** (1.0 / len(size))
-            shown = show_apart(voxel, least)
+            shown = show_apart(voxel, least, digits=2)
             raise InputError(
                 f"voxel is {shown[0]} mm: the grid would have {counts.prod():.3g} nodes, it must "
                 f"be at least about {shown[1]} mm"

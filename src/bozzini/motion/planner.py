@@ -392,7 +392,7 @@ def check_size(scope: Scope, line: Centreline, options: PlannerOptions) -> None:
     travel = float(np.abs(np.diff([0.0, *options.route])).sum()) * line.length
     if joints * (travel / options.head_step + 1.0) > POSITIONS_MAX:
         least = travel * joints / POSITIONS_MAX
-        shown = show_apart(options.head_step, least * 1.01)
+        shown = show_apart(options.head_step, least * 1.01, digits=3)
         raise InputError(
             f"head step is {shown[0]} mm: it must be at least {shown[1]} mm for "
             f"{joints} joints on a way of {travel:.0f} mm, or give longer links"

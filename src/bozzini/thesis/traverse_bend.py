@@ -120,7 +120,7 @@ class Bend:
         if self.radius <= self.clearance:
             raise InputError("flat ends are only for a bend with an inner wall for the body")
         if 0.5 * self.angle < math.acos(far / b):
-            shown = show_apart(self.angle, 2.0 * math.acos(far / b))
+            shown = show_apart(self.angle, 2.0 * math.acos(far / b), digits=4)
             raise InputError(
                 f"angle of the bend is {shown[0]} rad: with flat ends it must lie in "
                 f"[{shown[1]}, pi] rad"

@@ -350,7 +350,7 @@ class PointCloud(Duct):
         for k, seed in enumerate(seeds):
             where = ", ".join(f"{x:.1f}" for x in seed)
             if far[k] <= self._radius:
-                shown = show_apart(far[k], self.spacing)
+                shown = show_apart(far[k], self.spacing, digits=3)
                 raise GeometryError(
                     f"seeds[{k}] at ({where}) mm is {shown[0]} mm from a sample: it must be "
                     f"farther than the spacing, {shown[1]} mm"
