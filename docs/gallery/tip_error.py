@@ -1,6 +1,7 @@
-"""How far off is the tip?
+"""How far do errors move the tip?
 
-Errors of the pressures and of the muscles' modulus, as an ellipse of 95 % beside exact draws.
+Errors of the pressures and of the muscles' modulus, as an ellipse of 95 % of them beside exact draws.
+The error of the model itself is not in it.
 """
 
 import bozzini as bz
