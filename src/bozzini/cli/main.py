@@ -327,8 +327,12 @@ class _Run:
         prefix = "internal error: " if code == EXIT_INTERNAL_ERROR else "error: "
         click.echo(f"bozzini: {'' if code == EXIT_INTERRUPTED else prefix}{line}", err=True)
         if self.as_json and not (self.context and self.context.meta.get("bozzini.emitted")):
-            write_json({"error": {"type": kind, "message": line}})
-            sys.stdout.flush()
+            try:
+                write_json({"error": {"type": kind, "message": line}})
+                sys.stdout.flush()
+            except OSError as error:  # what was wrong stands on stderr
+                click.echo(f"bozzini: error: cannot write: {error.strerror}", err=True)
+                return EXIT_BAD_INPUT
         return code
 
 

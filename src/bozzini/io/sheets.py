@@ -23,8 +23,11 @@ if TYPE_CHECKING:
     import pandas
 
 _HEADER = re.compile(r"\s*(.+?)\s*(?:\[((?:[^][]|\[[^][]*\])*)\]|\(((?:[^()]|\([^()]*\))*)\))?\s*")
-# What pandas calls a column that has no title.
-_UNNAMED = re.compile(r"\s*(?:Unnamed: [0-9]+)?\s*")
+# What pandas calls a column that has no title, and a unit without a name.
+_UNNAMED = re.compile(
+    r"\s*(?:Unnamed: [0-9]+(?:\.[0-9]+)?|nan|\[[^\]]*\]|\([^)]*\))?\s*", re.IGNORECASE
+)
+_BEGINS_WITH_NUMBER = re.compile(r"[\s\"']*[-+]?[.,]?[0-9]")
 DECIMAL_COMMA = re.compile(r"[-+]?[0-9]*,[0-9]+(?:[eE][-+]?[0-9]+)?")
 TEXT_SUFFIXES = (".csv", ".tsv", ".txt")
 PARQUET_SUFFIXES = (".parquet", ".pq")
@@ -95,7 +98,7 @@ def refuse_untitled(sheet: Sheet) -> Sheet:
         for number, row in zip(sheet.numbers, rows, strict=True):
             cell = show_cell(row[place]) if place < len(row) else ""
             filled |= bool(cell)
-            if _is_number(cell):
+            if _BEGINS_WITH_NUMBER.match(cell):
                 raise FileFormatError(
                     f"column {place + 1} has no title and the number {cell} in row {number}: "
                     "give it a title, or leave it out"
@@ -105,14 +108,6 @@ def refuse_untitled(sheet: Sheet) -> Sheet:
     if len(kept) < len(titles):
         titles, rows = [titles[k] for k in kept], [[row[k] for k in kept] for row in rows]
     return replace(sheet, titles=titles, rows=rows)
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text.replace(",", "."))
-    except ValueError:
-        return False
-    return True
 
 
 def _is_row_of_units(row: Sequence[object]) -> bool:

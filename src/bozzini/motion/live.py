@@ -14,6 +14,7 @@ loses the speed of the tissue times the time between.
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -33,6 +34,7 @@ from ..results import Json, Result, take_axes
 from .certify import certify_motion, find_waiting
 from .moving import ReplanOptions, cut_ahead, replan
 from .plan import Plan
+from .refusal import floor_mm
 from .space import FreeSpace
 
 if TYPE_CHECKING:
@@ -534,13 +536,14 @@ def _judge(plan: Plan, carried: float | None, margin: float) -> tuple[FrameStatu
     if carried is not None and carried < 0.0:
         return _judge_move(carried)
     if plan.proved < margin:
+        shown = floor_mm(plan.proved, margin)
         return "now", (
-            f"{plan.proved:.2f} mm are certified, the wall may move by {margin:.2f} mm until the "
-            "next frame"
+            f"{shown} mm are certified, the wall may move by {margin:.2f} mm until the next frame"
         )
     return "held", ""
 
 
 def _judge_move(carried: float) -> tuple[FrameStatus, str]:
     """Return the status of a frame next to a move that is not certified, and why."""
-    return "now", f"while the tissue moved on, {carried:.2f} mm were certified"
+    shown = "nothing was" if math.isinf(carried) else f"{floor_mm(carried)} mm were"
+    return "now", f"while the tissue moved on, {shown} certified: contact is not excluded"

@@ -31,9 +31,16 @@ NEAR_MM = 10.0
 """A motion that ends farther than this from the place that stops it names its end."""
 
 
-def floor_mm(value: float) -> str:
-    """Write a length rounded down, so that what is offered never reads like what is needed."""
-    return str(Decimal(value).quantize(Decimal("0.01"), rounding=ROUND_FLOOR))
+def floor_mm(value: float, *others: float) -> str:
+    """Write a length rounded down, so that what is offered never reads like what is needed.
+
+    It has as many decimals as tell it from `others`, which are written with two.
+    """
+    for digits in range(2, 12):
+        shown = str(Decimal(value).quantize(Decimal(1).scaleb(-digits), rounding=ROUND_FLOOR))
+        if all(float(shown) != float(f"{other:.2f}") or other == value for other in others):
+            break
+    return shown
 
 
 def needs_mm(value: float, offers: float) -> str:

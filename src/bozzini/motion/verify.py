@@ -780,8 +780,9 @@ def _check_claim(plan: Plan, duct: Duct, certificate: Certificate) -> str:
             return "the plan claims no proof, and none is found"
         return f"the plan claims no proof, but {proof:.3f} mm are proved"
     if claimed > proof + CLAIM_ROUND_OFF_MM:
-        anew = f"{proof:.3f} mm are proved" if certificate.certified else "nothing is proved"
-        raise FaultError(f"the plan claims {claimed:.3f} mm: anew {anew}")
+        shown = show_apart(claimed, proof, digits=3, form="f")
+        anew = f"{shown[1]} mm are proved" if certificate.certified else "nothing is proved"
+        raise FaultError(f"the plan claims {shown[0]} mm: anew {anew}")
     found = np.inf if plan.certificate is None else plan.certificate.found
     if proof > found + ROUND_OFF_MM and _is_same_grid(plan, duct):
         raise FaultError(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from ..checks import show_apart
 from ..motion.plan import Plan
 from ..motion.refusal import floor_mm
 from ..plot.plan_data import (
@@ -104,11 +105,12 @@ def _judge(plan: Plan, summary: Record, known: PlanClearance, scope: str, error:
             f"by {-known.estimate:.2f} mm.",
         )
     if known.estimate < error:
+        shown = show_apart(known.estimate, error, digits=2, form="f")
         return Verdict(
             tone="amber",
             label="Too close to call",
-            sentence=f"{reaches}, but comes within {known.estimate:.2f} mm of the wall{where}: "
-            f"less than the {error:.2f} mm by which the distance may be wrong.",
+            sentence=f"{reaches}, but comes within {shown[0]} mm of the wall{where}: "
+            f"less than the {shown[1]} mm by which the distance may be wrong.",
         )
     return Verdict(
         tone="green",
@@ -150,7 +152,8 @@ def _add_unreached(verdict: Verdict, plan: Plan, summary: Record) -> Verdict:
     if share > 0.0 and verdict.tone != "red":
         how = "not reached" if lacks <= 0.0 else "is missing in the file"
         how = "not reached or missing in the file" if 0.0 < lacks < share else how
-        label += f"; {max(1.0, 100.0 * share):.0f} % of the lumen {how}"
+        part = f"{100.0 * share:.0f} %" if share >= 0.01 else "under 1 %"
+        label += f"; {part} of the lumen {how}"
         tone = "amber"
     return replace(verdict, label=label, tone=tone, sentence=f"{verdict.sentence} {text}")
 
@@ -168,8 +171,10 @@ VOXEL_SURFACE = "voxel-surface"
 UNCHECKED = {
     "introducer-crosses": "the introducer crosses the organ",
     "parts-cross": "parts left out reach into the lumen",
+    "version-doubtful": "the labels may be of another version",
+    "affines-differ": "the file states two places or sizes",
 }
-"""Findings of what the scope may meet that the proof does not cover, and each in a few words."""
+"""Findings of what the proof does not cover, and each in a few words."""
 
 
 def _add_unchecked(verdict: Verdict, plan: Plan, summary: Record) -> Verdict:
@@ -211,10 +216,12 @@ def _add_wall_error(verdict: Verdict, plan: Plan, known: PlanClearance, summary:
     error, stated = _read_wall_error(plan, summary), read_number(summary, "label_error_mm")
     if known.certified and known.proved is not None:
         kept = known.proved
-        text = f"The proof holds as long as the given wall is wrong by at most {floor_mm(kept)} mm"
+        shown = floor_mm(kept, *(each for each in (error, stated) if each))
+        text = f"The proof holds as long as the given wall is wrong by at most {shown} mm"
     elif verdict.label.startswith(REACHES) and not known.soft and known.estimate is not None:
         kept = known.estimate
-        text = f"The estimate of {kept:.2f} mm is for the given wall"
+        shown = floor_mm(kept, *(each for each in (error, stated) if each))
+        text = f"The estimate of {shown} mm is for the given wall"
     else:
         return verdict
     label, tone = verdict.label, verdict.tone

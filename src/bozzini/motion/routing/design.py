@@ -505,20 +505,23 @@ def _list_passed(
     reasons = []
     least, most = offsets
     if slope > limits.slope_max + SLOPE_ROUND_OFF:
-        reasons.append(f"the tendons' slope is up to {slope:.3f}: allowed is {limits.slope_max:g}")
+        shown = show_apart(slope, limits.slope_max, digits=3)
+        reasons.append(f"the tendons' slope is up to {shown[0]}: allowed is {shown[1]}")
     if gap < limits.gap_min - LENGTH_ROUND_OFF_MM:
+        shown = show_apart(gap, limits.gap_min, digits=3)
         reasons.append(
-            f"two tendons come as near as {gap:.3f} mm: the least distance is {limits.gap_min:g} mm"
+            f"two tendons come as near as {shown[0]} mm: the least distance is {shown[1]} mm"
         )
     if least < limits.core_radius - LENGTH_ROUND_OFF_MM:
+        shown = show_apart(least, limits.core_radius, digits=3)
         reasons.append(
-            f"a tendon comes within {least:.3f} mm of the backbone: the core's radius is "
-            f"{limits.core_radius:g} mm; one tendon crosses it at inflections, two need not"
+            f"a tendon comes within {shown[0]} mm of the backbone: the core's radius is "
+            f"{shown[1]} mm; one tendon crosses it at inflections, two need not"
         )
     if most > limits.offset_max + LENGTH_ROUND_OFF_MM:
+        shown = show_apart(most, limits.offset_max, digits=3)
         reasons.append(
-            f"a tendon is {most:.3f} mm from the backbone: the largest offset is "
-            f"{limits.offset_max:g} mm"
+            f"a tendon is {shown[0]} mm from the backbone: the largest offset is {shown[1]} mm"
         )
     return reasons
 

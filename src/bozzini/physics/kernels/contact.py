@@ -38,6 +38,15 @@ def measure_gap(duct, tube, x, y, z):
 
 
 @njit(cache=True)
+def _split_along(tube, x, y, z):
+    """Return how far a place is along the introducer's axis, and off it [mm]."""
+    dx, dy, dz = x - tube[0], y - tube[1], z - tube[2]
+    along = dx * tube[3] + dy * tube[4] + dz * tube[5]
+    ox, oy, oz = dx - along * tube[3], dy - along * tube[4], dz - along * tube[5]
+    return along, math.sqrt(ox * ox + oy * oy + oz * oz)
+
+
+@njit(cache=True)
 def look_ahead(duct, tube, frame, eye, axes, lens, image):
     """Fill an image (n, n) with the light of the tip that the wall throws back, 0 to 1.
 
@@ -50,7 +59,7 @@ def look_ahead(duct, tube, frame, eye, axes, lens, image):
     """
     half, near, far = lens
     n = image.shape[0]
-    start, way = np.empty(3), np.empty(3)
+    start, way, lumen_alone = np.empty(3), np.empty(3), np.zeros(7)
     for k in range(3):
         start[k] = frame[3, k]
         for j in range(3):
@@ -67,11 +76,18 @@ def look_ahead(duct, tube, frame, eye, axes, lens, image):
                     way[k] += frame[j, k] * ray
             gone = 0.0
             image[row, column] = 0.0
+            # Past the entry plane a ray is in the introducer only if it came there through it.
+            before, off = _split_along(tube, start[0], start[1], start[2])
+            around = tube if before < 0.0 or off <= tube[6] else lumen_alone
             while gone < far:
-                clear, gx, gy, gz = measure_gap(
-                    duct, tube, start[0] + gone * way[0], start[1] + gone * way[1],
-                    start[2] + gone * way[2],
+                x, y, z = (
+                    start[0] + gone * way[0], start[1] + gone * way[1], start[2] + gone * way[2],
                 )  # fmt: skip
+                along, off = _split_along(tube, x, y, z)
+                if (along < 0.0) != (before < 0.0):
+                    around = tube if along < 0.0 or off <= tube[6] else lumen_alone
+                before = along
+                clear, gx, gy, gz = measure_gap(duct, around, x, y, z)
                 if clear < SEEN:
                     slope = math.sqrt(gx * gx + gy * gy + gz * gz)
                     cosine = -(gx * way[0] + gy * way[1] + gz * way[2]) / max(slope, 1e-9)
@@ -108,10 +124,7 @@ def find_contacts(duct, tube, frame, bodies, turns, along, points, size, index, 
             local[k] = frame[3, k]
             for j in range(3):
                 local[k] += frame[j, k] * points[i, j]
-        along_tube = 0.0
-        for k in range(3):
-            along_tube += (local[k] - tube[k]) * tube[3 + k]
-        if along_tube < 0.0:
+        if _split_along(tube, local[0], local[1], local[2])[0] < 0.0:
             tube = lumen_alone
         clear, gx, gy, gz = measure_gap(duct, tube, local[0], local[1], local[2])
         if clear < least:
