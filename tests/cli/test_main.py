@@ -407,6 +407,20 @@ def test_a_full_disk_under_stdout_is_one_line(arguments: list[str]) -> None:
     assert done.stderr == "bozzini: error: cannot write: No space left on device\n"
 
 
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
+def test_an_error_in_json_on_a_full_disk_is_bad_input_too() -> None:
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "bozzini", "certify", "nope.npz", "--json"],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            timeout=60,
+        )
+    assert done.returncode == 2
+    assert done.stderr.splitlines()[1:] == ["bozzini: error: cannot write: No space left on device"]
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="names are no bytes there")
 @pytest.mark.parametrize(
     "locale",

@@ -31,6 +31,7 @@ from bozzini.motion import (
     follow_tissue,
     replan,
 )
+from bozzini.motion.live import _judge
 from tests.duct.test_moving import make_tube
 from tests.exact import MeshWall, outside_introducer, sample_body
 from tests.motion.plans import insert
@@ -250,6 +251,24 @@ def test_a_head_that_was_held_up_does_not_make_up_for_it(rest):
     # 10 mm/s at 10 Hz, in steps of 1 mm.
     assert gone[10:].max() < 2.1
     assert gone[10:].sum() > 1.5
+
+
+def test_what_is_certified_reads_apart_from_what_the_wall_may_do(rest):
+    _, _, plan = rest
+    sound = replace(plan, certificate=replace(plan.certificate, clearance=0.1555))
+    status, reason = _judge(sound, None, 0.157)
+    assert status == "now"
+    assert "0.15 mm are certified, the wall may move by 0.16 mm" in reason
+    assert "-0.01 mm were certified" in _judge(sound, -0.003, 0.0)[1]
+    assert "nothing was certified" in _judge(sound, -np.inf, 0.0)[1]
+
+
+def test_a_move_that_is_not_certified_takes_the_hold_from_the_frame_before(rest):
+    first, second = run(rest, replace(BREATH, amplitude=0.5), duration=0.2, advance=0.0)
+    assert first.status == "held"
+    found = LiveRun.collect([first, replace(second, carried=-0.045)], rate=10.0, motion=BREATH)
+    assert found.frames[0].status == "now"
+    assert "while the tissue moved on, -0.05 mm were certified" in found.frames[0].reason
 
 
 def test_the_margin_is_the_walls_speed_over_the_rate(rest):

@@ -138,6 +138,24 @@ def test_numbers_without_a_title_are_refused(tmp_path, title) -> None:
         take_measurements(frame)
 
 
+@pytest.mark.parametrize(
+    ("title", "cell"),
+    [
+        ("", "7 N"),
+        ("", '"1,234.5"'),
+        ("[N]", "7"),
+        ("(N)", "7"),
+        ("nan", "7"),
+        ("Unnamed: 3.1", "7"),
+    ],
+)
+def test_neither_a_unit_in_the_cell_nor_one_alone_makes_a_title(tmp_path, title, cell) -> None:
+    path = tmp_path / "data.csv"
+    path.write_text(f"pressure [kPa],contraction [mm],{title}\n100,1,{cell}\n200,2,{cell}\n")
+    with pytest.raises(FileFormatError, match="column 3 has no title and the number"):
+        read_measurements(path)
+
+
 def test_an_empty_column_without_a_title_is_none(tmp_path) -> None:
     path = tmp_path / "data.csv"
     path.write_text("pressure [kPa],,contraction [mm],\n100,,1,\n200,,2,\n")

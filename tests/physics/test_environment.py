@@ -118,6 +118,31 @@ def test_a_camera_in_a_ball_sees_its_wall_as_bright_all_round() -> None:
     assert not dark.any()  # its light does not reach the wall
 
 
+def test_a_ray_past_the_entry_plane_meets_the_wall_beside_the_introducer() -> None:
+    from bozzini.motion.scope import Introducer
+    from bozzini.physics.simulate import Chain, Simulation
+    from bozzini.physics.walls import LumenWall
+    from tests.shapes import ball_distance, sample_field
+
+    # An eye in a ball that lies across the introducer's straight continuation, 60 mm out.
+    field = sample_field(ball_distance([0.0, 0.0, 0.0], 20.0), [-24.0] * 3, [24.0] * 3, 1.0)
+    frame = np.eye(4)
+    frame[0, 3], frame[2, 3] = 8.0, -10.0
+    chain = Chain(
+        lengths=np.array([10.0]), radius=2.0, frame=frame, springs=np.zeros(1), servos=np.ones(1)
+    )
+    tube = Introducer(
+        entry=np.array([0.0, 0.0, -60.0]), outward=np.array([0.0, 0.0, 1.0]), bore=3.0
+    )
+    images = [
+        Simulation(chain, LumenWall(duct=field, introducer=each)).look(
+            np.eye(3), pixels=16, lens=(0.9, 5.0, 100.0)
+        )
+        for each in (None, tube)
+    ]
+    assert np.array_equal(images[0], images[1])
+
+
 def test_the_reward_is_what_is_documented(lumen: Lumen) -> None:
     env = Insertion(lumen=lumen)
     env.reset(seed=1)

@@ -141,3 +141,27 @@ def test_what_the_proof_does_not_cover_stands_in_the_verdict(code, changes):
         return
     assert told.sentence == f"{bare.sentence} {text}"
     assert told.tone == "amber" and told.label.startswith(f"{bare.label}; ")
+
+
+@given(proved=st.floats(0.001, 3.9), share=st.floats(0.98, 1.02))
+def test_what_is_proved_reads_apart_from_the_walls_error(proved, share):
+    plan = make_plan(meta={"certified": True})
+    error = proved * share
+    summary = {**make_summary(plan), "certified": True, "clearance_certified_mm": proved}
+    text = " ".join(judge_plan(plan, {**summary, "wall_error_mm": error}).notes)
+    found = re.search(r"at most ([0-9.]+) mm, (more|less) than the ([0-9.]+)", text)
+    assert found is not None
+    kept, relation, other = found.groups()
+    assert float(kept) <= proved
+    if error != proved:
+        assert float(kept) != float(other)
+    assert relation == ("more" if proved >= error else "less")
+
+
+def test_a_small_part_not_reached_is_not_rounded_up():
+    plan = make_plan()
+    part = {"text": "a pouch", "share": 0.0005, "stated": True, "kind": "branch"}
+    assert (
+        "; under 1 % of the lumen not reached"
+        in judge_plan(plan, {**make_summary(plan), "unreached": [part]}).label
+    )

@@ -34,7 +34,7 @@ from ..results import Json, Result, take_axes
 from .certify import certify_motion, find_waiting
 from .moving import ReplanOptions, cut_ahead, replan
 from .plan import Plan
-from .refusal import floor_mm
+from .refusal import floor_beside, floor_mm
 from .space import FreeSpace
 
 if TYPE_CHECKING:
@@ -536,9 +536,9 @@ def _judge(plan: Plan, carried: float | None, margin: float) -> tuple[FrameStatu
     if carried is not None and carried < 0.0:
         return _judge_move(carried)
     if plan.proved < margin:
-        shown = floor_mm(plan.proved, margin)
+        shown = floor_beside(plan.proved, margin)
         return "now", (
-            f"{shown} mm are certified, the wall may move by {margin:.2f} mm until the next frame"
+            f"{shown[0]} mm are certified, the wall may move by {shown[1]} mm until the next frame"
         )
     return "held", ""
 

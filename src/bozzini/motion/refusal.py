@@ -31,14 +31,17 @@ NEAR_MM = 10.0
 """A motion that ends farther than this from the place that stops it names its end."""
 
 
-def floor_mm(value: float, *others: float) -> str:
-    """Write a length rounded down, so that what is offered never reads like what is needed.
+def floor_mm(value: float) -> str:
+    """Write a length rounded down, so that what is offered never reads like what is needed."""
+    return str(Decimal(value).quantize(Decimal("0.01"), rounding=ROUND_FLOOR))
 
-    It has as many decimals as tell it from `others`, which are written with two.
-    """
+
+def floor_beside(value: float, other: float) -> tuple[str, str]:
+    """Write a length rounded down, and another with as many decimals: so many that they differ."""
     for digits in range(2, 12):
-        shown = str(Decimal(value).quantize(Decimal(1).scaleb(-digits), rounding=ROUND_FLOOR))
-        if all(float(shown) != float(f"{other:.2f}") or other == value for other in others):
+        unit = Decimal(1).scaleb(-digits)
+        shown = str(Decimal(value).quantize(unit, rounding=ROUND_FLOOR)), f"{other:.{digits}f}"
+        if shown[0] != shown[1] or value == other:
             break
     return shown
 

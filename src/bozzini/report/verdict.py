@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from ..checks import show_apart
 from ..motion.plan import Plan
-from ..motion.refusal import floor_mm
+from ..motion.refusal import floor_beside, floor_mm
 from ..plot.plan_data import (
     PlanClearance,
     Record,
@@ -216,12 +216,12 @@ def _add_wall_error(verdict: Verdict, plan: Plan, known: PlanClearance, summary:
     error, stated = _read_wall_error(plan, summary), read_number(summary, "label_error_mm")
     if known.certified and known.proved is not None:
         kept = known.proved
-        shown = floor_mm(kept, *(each for each in (error, stated) if each))
-        text = f"The proof holds as long as the given wall is wrong by at most {shown} mm"
+        shown = floor_beside(kept, error or 0.0)
+        text = f"The proof holds as long as the given wall is wrong by at most {shown[0]} mm"
     elif verdict.label.startswith(REACHES) and not known.soft and known.estimate is not None:
         kept = known.estimate
-        shown = floor_mm(kept, *(each for each in (error, stated) if each))
-        text = f"The estimate of {shown} mm is for the given wall"
+        shown = floor_beside(kept, error or 0.0)
+        text = f"The estimate of {shown[0]} mm is for the given wall"
     else:
         return verdict
     label, tone = verdict.label, verdict.tone
@@ -234,7 +234,7 @@ def _add_wall_error(verdict: Verdict, plan: Plan, known: PlanClearance, summary:
                 text += f". Of its error: {item.get('message')}"
     elif error:
         relation = "more" if kept >= error else "less"
-        text += f", {relation} than the {error:.2f} mm by which its resolution may displace it"
+        text += f", {relation} than the {shown[1]} mm by which its resolution may displace it"
         if kept < error and ", proved" in label:
             label = label.replace(", proved", ", proved for the stated wall", 1)
         elif kept < error:
