@@ -1,7 +1,7 @@
 """How far do errors move the tip?
 
-Errors of the pressures and of the muscles' modulus, as an ellipse of 95 % of them beside exact draws.
-The error of the model itself is not in it.
+Errors of the pressures and of the muscles' modulus, as an ellipse of 95 % of them beside exact
+draws. The error of the model itself is not in it.
 """
 
 import bozzini as bz
