@@ -129,6 +129,7 @@ def test_a_damaged_qform_is_told_if_it_has_a_code(tmp_path):
     path = save_both(tmp_path / "a.nii", BASE, BASE)
     image = nibabel.load(path)
     image.header["quatern_b"], image.header["quatern_c"] = 3.0, 4.0
+    image.header["vox_offset"] = 352
     for code in (0, 1):
         image.header["qform_code"] = code
         data = bytearray(path.read_bytes())
