@@ -44,7 +44,7 @@ def test_step_files_leave_one_object_on_stdout(tmp_path, capfd):
         ((*ROBOT, "--thickness", "7mm"), "thickness is 7 mm: it must be below 5 mm"),
         ((*ROBOT, "--wall", "2mm"), "at least 2 mm must be"),
         ((*ROBOT, "--tendon-diameter", "0mm"), "tendon diameter is 0 mm: it must lie in"),
-        (EFFECTOR, "is left between muscle R and the outside"),
+        (EFFECTOR, "with walls of 0.3 mm need at least 10.6 mm"),
         ((*EFFECTOR, "--air-bore", "1mm"), "air bore is 1 mm"),
     ],
 )

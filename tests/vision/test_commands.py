@@ -86,7 +86,7 @@ def test_a_refused_calibration_writes_no_cameras(folder, tmp_path, capsys):
     more = ["--resamples", "0", "--baseline", "200mm", "--json", "--out", str(out)]
     assert main(["vision", "calibrate", *given, *more]) == 1
     result = json.loads(capsys.readouterr().out)
-    assert "200 mm were expected" in result["reason"]
+    assert "200.00 mm were expected" in result["reason"]
     assert result["file"] is None
     assert [path.name for path in tmp_path.iterdir()] == ["cameras.png"]
 

@@ -119,7 +119,7 @@ class Breathing(TissueMotion):
             object.__setattr__(self, name, _unit(name, getattr(self, name)))
         steep = self.amplitude * 2.0 * math.pi / self.wavelength
         if steep >= 1.0:
-            shown = show_apart(self.amplitude, self.wavelength / (2.0 * math.pi))
+            shown = show_apart(self.amplitude, self.wavelength / (2.0 * math.pi), digits=3)
             raise InputError(
                 f"amplitude is {shown[0]} mm: it must be below "
                 f"{shown[1]} mm, the wavelength over 2 pi, or the "

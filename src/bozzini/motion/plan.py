@@ -264,7 +264,8 @@ def write_record(item: object) -> dict[str, object]:
     for each in dataclasses.fields(item):  # type: ignore[arg-type]
         value = getattr(item, each.name)
         if each.metadata.get("recorded", True):
-            if value is not None or not each.metadata.get("omitted", False):
+            empty = value is None or (isinstance(value, str) and not value)
+            if not (empty and each.metadata.get("omitted", False)):
                 record[_name_key(each)] = to_plain(value)
     return record
 

@@ -106,8 +106,8 @@ class Refusal:
     inflate: float | None = quantity("length", default=None)
     diameter_bound: float | None = quantity("length", default=None)
     ends_at: float | None = quantity("length", default=None)
-    ends_code: str = ""
-    ends_what: str = ""
+    ends_code: str = field(default="", metadata={"omitted": True})
+    ends_what: str = field(default="", metadata={"omitted": True})
 
     @property
     def reason(self) -> str:

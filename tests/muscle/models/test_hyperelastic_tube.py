@@ -127,7 +127,7 @@ def test_the_pressure_grows_without_bounds_towards_locking():
     assert model.contraction(PRESSURE_LIMIT) < lock
     assert model.find_free_pressure(0.0) == pytest.approx(0.0, abs=1e-14)
     for wrong in (-0.1, lock, math.nan):
-        with pytest.raises(InputError, match=rf"^contraction is {wrong:g} mm: it must lie"):
+        with pytest.raises(InputError, match=r"^contraction is .* mm: it must lie"):
             model.find_free_pressure(wrong)
 
 

@@ -12,7 +12,7 @@ export function createPlanning(section, send, viewer) {
 	const robot = find(".robot"), busy = find(".busy"), verdict = find(".verdict");
 	let told = "", named = "", now = null, asked = 0, edited = null, waits = false;
 
-	/** Show the sizes in force, but not where one is typed, nor while another is asked for. */
+	/** Show the sizes in force, but not where one is typed or asked for. */
 	function showSizes() {
 		if (!waits && section.ariaBusy === "false") for (const input of inputs) if (input !== edited) input.value = Number(now[`${input.name}_mm`].toFixed(3));
 	}
@@ -37,11 +37,11 @@ export function createPlanning(section, send, viewer) {
 	}
 	for (const each of ends) each.onclick = () => choose(each.ariaPressed === "true" ? null : each.value);
 
-	function judge({ status, certified, reason, proved_mm: proved, inserted_mm: inserted, seconds, verdict: { tone, label = "Fits" } = {} }) {
+	function judge({ status, certified, reason, proved_mm, inserted_mm, seconds, verdict: { tone, label = "Fits" } = {} }) {
 		section.dataset.verdict = status === "stopped" ? status : certified && tone === "green" ? "fits" : "open";
 		if (status === "stopped") return `${reason[0].toUpperCase()}${reason.slice(1)}.`;
 		if (!certified) return "Reaches the goal; no clearance is proved.";
-		return `${label}: ${(Math.floor(100 * proved) / 100).toFixed(2)} mm of clearance proved over ${inserted} mm, planned in ${seconds} s.`;
+		return `${label}: ${(Math.floor(100 * proved_mm) / 100).toFixed(2)} mm of clearance proved over ${inserted_mm} mm, in ${seconds} s.`;
 	}
 
 	function showRobot({ name, fits, reason, tendons }, moves) {
