@@ -125,6 +125,21 @@ def test_a_form_without_code_or_off_by_rounding_states_nothing(tmp_path):
         assert "affines-differ" not in codes(tract)
 
 
+def test_a_damaged_qform_is_told_if_it_has_a_code(tmp_path):
+    path = save_both(tmp_path / "a.nii", BASE, BASE)
+    image = nibabel.load(path)
+    image.header["quatern_b"], image.header["quatern_c"] = 3.0, 4.0
+    for code in (0, 1):
+        image.header["qform_code"] = code
+        data = bytearray(path.read_bytes())
+        data[:348] = image.header.binaryblock
+        (tmp_path / "b.nii").write_bytes(data)
+        found = codes(read_tract(tmp_path / "b.nii"))
+        assert ("affines-differ" in found) == (code == 1)
+        if code:
+            assert "one of them is damaged; the sform is taken" in found["affines-differ"].message
+
+
 def test_voxel_sizes_of_the_header_are_compared_with_the_sform(tmp_path):
     path = save_both(tmp_path / "a.nii", BASE, BASE, (0, 1), pixdim=(1.0, 1.5, 5.0))
     message = codes(read_tract(path))["affines-differ"].message
@@ -429,7 +444,7 @@ def test_names_beside_a_volume_are_read_compared_and_hashed(tmp_path, suffix, te
     assert found.severity == "warning" and "label 20 is colon and vertebrae_L3" in found.message
 
 
-@pytest.mark.parametrize("text", ["", "{", "[1]", '{"Modality": "CT"}', "1 2 3\n", "\0" * 9])
+@pytest.mark.parametrize("text", ["", "{", "[1]", '{"SeriesNumber": 3}', "1 2 3 4 5 6\n", "\0" * 9])
 def test_a_file_beside_a_volume_that_states_no_names_is_left_alone(tmp_path, text):
     path = save_labels(tmp_path / "scan.nii.gz", abdomen(**VERSION_1))
     before = hash_input(path)

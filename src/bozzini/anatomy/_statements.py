@@ -16,12 +16,17 @@ SAME_SPACING = 0.01
 
 
 def report_unit(unit: str, scale: float) -> list[Finding]:
+    """Return a note on the unit of a file [mm], where it is not mm."""
     if unit == "unknown":
         message = "the file states no unit of length: taken as mm"
         return [Finding("unit-unknown", "note", message)]
     if scale == 1.0:
         return []
     return [Finding("unit-converted", "note", f"the file is in {unit}: converted to mm")]
+
+
+def _is_regular(affine: NDArray[np.float64]) -> bool:
+    return bool(np.isfinite(affine).all()) and abs(float(np.linalg.det(affine[:3, :3]))) > 1e-12
 
 
 def compare_places(
@@ -34,9 +39,11 @@ def compare_places(
     taken: str,
 ) -> list[Finding]:
     """Warn where two statements on where voxels lie differ, by how much, and which is taken."""
-    usable = np.isfinite(affine).all() and np.isfinite(other).all()
-    if not usable or min(abs(np.linalg.det(each[:3, :3])) for each in (affine, other)) < 1e-12:
-        return []  # the affine that is taken is checked by itself
+    if not all(map(_is_regular, (affine, other))):
+        if not _is_regular(affine):
+            return []  # it is refused by itself
+        message = f"{what} differ: one of them is damaged; {taken} is taken"
+        return [Finding("affines-differ", "warning", message)]
     gap = compare_affines(affine, other, shape, frame=frame)
     if gap.farthest <= SAME_SHARE * float(np.linalg.norm(affine[:3, :3], axis=0).min()):
         return []

@@ -108,8 +108,8 @@ def find_version(labels: Iterable[int | str]) -> tuple[str, dict[int, str]] | No
 def read_sidecar(volume: Path, suffix: str) -> tuple[dict[int, str], list[Path]]:
     """Return the names of labels in files beside a volume, and which files state them.
 
-    These are JSON (``{"1": "colon"}`` or ``{"colon": 1}``, also under ``labels``, ``names`` or the
-    ``LabelMap`` of BIDS), colour tables of 3D Slicer (``.ctbl``, ``.txt``) and label descriptions
+    These are JSON (``{"1": "colon"}``; under ``labels``, ``names`` or the ``LabelMap`` of BIDS
+    ``{"colon": 1}`` too), colour tables of 3D Slicer (``.ctbl``, ``.txt``) and label descriptions
     of ITK-SNAP (``.label``, ``.txt``), with the volume's name but for the suffix.
     """
     stem = volume.name[: -len(suffix)]
@@ -126,8 +126,12 @@ def read_sidecar(volume: Path, suffix: str) -> tuple[dict[int, str], list[Path]]
 
 def read_json(file: Path) -> dict[str, object]:
     """Return the object in a JSON file; {} where there is none."""
+    return _parse(_read_text(file))
+
+
+def _parse(text: str) -> dict[str, object]:
     try:
-        tree = json.loads(_read_text(file))
+        tree = json.loads(text)
     except (ValueError, RecursionError):
         return {}
     return tree if isinstance(tree, dict) else {}
@@ -143,23 +147,20 @@ def _read_text(file: Path) -> str:
 
 
 def _read_tree(text: str) -> dict[int, str]:
-    try:
-        tree = json.loads(text)
-    except (ValueError, RecursionError):
-        return {}
-    if not isinstance(tree, dict):
-        return {}
-    for part in (tree, *(tree.get(key) for key in ("labels", "names", "LabelMap"))):
-        if isinstance(part, dict) and part:
-            pairs = [(key, item) for key, item in part.items()]
-            if all(isinstance(item, int) for _, item in pairs):
-                pairs = [(item, key) for key, item in pairs]
-            if all(str(key).isdecimal() and isinstance(item, str) for key, item in pairs):
-                return {int(key): item.strip() for key, item in pairs if int(key) and item.strip()}
+    tree = _parse(text)
+    for key in (None, "labels", "names", "LabelMap"):
+        part = tree if key is None else tree.get(key)
+        if not isinstance(part, dict):
+            continue
+        pairs = list(part.items())
+        if key is not None and all(isinstance(item, int) for _, item in pairs):
+            pairs = [(item, name) for name, item in pairs]
+        if pairs and all(str(k).isdecimal() and isinstance(item, str) for k, item in pairs):
+            return {int(k): item.strip() for k, item in pairs if int(k) and item.strip()}
     return {}
 
 
-_SLICER = re.compile(r"^(\d+)\s+(\S+)(?:\s+\d+){4}\s*$")
+_SLICER = re.compile(r"^(\d+)\s+(\S*[^\W\d]\S*)(?:\s+\d+){4}\s*$")
 _SNAP = re.compile(r'^\s*(\d+)(?:\s+[\d.]+){4,6}\s+"([^"]+)"\s*$')
 
 

@@ -83,7 +83,6 @@ def read_nifti(path: PathLike) -> Volume:
             framed = int(header["qform_code"]) > 0 or int(header["sform_code"]) > 0
             affine = np.array(header.get_best_affine(), dtype=np.float64)
             by_code = {name: int(header[f"{name}_code"]) for name in ("qform", "sform")}
-            quaternion = np.array(header.get_qform(), dtype=np.float64)
             zooms = np.array(header.get_zooms()[:3], dtype=np.float64)
             slope, shift = header.get_slope_inter()
             shape = tuple(int(length) for length in header.get_data_shape())
@@ -99,6 +98,8 @@ def read_nifti(path: PathLike) -> Volume:
     found = report_unit(unit, scale)
     affine[:3] *= scale
     if by_code["sform"] > 0 and by_code["qform"] > 0:
+        with quiet_libraries():
+            quaternion = _read_qform(header)
         quaternion[:3] *= scale
         names = {name: f"{name} ({_CODES.get(code, code)})" for name, code in by_code.items()}
         what = f"the {names['qform']} and the {names['sform']} of the file"
@@ -119,6 +120,14 @@ def read_nifti(path: PathLike) -> Volume:
         frame="RAS" if framed else None,
         findings=tuple(found),
     )
+
+
+def _read_qform(header: Nifti1Header) -> NDArray[np.float64]:
+    """Return the qform, NaN where its numbers are none."""
+    try:
+        return np.array(header.get_qform(), dtype=np.float64)
+    except Exception:  # nibabel raises several kinds
+        return np.full((4, 4), np.nan)
 
 
 def _read_nifti_header(stream: BinaryIO, path: PathLike) -> tuple[Nifti1Header, bytes]:
