@@ -244,7 +244,7 @@ class LumenWall:
 
     def measure(self, points: Floats) -> Floats:
         """Return the (...) clearance of points (..., 3) in lumen or introducer [mm]."""
-        return self._measure_both(points).max(axis=0)
+        return np.asarray(self._measure_both(points).max(axis=0))
 
     def is_introducer(self, points: Floats) -> NDArray[np.bool_]:
         """Return (...) whether the wall at points (..., 3) is the introducer's, not the lumen's."""

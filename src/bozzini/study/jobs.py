@@ -654,9 +654,9 @@ def find_source(function: Callable[..., object]) -> str | None:
     while isinstance(made, partial):
         made = inspect.unwrap(made.func)
     if not (inspect.isroutine(made) or inspect.isclass(made)):
-        made = type(made).__call__  # type: ignore[operator]  # of a callable object
+        made = type(made).__call__
     try:
-        return inspect.getsourcefile(made)  # type: ignore[arg-type]  # it says so if it cannot
+        return inspect.getsourcefile(made)
     except TypeError:
         return None
 
