@@ -160,7 +160,7 @@ def patch_slew(folder, slew, shaped):
     place = Path(folder) / f"firmware-{slew}-{shaped}"
     shutil.copytree(find_sources(), place, ignore=shutil.ignore_patterns("build"))
     config = place / "src" / "config.h"
-    text = config.read_text()
+    text = config.read_text(encoding="utf-8")
     for name, value in (("BZ_SLEW ", slew), ("BZ_SLEW_SHAPED ", shaped)):
         head, tail = text.split(f"#define {name}")
         text = f"{head}#define {name}{value} {tail.lstrip().split(' ', 1)[1]}"

@@ -33,7 +33,7 @@ def _fail(_: Path) -> None:
 
 
 def _fill_then_fail(path: Path) -> None:
-    path.write_text("half")
+    path.write_text("half", encoding="utf-8")
     raise OSError(28, "No space left on device")
 
 
@@ -65,7 +65,11 @@ def test_a_file_is_written_where_a_link_leads(tmp_path: Path, there: bool) -> No
         target.write_text("old")
     check_new_file(link, ("",), force=there)
     assert write_text(link, "new") == link
-    assert link.is_symlink() and target.read_text() == "new" and not target.is_symlink()
+    assert (
+        link.is_symlink()
+        and target.read_text(encoding="utf-8") == "new"
+        and not target.is_symlink()
+    )
     assert sorted(os.listdir(tmp_path / "data")) == ["plan"]
 
 
@@ -94,7 +98,7 @@ def test_failure_leaves_what_was_there(tmp_path: Path, write: object) -> None:
     target = write_text(tmp_path / "plan", "old")
     with pytest.raises((RuntimeError, OutputError)):
         write_atomically(target, write)  # type: ignore[arg-type]
-    assert target.read_text() == "old"
+    assert target.read_text(encoding="utf-8") == "old"
     assert os.listdir(tmp_path) == ["plan"]
 
 
@@ -116,7 +120,7 @@ def test_directory_appears_only_at_the_end(tmp_path: Path) -> None:
     with new_directory(target) as place:
         (place / "a").write_text("1")
         assert not target.exists()
-    assert (target / "a").read_text() == "1"
+    assert (target / "a").read_text(encoding="utf-8") == "1"
     assert os.listdir(tmp_path / "deep") == ["out"]
 
 
@@ -146,7 +150,11 @@ def _put_result(target: Path, *names: str, **contents: str) -> Path:
 
 
 def _read_all(folder: Path) -> dict[str, str]:
-    return {str(p.relative_to(folder)): p.read_text() for p in folder.rglob("*") if p.is_file()}
+    return {
+        str(p.relative_to(folder)): p.read_text(encoding="utf-8")
+        for p in folder.rglob("*")
+        if p.is_file()
+    }
 
 
 def test_force_replaces_a_result_as_a_whole(tmp_path: Path) -> None:
@@ -154,7 +162,9 @@ def test_force_replaces_a_result_as_a_whole(tmp_path: Path) -> None:
     (target / ".DS_Store").write_text("of the desktop")
     with new_directory(target, force=True) as place:
         (place / "report").write_text("new")
-        assert (target / "robot").read_text() == "old"  # until the new one is complete
+        assert (target / "robot").read_text(
+            encoding="utf-8"
+        ) == "old"  # until the new one is complete
     assert _read_all(target) == {"report": "new"}
     assert os.listdir(tmp_path) == ["out"]
 
@@ -199,8 +209,8 @@ def test_a_file_that_comes_during_the_work_is_not_removed(tmp_path: Path) -> Non
     ):
         (place / "report").write_text("new")
         (target / "notes.txt").write_text("mine")
-    assert (target / "notes.txt").read_text() == "mine"
-    assert (target / "report").read_text() == "old"
+    assert (target / "notes.txt").read_text(encoding="utf-8") == "mine"
+    assert (target / "report").read_text(encoding="utf-8") == "old"
     assert os.listdir(tmp_path) == ["out"]
 
 
@@ -224,7 +234,7 @@ def test_failure_with_force_leaves_what_was_there(tmp_path: Path) -> None:
     with pytest.raises(RuntimeError), new_directory(target, force=True) as place:
         (place / "report").write_text("new")
         _fail(place)
-    assert (target / "report").read_text() == "old"
+    assert (target / "report").read_text(encoding="utf-8") == "old"
     assert os.listdir(tmp_path) == ["out"]
 
 
@@ -247,7 +257,7 @@ def test_failure_of_either_rename_leaves_what_was_there(
     with pytest.raises(expected), new_directory(target, force=True) as place:
         (place / "report").write_text("new")
     assert len(calls) >= call
-    assert (target / "report").read_text() == "old"
+    assert (target / "report").read_text(encoding="utf-8") == "old"
     assert os.listdir(tmp_path) == ["out"]
 
 
@@ -394,7 +404,7 @@ def test_a_dead_process_blocks_nobody(tmp_path: Path, other: subprocess.Popen[st
     assert any(name.endswith(".lock") for name in os.listdir(tmp_path))
     with new_directory(tmp_path / "out") as place:
         (place / "report").write_text("second")
-    assert (tmp_path / "out" / "report").read_text() == "second"
+    assert (tmp_path / "out" / "report").read_text(encoding="utf-8") == "second"
     assert not any(name.endswith(".lock") for name in os.listdir(tmp_path))
 
 
@@ -404,10 +414,10 @@ def test_a_name_that_is_not_utf8_can_be_written(tmp_path: Path) -> None:
     except (OSError, UnicodeError):
         pytest.skip("this file system takes UTF-8 only")
     write_text(tmp_path / "\udcff.html", "of \udcff")
-    assert (tmp_path / "\udcff.html").read_text() == "of \\udcff"
+    assert (tmp_path / "\udcff.html").read_text(encoding="utf-8") == "of \\udcff"
     with new_directory(tmp_path / "\udcff\udcfe") as place:
         write_text(place / "é", "1")
-    assert (tmp_path / "\udcff\udcfe" / "é").read_text() == "1"
+    assert (tmp_path / "\udcff\udcfe" / "é").read_text(encoding="utf-8") == "1"
 
 
 def test_the_longest_names_can_be_written(tmp_path: Path) -> None:
@@ -568,7 +578,7 @@ def test_a_file_that_can_be_written_is_not_touched_by_asking(tmp_path: Path) -> 
     check_new_file(tmp_path / "a.png", (".png",), force=True)
     with pytest.raises(OutputError, match="exists already"):
         check_new_file(tmp_path / "a.png", (".png",))
-    assert (tmp_path / "a.png").read_text() == "old"
+    assert (tmp_path / "a.png").read_text(encoding="utf-8") == "old"
 
 
 @pytest.mark.skipif(not Path("/proc/self").is_dir(), reason="a place that takes no file at all")

@@ -78,7 +78,9 @@ def test_a_row_for_every_equation() -> None:
 
 def test_the_footnote_to_5_21_has_the_signs_that_solve_it() -> None:
     """Both pairs that the page states bring the footnote's point back, upper signs together."""
-    (row,) = re.findall(r"^\| footnote to \(5\.21\) \|.*$", (DOCS / "thesis.md").read_text(), re.M)
+    (row,) = re.findall(
+        r"^\| footnote to \(5\.21\) \|.*$", (DOCS / "thesis.md").read_text(encoding="utf-8"), re.M
+    )
     number = r"(−?[\d.]+) (±|∓) ([\d.]+)i"
     found = re.findall(number, row.split("|")[3])
     values = [

@@ -42,7 +42,7 @@ for k in range(3):
     for i in range(3):
         angle = 120 * i + 40 * k
         text += f"      - {{name: T{3 * k + i + 1}, offset: 2.5 mm, angle: {angle} deg}}\n"
-Path("robot.yaml").write_text(text)
+Path("robot.yaml").write_text(text, encoding="utf-8")
 robot = bz.ContinuumRobot.from_yaml("robot.yaml")
 print(robot.tendon_names, robot.length, "mm")
 

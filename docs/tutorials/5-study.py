@@ -23,7 +23,8 @@ from bozzini.study import Engine, Study, run_study
 # `bozzini study jobs` lists what a row can be.
 
 # %%
-Path("study.yaml").write_text("""
+Path("study.yaml").write_text(
+    """
 format: bozzini-study-1
 job: effector-design
 fixed: {preset: prototype, deflection: 12 mm, pressure_limit: 0.827 MPa}
@@ -35,7 +36,9 @@ factors:
 sampling: {method: sobol, count: 16384, seed: 7}
 outputs: [needed_pressure, area, inner_radius]
 constraints: {inner_radius: {at_least: 5 mm}}
-""")
+""",
+    encoding="utf-8",
+)
 study = Study.load("study.yaml")
 print(study.rows, "rows:", ", ".join(study.columns))
 

@@ -70,7 +70,7 @@ def test_a_file_comes_whole_with_its_citation(tmp_path, local):
     assert (done.sha256, done.verified, done.size) == (digest, True, len(CONTENT))
     assert steps == sorted(steps)
     assert steps[-1] == 1.0
-    said = done.citation_path.read_text()
+    said = done.citation_path.read_text(encoding="utf-8")
     assert done.citation_path.name == "tract.stl.citation.txt"
     for part in ("CC0", "Nobody, 'Nothing', 2026", local, digest):
         assert part in said
@@ -81,7 +81,7 @@ def test_an_unknown_checksum_is_computed_and_said_to_be_unverified(tmp_path, loc
     done = fetch_data(entry(local), tmp_path / "data")
     assert not done.verified
     assert done.sha256 == hashlib.sha256(CONTENT).hexdigest()
-    assert "not verified" in done.citation_path.read_text()
+    assert "not verified" in done.citation_path.read_text(encoding="utf-8")
 
 
 def test_a_wrong_checksum_leaves_nothing(tmp_path, local):
@@ -101,7 +101,7 @@ def test_a_failed_fetch_keeps_what_was_there(tmp_path, local):
         fetch_data(entry(local), tmp_path / "data")
     with pytest.raises(FileFormatError):
         fetch_data(entry(local, sha256="0" * 64), tmp_path / "data", force=True)
-    assert old.read_text() == "old"
+    assert old.read_text(encoding="utf-8") == "old"
     assert list((tmp_path / "data").iterdir()) == [old]
     fetch_data(entry(local), tmp_path / "data", force=True)
     assert old.read_bytes() == CONTENT

@@ -179,7 +179,7 @@ def test_a_legacy_vtk_file_of_triangles_or_quads_is_read(tmp_path):
     quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
     path = write_vtk(tmp_path / "quads.vtk", corners, quads)
     assert read_tract(path).volume == pytest.approx(24_000.0)
-    text = path.read_text()
+    text = path.read_text(encoding="utf-8")
     path.write_text(text[:-12])
     with pytest.raises(BozziniError):
         read_tract(path)

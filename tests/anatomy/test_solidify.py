@@ -194,7 +194,7 @@ def test_a_glb_in_mm_is_found_out_by_its_size(tmp_path):
 
 def test_the_colon_of_the_visible_human_becomes_one_lumen(colon_dir):
     tract = read_surface(colon_dir / "large-intestine.vtk")
-    path = json.loads((colon_dir / "large_intestine_path.jsn").read_text())
+    path = json.loads((colon_dir / "large_intestine_path.jsn").read_text(encoding="utf-8"))
     line = np.array(path["points"])
     index = np.rint((line - tract.affine[:3, 3]) / tract.spacing).astype(int)
     there = ((index >= 0) & (index < tract.labels.shape)).all(axis=1)
@@ -249,7 +249,7 @@ def test_voxels_and_landmarks_of_a_model_follow_its_json(tmp_path):
     assert read_surface(tmp_path / "large_intestine.vtk", unit="mm").volume == pytest.approx(1e6)
     digests = [hash_input(tmp_path / "large_intestine.vtk")]
     for name in ("model.json", "path.jsn"):  # both change what is read from the surface
-        (tmp_path / name).write_text((tmp_path / name).read_text() + "\n")
+        (tmp_path / name).write_text((tmp_path / name).read_text(encoding="utf-8") + "\n")
         digests.append(hash_input(tmp_path / "large_intestine.vtk"))
     assert len(set(digests)) == 3
     (tmp_path / "model.json").write_text("{broken")

@@ -42,7 +42,7 @@ def test_contact_gives_the_forces_as_json_and_as_a_table(
     # The gap of 2 mm takes 3 EI g / L^3 of the force.
     wanted = 0.2 - 3.0 * 300.0 * 2.0 / 40.0**3
     assert found["resultant_N"][0] == pytest.approx(-wanted, rel=0.01)
-    rows = (folder / "forces.csv").read_text().splitlines()
+    rows = (folder / "forces.csv").read_text(encoding="utf-8").splitlines()
     assert rows[0].startswith("arc_length_mm,x_mm,y_mm,z_mm,gap_mm,normal_force_N")
     assert len(rows) == len(found["arc_length_mm"]) + 1
 
@@ -50,8 +50,10 @@ def test_contact_gives_the_forces_as_json_and_as_a_table(
 def test_contact_converts_the_commands_of_a_calibrated_robot(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    text = Path("robot.yaml").read_text()
-    Path("fitted.yaml").write_text(f"{text}calibration: {{zeros: {{T0: 0.5}}, scale: 2}}\n")
+    text = Path("robot.yaml").read_text(encoding="utf-8")
+    Path("fitted.yaml").write_text(
+        f"{text}calibration: {{zeros: {{T0: 0.5}}, scale: 2}}\n", encoding="utf-8"
+    )
     tips = []
     for file, pulled in (("fitted.yaml", "T0=0.25mm"), ("robot.yaml", "T0=1mm")):
         words = ("contact", file, "tube.yaml", "--displacement", pulled, "--json")
@@ -115,8 +117,12 @@ def test_insert_writes_force_and_contacts(folder: Path, capsys: pytest.CaptureFi
     files = ("--out", "force.csv", "--contacts", "contacts.csv", "--quiet")
     assert main(["continuum", *words, *files]) == 0
     assert "inserted 30.0 mm" in capsys.readouterr().out
-    assert (folder / "force.csv").read_text().startswith("inserted_mm,push_force_N")
-    assert (folder / "contacts.csv").read_text().startswith("inserted_mm,arc_length_mm")
+    assert (folder / "force.csv").read_text(encoding="utf-8").startswith("inserted_mm,push_force_N")
+    assert (
+        (folder / "contacts.csv")
+        .read_text(encoding="utf-8")
+        .startswith("inserted_mm,arc_length_mm")
+    )
 
 
 @pytest.mark.parametrize(
@@ -167,7 +173,8 @@ def test_insert_stands_where_the_plan_of_the_drives_does(
     frame[:3, 3] = 0.1, 0.0, -20.0
     Path("plan").mkdir()
     Path("plan/tendons.csv").write_text(
-        "base_advance_mm,T0_mm,T1_mm,T2_mm,T3_mm\n0,0,0,0,0\n5,0,0,0,0\n15,0,0,0,0\n"
+        "base_advance_mm,T0_mm,T1_mm,T2_mm,T3_mm\n0,0,0,0,0\n5,0,0,0,0\n15,0,0,0,0\n",
+        encoding="utf-8",
     )
     words = ("insert", "robot.yaml", "tube.yaml", "--drives", "plan/tendons.csv", "--json")
     assert main(["continuum", *words]) == 0

@@ -381,11 +381,11 @@ def test_files(run, tmp_path):
     assert line[-1, 1:4] == pytest.approx(
         ArcModel(ROBOT).shape(displacements_for(ROBOT, BENDS)).tip
     )
-    with open("reach.csv", newline="") as file:
+    with open("reach.csv", encoding="utf-8", newline="") as file:
         rows = {row["tendon"]: float(row["displacement_mm"]) for row in csv.DictReader(file)}
     assert rows == pytest.approx(dict(zip(ROBOT.tendon_names,
         solve_tip(ROBOT, [30.0, 10.0, 80.0]).displacements, strict=True)))  # fmt: skip
-    with open("compare.csv", newline="") as file:
+    with open("compare.csv", encoding="utf-8", newline="") as file:
         assert [row["model"] for row in csv.DictReader(file)] == list(CONTINUUM_MODELS)
     code, _, err = run("pose", TWO, *bent, "--out", "pose.png")
     assert code == 2
@@ -473,7 +473,7 @@ def test_a_robot_without_tendons_is_refused(run, tmp_path):
 
 
 def test_a_bad_field_of_a_robot_is_named(run, tmp_path):
-    text = TWO.read_text().replace("offset: 4 mm", "offset: 40 mm", 1)
+    text = TWO.read_text(encoding="utf-8").replace("offset: 4 mm", "offset: 40 mm", 1)
     (tmp_path / "bad.yaml").write_text(text)
     code, _, err = run("pose", "bad.yaml", "--displacement", "T1=0")
     assert code == 2
@@ -595,7 +595,7 @@ def test_jacobian_is_the_library(ask, run):
             assert said[what][name] == pytest.approx(rows, rel=1e-3, abs=1e-5)
     for row, column in zip(said["rows"], found.by_base[-1].T, strict=True):
         assert said["by_base"][row] == pytest.approx(column.tolist(), rel=1e-3, abs=1e-6)
-    rows = list(csv.DictReader(Path("motion.csv").open()))
+    rows = list(csv.DictReader(Path("motion.csv").open(encoding="utf-8")))
     assert [row["row"] for row in rows] == said["rows"]
     assert float(rows[4]["by_displacement_H1"]) == pytest.approx(said["by_displacement"]["H1"][4])
     pulled = ask("jacobian", HELICAL, "--tension", "H1=1N", "--at", "30mm")
@@ -607,8 +607,8 @@ def test_jacobian_is_the_library(ask, run):
 
 def test_jacobian_says_what_its_model_leaves_out(ask, run):
     said = "the energy model leaves out the friction of tendons: the rod model has it"
-    rough = TWO.read_text().replace("angle: 0 deg", "angle: 0 deg, friction: 0.2")
-    Path("rough.yaml").write_text(rough)
+    rough = TWO.read_text(encoding="utf-8").replace("angle: 0 deg", "angle: 0 deg, friction: 0.2")
+    Path("rough.yaml").write_text(rough, encoding="utf-8")
     assert ask("jacobian", "rough.yaml", "--tension", "T1=1N")["notes"] == [said]
     assert f"note: {said}" in run("jacobian", "rough.yaml", "--tension", "T1=1N")[1]
     assert ask("jacobian", TWO, "--tension", "T1=1N")["notes"] == []

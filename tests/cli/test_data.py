@@ -42,7 +42,9 @@ def test_a_fetch_brings_the_file_and_says_it_was_not_verified(tmp_path, capsys, 
     said = json.loads(out)
     assert said["verified"] is False
     assert (tmp_path / "data" / "local.stl").read_bytes() == local.read_bytes()
-    assert "Nobody 2026" in (tmp_path / "data" / "local.stl.citation.txt").read_text()
+    assert "Nobody 2026" in (tmp_path / "data" / "local.stl.citation.txt").read_text(
+        encoding="utf-8"
+    )
     assert main(["data", "fetch", "local", "--to", str(tmp_path / "data"), "--force"]) == 0
     assert "not verified" in capsys.readouterr().out
 

@@ -170,7 +170,7 @@ def test_wrong_input_is_told_in_one_line(
 
 
 def test_wrong_shape_is_named(duct, cones, tmp_path):
-    data = json.loads(cones.read_text())
+    data = json.loads(cones.read_text(encoding="utf-8"))
     data["shapes"][1]["radius"] = -3.0
     wrong = tmp_path / "wrong.json"
     wrong.write_text(json.dumps(data))

@@ -217,7 +217,9 @@ def test_force_of_the_tip(ask, run, tmp_path):
     found = tip_force(EFFECTOR, [math.cos(1.0), math.sin(1.0)], lateral=(3.0, 2.0))
     force = np.interp(1.0, said["direction_rad"], said["force_N"])
     assert force == pytest.approx(float(found.force), rel=1e-3)
-    assert (tmp_path / "force.csv").read_text().startswith("direction_rad,force_N\n")
+    assert (
+        (tmp_path / "force.csv").read_text(encoding="utf-8").startswith("direction_rad,force_N\n")
+    )
     code, text, _ = run("workspace", "--of", "force", "--out", "force.svg")
     assert code == 0
     assert "held at 0, 0 mm" in text
@@ -315,7 +317,7 @@ def test_pose_pictures(run, tmp_path):
     line = np.loadtxt(tmp_path / "line.csv", delimiter=",", skiprows=1)
     pieces = np.linalg.norm(np.diff(line, axis=0), axis=1)
     assert pieces == pytest.approx(np.full(15, 3.0), abs=1e-6)
-    head, first, *_ = (tmp_path / "table.csv").read_text().splitlines()
+    head, first, *_ = (tmp_path / "table.csv").read_text(encoding="utf-8").splitlines()
     assert head == "muscle,force_N,contraction_mm,lateral_mm,next_force_N"
     assert first.startswith("R,0,")
     code, _, err = run(*base, "--out", "pose.png")

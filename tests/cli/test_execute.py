@@ -45,7 +45,9 @@ def test_a_plan_is_driven_beside_a_pushed_scope(
     assert result["compared"][0]["drive"] == "push"
     assert result["normal_sum_N"] <= result["compared"][0]["normal_sum_N"]
     assert set(result["files"]) == {path.name for path in out.iterdir()}
-    assert json.loads((out / "summary.json").read_text())["wall"]["stiffness"] == 0.3
+    assert (
+        json.loads((out / "summary.json").read_text(encoding="utf-8"))["wall"]["stiffness"] == 0.3
+    )
     assert outcome.err == ""
 
 

@@ -22,7 +22,7 @@ def test_json_lists_the_files_of_the_directory(command, tmp_path, capsys):
     assert answer["output"] == str(out)
     assert sorted(path.name for path in out.iterdir()) == answer["files"]
     assert {f"{part['name']}.stl" for part in answer["parts"]} <= set(answer["files"])
-    saved = json.loads((out / "summary.json").read_text())
+    saved = json.loads((out / "summary.json").read_text(encoding="utf-8"))
     assert saved["parts"] == answer["parts"]
     assert main([*command, "--out", str(out)]) == 2
     assert "exists already" in capsys.readouterr().err

@@ -40,7 +40,7 @@ def make_robot(offset: float = 4.0) -> ContinuumRobot:
 
 
 def write_rows(path: Path, rows: range, *, noise: float = 0.0) -> None:
-    path.write_text(simulate(rows, noise))
+    path.write_text(simulate(rows, noise), encoding="utf-8")
 
 
 @functools.cache
@@ -174,10 +174,10 @@ def test_processes_make_no_difference(folder: Path, capsys: pytest.CaptureFixtur
 def test_blocks_are_the_labels_of_a_column(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    header, *rows = Path("rows.csv").read_text().splitlines()
+    header, *rows = Path("rows.csv").read_text(encoding="utf-8").splitlines()
     labels = ["first"] * 4 + ["second"] * 5 + ["third"] * 7
     lines = [f"{row},{label}" for row, label in zip(rows, labels, strict=True)]
-    Path("labelled.csv").write_text("\n".join([f"{header},phase", *lines]) + "\n")
+    Path("labelled.csv").write_text("\n".join([f"{header},phase", *lines]) + "\n", encoding="utf-8")
     words = ("robot.yaml", "labelled.csv", MARKER, "--free", "tendons.*.zero")
     assert fit(*words, "--blocks", "phase") == 0
     assert len(json.loads(capsys.readouterr().out)["validation"]["blocks_mm"]) == 3
@@ -203,11 +203,11 @@ def test_fewer_constants_that_predict_better_are_named(
 
 
 def change_cell(path: Path, row: int, column: int, text: str) -> None:
-    lines = path.read_text().splitlines()
+    lines = path.read_text(encoding="utf-8").splitlines()
     cells = lines[row].split(",")
     cells[column] = text
     lines[row] = ",".join(cells)
-    path.write_text("\n".join(lines) + "\n")
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
 @pytest.mark.parametrize(
@@ -269,10 +269,10 @@ def test_too_few_rows_are_refused(folder: Path, capsys: pytest.CaptureFixture[st
 def test_points_that_all_coincide_are_refused_by_a_fit_and_not_judged_by_a_comparison(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    header, *rows = Path("rows.csv").read_text().splitlines()
+    header, *rows = Path("rows.csv").read_text(encoding="utf-8").splitlines()
     titles = ",".join(header.split(",")[:6])
     still = [",".join([*row.split(",")[:3], "1", "2", "40.5"]) for row in rows]
-    Path("still.csv").write_text("\n".join([titles, *still]) + "\n")
+    Path("still.csv").write_text("\n".join([titles, *still]) + "\n", encoding="utf-8")
     assert fit("robot.yaml", "still.csv", "--free", "base", json_=False) == 2
     err = capsys.readouterr().err
     assert "all points of 16 row(s) coincide at (1, 2, 40.5) mm" in err and err.count("\n") == 1
@@ -298,8 +298,10 @@ def test_a_table_may_lack_a_marker_of_the_robot_file_but_none_that_is_typed(
 ) -> None:
     words = (MARKER, "--free", "tendons.*.offset", "--folds", "0", "--out", "fitted.yaml")
     assert fit("robot.yaml", "rows.csv", *words) == 0
-    lines = Path("rows.csv").read_text().splitlines()
-    Path("tips.csv").write_text("\n".join(",".join(row.split(",")[:6]) for row in lines) + "\n")
+    lines = Path("rows.csv").read_text(encoding="utf-8").splitlines()
+    Path("tips.csv").write_text(
+        "\n".join(",".join(row.split(",")[:6]) for row in lines) + "\n", encoding="utf-8"
+    )
     capsys.readouterr()
     assert fit("fitted.yaml", "tips.csv") in (0, 1)
     tips = json.loads(capsys.readouterr().out)
@@ -316,8 +318,8 @@ def test_a_table_may_lack_a_marker_of_the_robot_file_but_none_that_is_typed(
 def test_a_calibration_of_other_tendons_is_refused(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    robot = Path("robot.yaml").read_text() + "calibration: {zeros: {z: 0.1}}\n"
-    Path("other.yaml").write_text(robot)
+    robot = Path("robot.yaml").read_text(encoding="utf-8") + "calibration: {zeros: {z: 0.1}}\n"
+    Path("other.yaml").write_text(robot, encoding="utf-8")
     assert main(["continuum", "pose", "other.yaml", "--displacement", "a=1mm"]) == 2
     err = capsys.readouterr().err
     assert "zero of tendon 'z': the tendons are a, b, c" in err and err.count("\n") == 1

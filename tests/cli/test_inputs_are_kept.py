@@ -69,17 +69,19 @@ def test_no_command_replaces_a_file_that_it_is_given(
             kind = word[1:].replace("_", " ")
             suffix = "".join(Path(FILES[kind][0]).suffixes)
             word = str(tmp_path / f"in{index}{suffix}")
-            Path(word).write_text("diameter: 5 mm\n" if kind == "options" else "dear")
+            Path(word).write_text(
+                "diameter: 5 mm\n" if kind == "options" else "dear", encoding="utf-8"
+            )
             if kind == "muscle":
                 write_muscle(word, MuscleFile(muscle=preset("effector-45")))
         words.append(word)
-    given = {path: path.read_text() for path in sorted(tmp_path.iterdir())}
+    given = {path: path.read_text(encoding="utf-8") for path in sorted(tmp_path.iterdir())}
     for target in given:
         code = main([*name.split(), *words[:-1], str(target), "--force"])
         error = capsys.readouterr().err
         assert code == 2
         assert "is an input of this command, which would be lost: choose another file" in error
-    assert {path: path.read_text() for path in sorted(tmp_path.iterdir())} == given
+    assert {path: path.read_text(encoding="utf-8") for path in sorted(tmp_path.iterdir())} == given
 
 
 def test_lines_are_of_nearly_all_commands_that_read_and_write() -> None:
@@ -137,7 +139,9 @@ def _read_model(path: Path) -> None:
         "# vtk DataFile Version 3.0\nx\nASCII\nDATASET POLYDATA\nPOINTS 3 float\n"
         "0 0 0 9 0 0 0 9 0\nPOLYGONS 1 4\n3 0 1 2\n"
     )
-    path.write_text('{"model_objects": [{"filename": "tube.vtk", "voxel_size": [1, 1, 1]}]}')
+    path.write_text(
+        '{"model_objects": [{"filename": "tube.vtk", "voxel_size": [1, 1, 1]}]}', encoding="utf-8"
+    )
     read_tract(folder / "tube.vtk")
 
 
@@ -219,7 +223,7 @@ def test_a_directory_that_holds_an_input_is_not_replaced(tmp_path: Path, what: s
         with pytest.raises(OutputError, match="input of this command"):
             with new_directory(result, force=True) as folder:
                 (folder / "summary.json").write_text("{}")
-    assert (result / "parts" / "plan.npz").read_text() == "dear"
+    assert (result / "parts" / "plan.npz").read_text(encoding="utf-8") == "dear"
     with new_directory(result, force=True) as folder:
         (folder / "summary.json").write_text("{}")
     assert [path.name for path in result.iterdir()] == ["summary.json"]

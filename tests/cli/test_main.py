@@ -272,7 +272,9 @@ def test_closed_streams_are_no_error(tmp_path: Path, closed: str) -> None:
         assert "Traceback" not in done.stderr
         if code == 0 and more != " --help":
             # The file has its own content, not what was printed.
-            assert table.read_text().count("\n") == 3 and "{" not in table.read_text()
+            assert table.read_text(encoding="utf-8").count(
+                "\n"
+            ) == 3 and "{" not in table.read_text(encoding="utf-8")
             table.unlink()
 
 
@@ -395,7 +397,7 @@ def test_signals_are_as_before_after_a_run(use: Setup) -> None:
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
 @pytest.mark.parametrize("arguments", [["data", "list"], ["data", "list", "--json"]])
 def test_a_full_disk_under_stdout_is_one_line(arguments: list[str]) -> None:
-    with Path("/dev/full").open("w") as full:
+    with Path("/dev/full").open("w", encoding="utf-8") as full:
         done = subprocess.run(
             [sys.executable, "-m", "bozzini", *arguments],
             stdout=full,
@@ -409,7 +411,7 @@ def test_a_full_disk_under_stdout_is_one_line(arguments: list[str]) -> None:
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
 def test_an_error_in_json_on_a_full_disk_is_bad_input_too() -> None:
-    with Path("/dev/full").open("w") as full:
+    with Path("/dev/full").open("w", encoding="utf-8") as full:
         done = subprocess.run(
             [sys.executable, "-m", "bozzini", "certify", "nope.npz", "--json"],
             stdout=full,

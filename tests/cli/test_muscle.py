@@ -170,7 +170,7 @@ def test_a_curve_is_a_table_and_a_picture(run, kind, tmp_path):
     for name, points in (("curve.csv", ("--points", "7")), ("curve.png", ())):
         code, _, _ = run("curve", "--of", kind, "--pressure", "0.6MPa", *points, "--out", name)
         assert code == 0
-    assert (tmp_path / "curve.csv").read_text() == out
+    assert (tmp_path / "curve.csv").read_text(encoding="utf-8") == out
     assert (tmp_path / "curve.png").read_bytes()[:4] == b"\x89PNG"
 
 

@@ -376,7 +376,7 @@ def test_a_fit_of_forces_predicts_a_muscle_that_was_not_measured(run, isometric,
         [float(mounted.force(0.4, 5.0))], rel=1e-3
     )
     assert run("predict", "fit.yaml", isometric, "--out", "p.csv")[0] == 0
-    assert (tmp_path / "p.csv").read_text().count("\n") == 73
+    assert (tmp_path / "p.csv").read_text(encoding="utf-8").count("\n") == 73
 
 
 @SLOW

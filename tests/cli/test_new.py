@@ -75,13 +75,15 @@ def test_the_comment_on_the_offset_of_a_tendon_is_what_is_checked(
     ask: Callable[..., Any], refuse: Callable[..., str]
 ) -> None:
     ask("new", "robot", "--sections", 1, "--tendons", 1)
-    text = Path("robot.yaml").read_text()
+    text = Path("robot.yaml").read_text(encoding="utf-8")
     assert "; at most the radius." in text
     radius = re.search(r"radius: (\S+) mm", text)
     assert radius is not None
     for factor in (1.0, 1.001):
         offset = float(radius[1]) * factor
-        Path("robot.yaml").write_text(re.sub(r"offset: [\d.]+ mm", f"offset: {offset} mm", text))
+        Path("robot.yaml").write_text(
+            re.sub(r"offset: [\d.]+ mm", f"offset: {offset} mm", text), encoding="utf-8"
+        )
         if factor == 1.0:
             assert ask("continuum", "pose", "robot.yaml", "--displacement", "T1=1mm")["converged"]
         else:
@@ -125,7 +127,8 @@ def test_options_of_a_file_are_those_of_the_command_line(
         json.dumps(
             {name[2:].replace("-", "_"): value for name, value in words.items()}
             | {"via": [middle], "labels": [1, 2], "reverse": True}
-        )
+        ),
+        encoding="utf-8",
     )
     ask("plan", tracts.halves, *SCOPE, *typed, "--out", "typed", "--quiet")
     ask("plan", tracts.halves, "--options", "deep/plan.json", "--out", "read", "--quiet")
@@ -138,7 +141,7 @@ def test_the_command_in_a_plan_makes_it_again_at_another_place(
     ask: Callable[..., Any], tracts: Tracts, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     options = {"head_step": "2 mm", "link": 8, "reverse": True, "diameter": "7 mm"}
-    Path("mine.json").write_text(json.dumps(options))
+    Path("mine.json").write_text(json.dumps(options), encoding="utf-8")
     said = ask(
         "plan", tracts.volume, "--options=mine.json", "--diameter=6 mm", "--organ", "colon",
         "--out", "first", "--quiet", "--force",
@@ -175,7 +178,7 @@ def test_the_command_in_a_plan_makes_it_again_at_another_place(
 def test_a_wrong_file_of_options_is_one_line(
     text: str, words: str, refuse: Callable[..., str], tracts: Tracts
 ) -> None:
-    Path("plan.yaml").write_text(text)
+    Path("plan.yaml").write_text(text, encoding="utf-8")
     assert words in refuse("plan", tracts.volume, "--options", "plan.yaml")
     assert "nowhere.yaml" in refuse("plan", tracts.volume, "--options", "nowhere.yaml")
 
@@ -197,7 +200,7 @@ def test_every_line_at_rest_can_be_set(
     texts = _set_each(kind)
     assert len(texts) >= 2
     for text in texts:
-        Path("set.yaml").write_text(text)
+        Path("set.yaml").write_text(text, encoding="utf-8")
         if kind == "plan":  # all of it is read before the tract is looked for
             assert "nowhere.nii" in refuse("plan", "nowhere.nii", "--options", "set.yaml")
         else:

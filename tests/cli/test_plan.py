@@ -210,7 +210,7 @@ def test_force_replaces_a_result_as_a_whole_but_no_files_of_the_user(
     place = tmp_path / "plan"
     command = (tracts.volume, *SCOPE, "--force", "--quiet", "--out", place)
     assert run(*command).code in (0, 1)
-    summary = json.loads((place / "summary.json").read_text())
+    summary = json.loads((place / "summary.json").read_text(encoding="utf-8"))
     assert set(summary["files"]) == FILES
     (place / "robot.png").write_text("of an earlier run with other options")
     (place / "summary.json").write_text(json.dumps({"files": [*FILES, "robot.png"]}))
@@ -222,7 +222,7 @@ def test_force_replaces_a_result_as_a_whole_but_no_files_of_the_user(
     outcome = run(*command)
     assert (outcome.code, outcome.out) == (2, "")
     assert "holds 'mine.txt'" in outcome.err and outcome.err.count("\n") == 1
-    assert (place / "mine.txt").read_text() == "mine"
+    assert (place / "mine.txt").read_text(encoding="utf-8") == "mine"
     assert (place / "summary.json").read_bytes() == before
 
 

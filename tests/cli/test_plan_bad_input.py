@@ -317,7 +317,7 @@ def test_an_output_that_cannot_be_written_is_said_before_any_work(
     check_refusal(outcome, (), as_json=False)
     assert "none.stl" not in outcome.err
     assert list_all(tmp_path) == {"file"}
-    assert (tmp_path / "file").read_text() == "mine"
+    assert (tmp_path / "file").read_text(encoding="utf-8") == "mine"
 
 
 def test_an_output_that_becomes_unwritable_meanwhile_leaves_nothing(

@@ -53,7 +53,7 @@ TABLE = "pressure [kPa],contraction [mm],load\n" + "".join(
 @pytest.fixture
 def table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     monkeypatch.chdir(tmp_path)
-    Path("data.csv").write_text(TABLE)
+    Path("data.csv").write_text(TABLE, encoding="utf-8")
     return "data.csv"
 
 

@@ -43,7 +43,7 @@ def test_a_schema_is_one_and_is_written(
     schema = json.loads(capsys.readouterr().out)
     Draft202012Validator.check_schema(schema)
     assert main(["schema", kind, "--out", str(tmp_path / "schema.json")]) == 0
-    assert json.loads((tmp_path / "schema.json").read_text()) == schema
+    assert json.loads((tmp_path / "schema.json").read_text(encoding="utf-8")) == schema
 
 
 @pytest.mark.parametrize("kind", ["plan", "muscle", "robot", "study"])

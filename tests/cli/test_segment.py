@@ -108,7 +108,7 @@ def test_what_cannot_be_put_in_place_leaves_the_old_files(
     assert main(words) == 2
     assert "No space left" in capsys.readouterr().err
     for file in ("labels.nii", "labels.png"):
-        assert (scan.parent / file).read_text() == "old"
+        assert (scan.parent / file).read_text(encoding="utf-8") == "old"
     assert len(list(scan.parent.iterdir())) == 3
 
 

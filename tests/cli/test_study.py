@@ -72,7 +72,7 @@ def test_show_and_export(results: Path, capsys: pytest.CaptureFixture[str]) -> N
 
 
 def test_provenance(results: Path) -> None:
-    manifest = json.loads((results / "study.json").read_text())
+    manifest = json.loads((results / "study.json").read_text(encoding="utf-8"))
     assert {"bozzini", "numpy", "scipy", "python"} <= set(manifest["versions"])
     assert manifest["ended"] >= manifest["begun"] and len(manifest["key"]) == 64
     assert manifest["columns"]["offset"] == "offset_mm"

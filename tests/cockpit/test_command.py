@@ -127,7 +127,7 @@ def test_operator_draws_through_the_socket_with_the_rig(tmp_path) -> None:
     with start(*common[2:], "--port", "0", "--operator", "line", "--out", str(page)) as process:
         out, _ = process.communicate(timeout=90)
     assert process.returncode == 0
-    text = page.read_text()
+    text = page.read_text(encoding="utf-8")
     assert "by the emulated rig: " in text
     assert (
         "data:image/png" in text

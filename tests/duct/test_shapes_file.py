@@ -72,7 +72,7 @@ def test_round_trip_is_exact(kind, seed, tmp_path_factory):
 
 def test_file_is_readable(tmp_path):
     shapes = make_shapes("cones", 1)
-    text = save_shapes(shapes, tmp_path / "s.json").read_text()
+    text = save_shapes(shapes, tmp_path / "s.json").read_text(encoding="utf-8")
     data = json.loads(text)
     assert (data["format"], data["version"], data["units"]) == ("bozzini shapes", 1, "mm")
     # One shape a line.
@@ -230,12 +230,12 @@ def test_files_that_cannot_be_read(tmp_path):
 def test_writing_replaces_nothing_unasked(tmp_path):
     shapes = make_shapes("cones", 1)
     path = save_shapes(shapes, tmp_path / "s.json")
-    before = path.read_text()
+    before = path.read_text(encoding="utf-8")
     with pytest.raises(OutputError, match="exists already"):
         save_shapes(make_shapes("cones", 2), path)
-    assert path.read_text() == before
+    assert path.read_text(encoding="utf-8") == before
     save_shapes(make_shapes("cones", 2), path, force=True)
-    assert path.read_text() != before
+    assert path.read_text(encoding="utf-8") != before
     with pytest.raises(OutputError, match="ends in '.txt'"):
         save_shapes(shapes, tmp_path / "s.txt")
     with pytest.raises(OutputError, match="not a directory"):

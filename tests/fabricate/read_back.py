@@ -68,7 +68,7 @@ def _fit(mesh, part):
 
 def read_step(path):
     """Return point, direction and diameter of each cylindrical surface in a STEP file's text."""
-    text = path.read_text()
+    text = path.read_text(encoding="utf-8")
     assert "MILLI" in text
     rows = dict(re.findall(r"#(\d+) = (.*?);\s*\n", text.replace("\n  ", " "), re.S))
     rows = {key: " ".join(row.split()) for key, row in rows.items()}

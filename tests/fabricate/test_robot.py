@@ -49,7 +49,7 @@ def folder(tmp_path_factory):
 
 
 def test_channels_of_discs_lie_along_the_tendons(folder):
-    for row in json.loads((folder / "summary.json").read_text())["parts"]:
+    for row in json.loads((folder / "summary.json").read_text(encoding="utf-8"))["parts"]:
         ((_, _, place),) = row["places_mm"]
         found = holes(read_cylinders(folder / f"{row['name']}.stl"))
         tendons = [t for t in SHORT.tendons if t.end >= place]

@@ -574,7 +574,10 @@ def run_case(case: Case, seconds: int) -> int:
         os.dup2(nothing, 0)
         (logs / "tmp").mkdir()
         tempfile.tempdir = str(logs / "tmp")
-        now = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+        now = (
+            int(Path("/proc/self/statm").read_text(encoding="utf-8").split()[0])
+            * resource.getpagesize()
+        )
         resource.setrlimit(resource.RLIMIT_AS, (now + MEMORY, now + MEMORY))
         resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 5))
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))

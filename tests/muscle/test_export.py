@@ -174,7 +174,7 @@ def test_code_of_compositions_and_of_friction(tmp_path):
         load_python(export_muscle(rubs, tmp_path / "rubs.py", direction=way)), rubs, direction=way
     )
     path = export_muscle(rubs, tmp_path / "rubs.c", direction=way)
-    assert "Branch of friction: inflating." in path.read_text()
+    assert "Branch of friction: inflating." in path.read_text(encoding="utf-8")
     code = load_c(path)
     check(code, rubs, direction=way)
     for function in code:

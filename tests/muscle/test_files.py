@@ -57,7 +57,7 @@ def test_a_file_gives_back_what_was_written(tmp_path_factory, muscle, left_out, 
 
 def test_quantities_have_units_and_angles_are_in_degrees(tmp_path):
     path = write_muscle(tmp_path / "m.yaml", MuscleFile(muscle=BARE, ends=EndEffects(offset=0.3)))
-    written = yaml.safe_load(path.read_text())
+    written = yaml.safe_load(path.read_text(encoding="utf-8"))
     assert (written["kind"], written["version"]) == ("bozzini-muscle", 1)
     assert written["muscle"]["length"] == "83.0 mm"
     assert written["muscle"]["braid_angle"] == "23 deg"

@@ -153,7 +153,7 @@ def test_pictures_are_listed_as_the_measurement_of_lengths_takes_them(host, tmp_
     assert not found.has_contraction and "contraction [mm]" not in found.to_frame()
     listed = pd.read_csv(found.save_pictures(tmp_path / "manifest.csv"))
     assert list(listed.direction) == ["inflate", "inflate", "deflate"]
-    written = [(tmp_path / name).read_text() for name in listed.image]
+    written = [(tmp_path / name).read_text(encoding="utf-8") for name in listed.image]
     assert written == ["0 inflating 1", "0.3 inflating 1", "0 deflating 1"]
     np.testing.assert_allclose(listed.pressure_kpa, [0.0, 300.0, 0.0], atol=7.0)
     assert list(listed.setpoint_kpa) == [0.0, 300.0, 0.0]  # one state of two directions

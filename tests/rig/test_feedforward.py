@@ -180,7 +180,7 @@ def test_board_and_feedforward_do_without_the_sensor_of_the_reservoir():
 def test_slew_limits_are_reported():
     with NativeBoard() as board:
         known = Host(LockstepLink(Cosimulation(board, Plant(CHAMBERS)))).connect()
-    text = (Path(find_sources()) / "src" / "config.h").read_text()
+    text = (Path(find_sources()) / "src" / "config.h").read_text(encoding="utf-8")
     limits = {
         words[1]: float(words[2])
         for words in map(str.split, text.splitlines())

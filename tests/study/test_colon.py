@@ -18,7 +18,9 @@ from bozzini.study import InsertionOptions, run_insertion
 @pytest.fixture(scope="module")
 def reviewed(colon_dir: Path) -> np.ndarray:
     """Return the reviewed mid-line, which begins at the anus and ends at the appendix tip."""
-    points = json.loads((colon_dir / "large_intestine_path.jsn").read_text())["points"]
+    points = json.loads((colon_dir / "large_intestine_path.jsn").read_text(encoding="utf-8"))[
+        "points"
+    ]
     return np.array(points, dtype=np.float64)
 
 

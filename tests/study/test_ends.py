@@ -495,7 +495,7 @@ def test_files_for_other_tools_keep_the_place(tract, tmp_path: Path, frame: str)
         "LPS": np.diag([-1.0, -1.0, 1.0]),
         "LSA": np.array([[-1.0, 0, 0], [0, 0, 1.0], [0, 1.0, 0]]),
     }[frame]
-    (curve,) = json.loads((tmp_path / "centreline.mrk.json").read_text())["markups"]
+    (curve,) = json.loads((tmp_path / "centreline.mrk.json").read_text(encoding="utf-8"))["markups"]
     points = np.array([item["position"] for item in curve["controlPoints"]])
     system = frame if frame != "LSA" else "RAS"
     assert curve["coordinateSystem"] == system

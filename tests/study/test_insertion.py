@@ -200,7 +200,7 @@ def test_a_stage_that_fails_leaves_nothing_behind(
             study.write(place, force=force)
     left = {path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("*")}
     assert left == {"kept", "kept/summary.json"}
-    assert (tmp_path / "kept" / "summary.json").read_text() == own
+    assert (tmp_path / "kept" / "summary.json").read_text(encoding="utf-8") == own
 
 
 def test_a_study_that_does_not_enter_is_a_result_too(labels: LabelTract, tmp_path: Path) -> None:

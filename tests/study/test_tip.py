@@ -219,7 +219,7 @@ def write_fit(path: Path, names: list[str], left_out: float = 0.0) -> Path:
     robot = replace(make_robot(), calibration=RobotCalibration(
         values=dict.fromkeys(names, 2.0), validation_rms=left_out))  # fmt: skip
     found = {"estimates": estimates, "correlations": [[1.0, 0.3], [0.3, 1.0]]}
-    path.write_text(json.dumps(found | {"robot": robot.to_dict()}))
+    path.write_text(json.dumps(found | {"robot": robot.to_dict()}), encoding="utf-8")
     return path
 
 
@@ -275,7 +275,7 @@ def test_commands(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     table = tmp_path / "draws.csv"
     given = ["--displacement-sd", "0.05mm", "--sd", "sections.1.length=0.01", "--draws", "100"]
     assert main([*run, *given, "--out", str(table)]) == 0
-    assert len(table.read_text().splitlines()) == 101
+    assert len(table.read_text(encoding="utf-8").splitlines()) == 101
     fit = write_fit(tmp_path / "fit.json", ["sections.1.length", "tendons.T1.zero"])
     assert main([*run, "--fit", str(fit), "--draws", "100", "--json"]) in (0, 1)
     assert main([*run, "--tension-sd", "1N"]) == 2

@@ -422,13 +422,13 @@ def test_the_command_writes_tables_a_figure_and_a_report(capsys, files, tmp_path
     assert summary["files"] == sorted(path.name for path in (tmp_path / "a").iterdir())
     assert summary["contact_kept"]["low"] < summary["contact_kept"]["share"]
     assert summary["replanned"]["draws"] == 2
-    rows = (tmp_path / "a" / "draws.csv").read_text().splitlines()
+    rows = (tmp_path / "a" / "draws.csv").read_text(encoding="utf-8").splitlines()
     assert len(rows) == 101
     touched = sum(row.split(",")[4] == "True" for row in rows[1:])
     assert touched / 100 == pytest.approx(summary["contact_kept"]["share"])
-    sizes = (tmp_path / "a" / "diameters.csv").read_text().splitlines()[1:]
+    sizes = (tmp_path / "a" / "diameters.csv").read_text(encoding="utf-8").splitlines()[1:]
     assert [float(row.split(",")[0]) for row in sizes] == [4.0, 6.0]
-    page = (tmp_path / "a" / "report.html").read_text()
+    page = (tmp_path / "a" / "report.html").read_text(encoding="utf-8")
     assert "no certified plan after planning anew, the same 2" in page and "<script" not in page
     code, out, _ = call(capsys, *given, "--out", tmp_path / "b", "--json")
     assert json.loads(out)["contact_kept"] == summary["contact_kept"]

@@ -146,7 +146,7 @@ def test_a_description_comes_back(tmp_path, board):
     measured = dataclasses.replace(board, check_line=100.13, flatness=0.25)
     for name in ("board.yaml", "board.json"):
         assert load_board(measured.save(tmp_path / name)) == measured
-    text = (tmp_path / "board.yaml").read_text()
+    text = (tmp_path / "board.yaml").read_text(encoding="utf-8")
     (tmp_path / "board.yaml").write_text(text.replace("100.13", "10.013 cm"))
     assert load_board(tmp_path / "board.yaml").check_line == pytest.approx(100.13)
 

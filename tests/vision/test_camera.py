@@ -146,7 +146,7 @@ def test_wrong_cameras_are_one_line(tmp_path):
     with pytest.raises(InputError, match="two or more"):
         triangulate(PAIR[:1], np.zeros((1, 2)))
     path = CameraSet(names=("a", "b"), cameras=PAIR).save(tmp_path / "c.yaml")
-    text = path.read_text()
+    text = path.read_text(encoding="utf-8")
     for old, new in (("size: [640", "size: ['x'"), ("matrix:", "matrx:"), ("[0.0, 0.0, 1.0]", "3")):
         path.write_text(text.replace(old, new, 1))
         with pytest.raises(FileFormatError) as caught:

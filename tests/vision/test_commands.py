@@ -107,7 +107,7 @@ def test_tracking_writes_points_with_units(folder, cameras, tmp_path, capsys):
 
 def test_a_lost_marker_is_exit_code_1(folder, cameras, tmp_path, capsys):
     table = tmp_path / "markers.csv"
-    lines = (folder / "markers.csv").read_text().splitlines()
+    lines = (folder / "markers.csv").read_text(encoding="utf-8").splitlines()
     lines[3] = ",,10,20"
     table.write_text("\n".join(lines) + "\n")
     command = ["vision", "track", str(table), "--cameras", str(cameras)]

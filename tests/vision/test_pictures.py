@@ -155,7 +155,7 @@ def test_a_summary_lists_its_files_and_inputs(tmp_path):
                 inputs=[tmp_path / "in.csv", tmp_path / "none.csv"],
                 result={"bad": float("nan")},
             )
-    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text(encoding="utf-8"))
     assert summary == given
     assert summary["files"] == ["points.csv", "summary.json"]
     assert list(summary["inputs"].values())[1] is None

@@ -53,7 +53,9 @@ def run(folder, rows, *options, code=0):
     given = [str(table), "--cameras", str(folder / "cameras.yaml"), "--out", str(folder / "out")]
     assert main(["vision", "shape", *given, *GIVEN, "--force", *options]) == code
     with (folder / "out" / "shape_summary.csv").open() as file:
-        return json.loads((folder / "out" / "summary.json").read_text()), list(csv.DictReader(file))
+        return json.loads((folder / "out" / "summary.json").read_text(encoding="utf-8")), list(
+            csv.DictReader(file)
+        )
 
 
 def read_tip(row) -> np.ndarray:
@@ -91,7 +93,7 @@ def test_a_model_is_compared_in_a_figure_and_tables_may_be_parquet(folder) -> No
     table.write_text("pose,cam0,cam1\nbent,0.png,1.png\n")
     given = [str(table), "--cameras", str(folder / "cameras.yaml"), "--out", str(folder / "figure")]
     assert main(["vision", "shape", *given, *GIVEN, *options]) == 0
-    summary = json.loads((folder / "figure" / "summary.json").read_text())
+    summary = json.loads((folder / "figure" / "summary.json").read_text(encoding="utf-8"))
     assert summary["comparison"]["rms_mm"] < 0.2
     assert Image.open(folder / "figure" / "comparison.png").size[0] > 600
     frame = pandas.read_parquet(folder / "figure" / "comparison.parquet")

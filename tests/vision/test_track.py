@@ -241,7 +241,9 @@ def test_markers_are_found_in_pictures(tmp_path):
 
     out = tmp_path / "out"
     summary = write_track(found, out, manifest=manifest, cameras=CAMERAS)
-    assert json.loads((out / "summary.json").read_text())["files"] == summary["files"]
+    assert (
+        json.loads((out / "summary.json").read_text(encoding="utf-8"))["files"] == summary["files"]
+    )
     assert "overlays/0001_left.jpg" in summary["files"]
     import pandas
 
