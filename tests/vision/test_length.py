@@ -186,6 +186,9 @@ def test_a_plan_has_the_budget_of_the_pictures_it_predicts(found):
         plan_setup(dataclasses.replace(setup, pitch=0.02), BOARD, options=OPTIONS)
     with pytest.raises(InputError, match="pictures"):
         plan_setup(setup, BOARD, options=OPTIONS, pictures=-1)
+    for length in (0.0, -1.0, math.nan):
+        with pytest.raises(InputError, match="length"):
+            plan_setup(setup, BOARD, options=OPTIONS, length=length)
 
 
 MARK = MUSCLE.find_marks(BOARD)[0]

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..checks import check_fields, check_integer, quantity
+from ..checks import check_fields, check_integer, check_number, quantity
 from ..errors import BozziniError
 from ..io.files import new_directory, write_text
 from ..progress import Progress, no_progress
@@ -230,7 +230,7 @@ def plan_setup(
     options : LengthOptions
         Its uncertainties go into the budget, and rendered set-ups are off by them, each anew.
     length : float
-        Of the muscle between the rings [mm].
+        Of the muscle between the rings, above 0 [mm].
     pictures : int
         How many to render.
     progress : callable
@@ -239,7 +239,10 @@ def plan_setup(
     ------
     GeometryError
         If the board is not enough in the picture.
+    InputError
+        If the length is not above 0.
     """
+    length = check_number("length", length, low=0.0, low_open=True, unit="mm")
     count = check_integer("pictures", pictures, low=0, high=10_000)
     camera = setup.make_camera(board)
     budget, corners = predict_budget(camera, board, options, length=length, sensor=setup.sensor)
