@@ -24,13 +24,13 @@ from .kernels.rod import (
     integrate_rod,
     measure_unloaded,
 )
-from .kernels.stability import count_negative, measure_stability
 from .loads import BODY, PackedLoads
 from .model import (
     advise_contradiction,
     explain_play,
 )
 from .rod_grid import EDGE, Packed, RodGrid
+from .stability import count_negative, measure_stability
 
 PackedRod = tuple[Packed, tuple[Floats, Floats, Floats], bool]
 Steps = tuple[PackedRod, NDArray[np.int64]]
@@ -606,13 +606,13 @@ class Rod:
         """Return whether an equilibrium under a share of the loads is stable."""
         if not self.has_potential:
             return self._measure_divergence(target, at, tensions, share) >= -ZERO_MODE
-        return not count_negative(at[2], *target.find_held(at[1], tensions, share), 0.0)
+        return not count_negative(at[2], target.find_held(at[1], tensions, share), 0.0)
 
     def measure_stability(self, target: Target, at: Place, tensions: Floats, share: float) -> float:
         """Return the stability of an equilibrium, as of `Shape`."""
         if not self.has_potential:
             return self._measure_divergence(target, at, tensions, share)
-        return float(measure_stability(at[2], *target.find_held(at[1], tensions, share)))
+        return measure_stability(at[2], target.find_held(at[1], tensions, share))
 
     def _measure_divergence(
         self, target: Target, at: Place, tensions: Floats, share: float

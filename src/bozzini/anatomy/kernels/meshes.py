@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from ...numeric.compiling import kernel
 
 
-@njit(cache=True)
+@kernel
 def _cone_distance(px, py, pz, a, b, first, second):
     """Smallest ``|p - c| - r`` over the balls between two centres with linear radius.
 
@@ -33,7 +34,7 @@ def _cone_distance(px, py, pz, a, b, first, second):
     return math.sqrt(dx * dx + dy * dy + dz * dz) - (first + t * fall)
 
 
-@njit(cache=True)
+@kernel
 def measure_distance(points, centres, radii):
     """Return ``min(|p - c| - r)`` over all balls along the line, shape (n,)."""
     result = np.empty(len(points))
@@ -47,7 +48,7 @@ def measure_distance(points, centres, radii):
     return result
 
 
-@njit(cache=True)
+@kernel
 def fill_distance(shape, origin, step, centres, radii, reach):
     """Sample the distance on a grid, within `reach` of the balls.
 
@@ -81,7 +82,7 @@ def fill_distance(shape, origin, step, centres, radii, reach):
     return field, owner
 
 
-@njit(cache=True)
+@kernel
 def _volume(a, b, c, d):
     """Six times the signed volume of a tetrahedron."""
     bx, by, bz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
@@ -90,7 +91,7 @@ def _volume(a, b, c, d):
     return bx * (cy * dz - cz * dy) - by * (cx * dz - cz * dx) + bz * (cx * dy - cy * dx)
 
 
-@njit(cache=True)
+@kernel
 def _edge_pierces(p, q, a, b, c):
     """Whether the open edge p-q crosses the inside of the triangle a-b-c."""
     if _volume(a, b, c, p) * _volume(a, b, c, q) >= 0.0:
@@ -99,7 +100,7 @@ def _edge_pierces(p, q, a, b, c):
     return (first > 0 and second > 0 and third > 0) or (first < 0 and second < 0 and third < 0)
 
 
-@njit(cache=True)
+@kernel
 def _faces_cross(vertices, one, other):
     for i in range(3):
         for j in range(3):
@@ -115,12 +116,12 @@ def _faces_cross(vertices, one, other):
     return False
 
 
-@njit(cache=True)
+@kernel
 def _corners_along(vertices, face, axis):
     return vertices[face[0], axis], vertices[face[1], axis], vertices[face[2], axis]
 
 
-@njit(cache=True)
+@kernel
 def _cell_ranges(vertices, faces, low, cell):
     ranges = np.empty((len(faces), 6), np.int64)
     total = 0
@@ -135,7 +136,7 @@ def _cell_ranges(vertices, faces, low, cell):
     return ranges, total
 
 
-@njit(cache=True)
+@kernel
 def cross_groups(vertices, faces, cell, group):
     """Return which triangles are crossed by one of another group (m,) that shares no corner.
 
@@ -192,7 +193,7 @@ def cross_groups(vertices, faces, cell, group):
     return crossed
 
 
-@njit(cache=True)
+@kernel
 def _side(ax, ay, bx, by, x, y):
     """Return on which side of an edge a place lies, the same for both triangles of the edge."""
     turn = 1
@@ -202,7 +203,7 @@ def _side(ax, ay, bx, by, x, y):
     return turn if (bx - ax) * (y - ay) - (by - ay) * (x - ax) >= 0.0 else -turn
 
 
-@njit(cache=True)
+@kernel
 def add_windings(corners, low, voxel, steps):
     """Add to each voxel how much the winding number changes on the way up to its centre.
 

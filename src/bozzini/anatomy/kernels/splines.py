@@ -5,13 +5,15 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
+
+from ...numeric.compiling import kernel
 
 SHARES = 8
 """Into how many shares points are divided for the processors."""
 
 
-@njit(cache=True, parallel=True)
+@kernel(parallel=True)
 def evaluate_spline(coefficients, low, step, points, result):
     """Fill `result` (n, 3) with a field at points (n, 3); beyond the grid the last ones hold.
 

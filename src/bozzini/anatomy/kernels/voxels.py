@@ -8,10 +8,11 @@ its runs. A row is a line of voxels along the last axis; row ``i * ny + j`` of a
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from ...numeric.compiling import kernel
 
 
-@njit(cache=True)
+@kernel
 def find_runs(voxels):
     """Return the first run of each row, and of each run its row, begin, end (open) and label."""
     nx, ny, nz = voxels.shape
@@ -56,7 +57,7 @@ def find_runs(voxels):
     return first, rows, begins, ends, labels
 
 
-@njit(cache=True)
+@kernel
 def _find_root(parents, at):
     while parents[at] != at:
         parents[at] = parents[parents[at]]
@@ -64,7 +65,7 @@ def _find_root(parents, at):
     return at
 
 
-@njit(cache=True)
+@kernel
 def join_runs(first, begins, ends, ny, corners):
     """Return the number of the component of each run, and how many there are.
 
@@ -109,7 +110,7 @@ def join_runs(first, begins, ends, ny, corners):
     return numbers, count
 
 
-@njit(cache=True)
+@kernel
 def paint_runs(target, rows, begins, ends, values, ny, shift):
     """Write each run's value into an array whose voxel 0 lies at voxel ``-shift``."""
     for at in range(len(rows)):
@@ -117,7 +118,7 @@ def paint_runs(target, rows, begins, ends, values, ny, shift):
         target[i, j, begins[at] + shift[2] : ends[at] + shift[2]] = values[at]
 
 
-@njit(cache=True)
+@kernel
 def count_euler(voxels):
     """Return the Euler number of the voxels that are not 0, joined through faces.
 
@@ -142,7 +143,7 @@ def count_euler(voxels):
     return total
 
 
-@njit(cache=True)
+@kernel
 def count_faces(voxels, lumen, number):
     """Return the outer faces of every label up to `number`, and those that touch the lumen.
 

@@ -8,7 +8,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from ...numeric.compiling import kernel
+from ...numeric.kernels.copies import copy_matrix, set_identity
 
 # Numba kernels of constant-curvature chains, smooth through the straight robot.
 #
@@ -22,7 +24,7 @@ SERIES = 0.25
 """``theta^2`` below which series are used; their first term left out is below 1e-18."""
 
 
-@njit(cache=True)
+@kernel
 def arc_factors(square):
     """``f1, f2, f3`` and the slopes ``d f1 / theta d theta``, ``d f2 / theta d theta``."""
     if square < SERIES:
@@ -55,7 +57,7 @@ def arc_factors(square):
     return f1, f2, f3, g1, g2
 
 
-@njit(cache=True)
+@kernel
 def _close_arc(length, bx, by, f1, f2):
     """Place and upper half of the rotation at the end of an arc, ``1 + f1 [w] + f2 [w]^2``."""
     return (
@@ -71,7 +73,7 @@ def _close_arc(length, bx, by, f1, f2):
     )
 
 
-@njit(cache=True)
+@kernel
 def put_arc(before, length, bend_x, bend_y, after):
     """Fill the frame `after` an arc that starts at the frame `before`."""
     f1, f2, _, _, _ = arc_factors(bend_x * bend_x + bend_y * bend_y)
@@ -90,7 +92,7 @@ def put_arc(before, length, bend_x, bend_y, after):
     after[3, 3] = 1.0
 
 
-@njit(cache=True)
+@kernel
 def fill_arc(length, bx, by, frame, slope, turn):
     """Fill frame, derivatives and turns of one arc, in the frame of its start.
 
@@ -134,21 +136,21 @@ def fill_arc(length, bx, by, frame, slope, turn):
     turn[1, 2] = f2 * bx
 
 
-@njit(cache=True)
+@kernel
 def fill_arc_frames(lengths, owner, share, bends, frames):
     """Fill ``frames`` (n, k, 4, 4) for ``bends`` (n, m, 2).
 
     Station ``k`` lies in section ``owner[k]``, a ``share[k]`` of its length from its start.
     """
-    start = np.eye(4)
-    end = np.eye(4)
+    start, end = np.empty((4, 4)), np.empty((4, 4))
+    set_identity(end)
     for n in range(bends.shape[0]):
         section = 0
-        start[:] = np.eye(4)
+        set_identity(start)
         for k in range(owner.size):
             while section < owner[k]:
                 put_arc(start, lengths[section], bends[n, section, 0], bends[n, section, 1], end)
-                start[:] = end
+                copy_matrix(end, start)
                 section += 1
             part = share[k]
             put_arc(
@@ -160,7 +162,7 @@ def fill_arc_frames(lengths, owner, share, bends, frames):
             )
 
 
-@njit(cache=True)
+@kernel
 def fill_chain(lengths, bends, frames, slopes, turns):
     """Fill the frames at the starts of all sections and at the tip, and world derivatives.
 
@@ -194,7 +196,7 @@ def fill_chain(lengths, bends, frames, slopes, turns):
                 turns[i, k, r] = x * turn[k, 0] + y * turn[k, 1] + z * turn[k, 2]
 
 
-@njit(cache=True)
+@kernel
 def place_point(lengths, bends, frames, slopes, turns, section, share, point, rows):
     """Place one point of the backbone, and its derivative with all bends.
 
@@ -247,7 +249,7 @@ def place_point(lengths, bends, frames, slopes, turns, section, share, point, ro
     rows[2 * section + 2 :] = 0.0
 
 
-@njit(cache=True)
+@kernel
 def fill_tip_jacobians(lengths, bends, tips, jacobians):
     """Fill tip frames (n, 4, 4) and geometric Jacobians (n, 6, 2 m) in the base frame.
 
@@ -264,9 +266,8 @@ def fill_tip_jacobians(lengths, bends, tips, jacobians):
     for n in range(bends.shape[0]):
         fill_chain(lengths, bends[n], frames, slopes, turns)
         place_point(lengths, bends[n], frames, slopes, turns, sections - 1, 1.0, point, rows)
-        tips[n] = 0.0
-        tips[n, :3] = frames[sections]
-        tips[n, 3, 3] = 1.0
+        set_identity(tips[n])
+        copy_matrix(frames[sections], tips[n])
         for column in range(2 * sections):
             for r in range(3):
                 jacobians[n, r, column] = rows[column, r]
@@ -276,7 +277,7 @@ def fill_tip_jacobians(lengths, bends, tips, jacobians):
 # Numba kernels of a chain of 7-bar linkages in closed form.
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def fill_linkage_points(owner, shares, lengths, bends, points):
     """Fill joints ``points`` (n, k + 1, 3) for ``bends`` (n, m, 2).
 
@@ -324,7 +325,7 @@ def fill_linkage_points(owner, shares, lengths, bends, points):
             cz = 2.0 * mz * uz - cz
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def fill_linkage_frames(owner, shares, lengths, bends, frames):
     """Fill ``frames`` (n, k + 1, 4, 4): the joint, and the axes of its coupler link."""
     for n in range(bends.shape[0]):

@@ -9,15 +9,16 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from ...numeric.compiling import kernel
+from ...numeric.kernels.copies import copy_matrix
 from .loads import cross, fill_twists
 
 SPLINE_NODES = 4
 """Nodes of the lattice that a place takes along each axis."""
 
 
-@njit(cache=True)
+@kernel
 def weigh_nodes(points, step, values, distance, gradient, curvature):
     """Fill distance (m,), gradient (m, 3) and Hessian (m, 3, 3) of the spline of ``values``."""
     dim = points.shape[1]
@@ -69,7 +70,7 @@ def weigh_nodes(points, step, values, distance, gradient, curvature):
                             curvature[row, k, i] += share
 
 
-@njit(cache=True)
+@kernel
 def press_walls(touched, multipliers, soft, width, pressed):
     """Fill the forces of walls on points, and how they change; returns their potential and error.
 
@@ -121,7 +122,7 @@ def press_walls(touched, multipliers, soft, width, pressed):
     return value, missed
 
 
-@njit(cache=True)
+@kernel
 def add_contacts(grid, turns, blocks, errors, gradient, hessian):
     """Add to gradient (n, 3) and Hessian (3 n, 3 n) what springs at the ends of segments do.
 
@@ -134,8 +135,9 @@ def add_contacts(grid, turns, blocks, errors, gradient, hessian):
     moving, turning = np.empty((n, 3, 3)), np.empty((n, 3, 3))
     fill_twists(grid, turns, rotations, points, turning, moving)
     twists = np.empty((n, 6, 3))
-    twists[:, :3] = moving
-    twists[:, 3:] = turning
+    for j in range(n):
+        copy_matrix(moving[j], twists[j])
+        copy_matrix(turning[j], twists[j, 3:])
     stiffness, wrench, lever, part = np.zeros((6, 6)), np.zeros(6), np.empty(3), np.zeros((3, 6))
     bent = np.empty((6, 3))
     for j in range(n - 1, -1, -1):

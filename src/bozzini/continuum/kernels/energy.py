@@ -11,8 +11,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from ...numeric.compiling import kernel
+from ...numeric.kernels.copies import copy_matrix, copy_vector, set_identity
 from ...numeric.kernels.linear_algebra import invert_three, solve_bounded
 
 # Numba kernels of one segment of the discrete rod: tendon length, its gradient and its Hessian.
@@ -32,7 +33,7 @@ POINTS, WEIGHTS = 0.5 * (1.0 + POINTS), 0.5 * WEIGHTS
 FACTORIALS = np.array([1.0, 1.0, 2.0, 6.0, 24.0, 120.0, 720.0, 5040.0])
 
 
-@njit(cache=True)
+@kernel
 def fill_functions(q, f):
     """Fill ``f`` (8,) with ``f_n(q)``: the two last by their series, then down from them."""
     for n in (6, 7):
@@ -48,7 +49,7 @@ def fill_functions(q, f):
         f[n] = 1.0 / FACTORIALS[n] - q * f[n + 2]
 
 
-@njit(cache=True)
+@kernel
 def fill_rotation(w, f, rotation):
     """Rotation matrix (3, 3) of the rotation vector ``w``, given its functions ``f``."""
     for i in range(3):
@@ -63,7 +64,7 @@ def fill_rotation(w, f, rotation):
     rotation[2, 1] += f[1] * w[0]
 
 
-@njit(cache=True)
+@kernel
 def add_form(w, f, n, r0, r1, r2, scale, inner, value, slope):
     """Add ``scale f(inner w) r`` to ``value`` and its derivative by ``w`` to ``slope`` (3, 3).
 
@@ -95,7 +96,7 @@ def add_form(w, f, n, r0, r1, r2, scale, inner, value, slope):
     slope[2, 2] += e2 * w2 + b * (along + w2 * r2)
 
 
-@njit(cache=True)
+@kernel
 def add_form_hessian(w, f, n, r0, r1, r2, d, scale, inner, hessian):
     """Add to ``hessian`` (3, 3) the second derivative by ``w`` of ``scale d . f(inner w) r``."""
     w0, w1, w2 = inner * w[0], inner * w[1], inner * w[2]
@@ -133,7 +134,7 @@ def add_form_hessian(w, f, n, r0, r1, r2, d, scale, inner, hessian):
     hessian[2, 1] += h12
 
 
-@njit(cache=True)
+@kernel
 def move_forward(w, f, half, length, backbone, value, slope):
     """Step of the backbone over a segment (3,) and its derivative by ``w`` (3, 3).
 
@@ -148,7 +149,7 @@ def move_forward(w, f, half, length, backbone, value, slope):
         add_form(w, f, 1, 0.0, 0.0, 1.0, length, 1.0, value, slope)
 
 
-@njit(cache=True)
+@kernel
 def measure_length(backbone, ends, tension, work, slope, psd, full):
     """Length of one tendon over a segment [mm], straight between the discs.
 
@@ -194,7 +195,7 @@ def measure_length(backbone, ends, tension, work, slope, psd, full):
     return size
 
 
-@njit(cache=True)
+@kernel
 def measure_channel(w, length, guides, tension, slope, psd, full):
     """Length of one tendon in a smooth channel of a segment of constant curvature and twist [mm].
 
@@ -242,7 +243,7 @@ def measure_channel(w, length, guides, tension, slope, psd, full):
 # Gauss points (k, n, g, 4), how many segments each tendon passes (k,), and the kind of segment.
 
 
-@njit(cache=True)
+@kernel
 def measure_lengths(grid, turns, tensions, lengths, slopes, psd, full):
     """Fill tendon lengths (k,), their gradients (k, n, 3), and the Hessians (n, 3, 3) by tension.
 
@@ -277,7 +278,7 @@ def measure_lengths(grid, turns, tensions, lengths, slopes, psd, full):
                 )
 
 
-@njit(cache=True)
+@kernel
 def differentiate_routing(grid, turns, lengths, slopes):
     """Fill derivatives of tendon lengths (k, 2) and of their gradients (k, 2, n, 3) by routing.
 
@@ -311,7 +312,8 @@ def differentiate_routing(grid, turns, lengths, slopes):
                     moves[end] = ends[end]
                     if kind == 1:
                         moves[end, 0], moves[end, 1] = -ends[end, 1], ends[end, 0]
-                value[:], matrix[:] = step, step_slope
+                copy_vector(step, value)
+                copy_matrix(step_slope, matrix)
                 change[:], turned[:] = 0.0, 0.0
                 add_form(w, f, 0, ends[1, 0], ends[1, 1], 0.0, 1.0, 1.0, value, matrix)
                 add_form(w, f, 0, moves[1, 0], moves[1, 1], 0.0, 1.0, 1.0, change, turned)
@@ -333,7 +335,7 @@ def differentiate_routing(grid, turns, lengths, slopes):
                 slopes[k, kind, j] = slope
 
 
-@njit(cache=True)
+@kernel
 def differentiate_channel(w, length, guides, kind, slope):
     """As `differentiate_routing`, in one segment of a smooth channel; adds to ``slope`` (3,)."""
     total = 0.0
@@ -356,13 +358,13 @@ def differentiate_channel(w, length, guides, kind, slope):
     return total
 
 
-@njit(cache=True)
+@kernel
 def fill_frames(grid, turns, rotations, points):
     """Frames of the discs, base first: rotations (n + 1, 3, 3) and origins (n + 1, 3)."""
     spans, _, _, _, _, segment = grid
     f, half = np.empty(8), np.empty(8)
     step, slope, turn = np.empty(3), np.empty((3, 3)), np.empty((3, 3))
-    rotations[0] = np.eye(3)
+    set_identity(rotations[0])
     points[0] = 0.0
     for j in range(spans.size):
         w = turns[j]
@@ -380,7 +382,7 @@ def fill_frames(grid, turns, rotations, points):
                     rotations[j + 1, i, k] += rotations[j, i, m] * turn[m, k]
 
 
-@njit(cache=True)
+@kernel
 def invert_blocks(stiffness, psd, full, exact, inverses):
     """Invert the Hessian (n, 3, 3); where it is not positive, the part of it that is. Counts."""
     block, least = np.empty((3, 3)), np.empty(3)
@@ -405,7 +407,7 @@ def invert_blocks(stiffness, psd, full, exact, inverses):
     return replaced
 
 
-@njit(cache=True)
+@kernel
 def reduce_problem(slopes, counts, inverses, forces, matrix, vector, carried):
     """Fill ``J H^-1 J^T`` (k, k) and ``J H^-1 g`` (k,), and keep ``J H^-1`` in ``carried``."""
     matrix[:] = 0.0
@@ -458,7 +460,7 @@ SMALLEST_SHARE = 1.0 / 64.0
 """Smallest part of a command by which it is raised where the whole of it fails."""
 
 
-@njit(cache=True)
+@kernel
 def solve_command(rod, limits, tolerance, turns, tensions, lengths):
     """One command, from where ``turns`` and ``tensions`` stand; both are changed.
 
@@ -534,11 +536,11 @@ def solve_command(rod, limits, tolerance, turns, tensions, lengths):
                 turns[j, i] += share * move[j, i]
             if turns[j, 0] ** 2 + turns[j, 1] ** 2 + turns[j, 2] ** 2 > TURN_LIMIT**2:
                 return FOLDED, count + 1, error, replaced
-        tensions[:] = wanted
+        copy_vector(wanted, tensions)
     return NOT_CONVERGED, most_steps, error, replaced
 
 
-@njit(cache=True)
+@kernel
 def share_tensions(stiffness, counts, slopes, turns, taut, low, high, tensions):
     """Least tensions that hold the rod as it is: what redundant tendons leave open."""
     n, k = turns.shape[0], counts.size
@@ -567,10 +569,10 @@ def share_tensions(stiffness, counts, slopes, turns, taut, low, high, tensions):
             return
         for m in range(k):
             centred[m] = vector[m] - ridge * shared[m]
-    tensions[:] = shared
+    copy_vector(shared, tensions)
 
 
-@njit(cache=True)
+@kernel
 def follow_command(rod, natural, displacement, tolerance, parts, turns, tensions, lengths):
     """One command from the straight rod, at once or else in parts, as far as it can be followed.
 
@@ -601,17 +603,17 @@ def follow_command(rod, natural, displacement, tolerance, parts, turns, tensions
             reached = share
             if reached == 1.0:
                 return code, error, unstable, reached, steps
-            kept_turns[:] = turns
-            kept_tensions[:] = tensions
+            copy_matrix(turns, kept_turns)
+            copy_vector(tensions, kept_tensions)
         else:
-            turns[:] = kept_turns
-            tensions[:] = kept_tensions
+            copy_matrix(kept_turns, turns)
+            copy_vector(kept_tensions, tensions)
             part *= 0.5
             if part < smallest:
                 return code, error, unstable, reached, steps
 
 
-@njit(cache=True)
+@kernel
 def measure_least(stiffness, full):
     """Least eigenvalue of the segments' Hessians (n, 3, 3), against the straight rod's.
 
@@ -643,7 +645,7 @@ def measure_least(stiffness, full):
     return least
 
 
-@njit(cache=True)
+@kernel
 def solve_commands(rod, natural, displacements, firsts, tolerance, answers):
     """Solve a batch of commands (b, k), each from the straight rod; fills the arrays of `answers`.
 

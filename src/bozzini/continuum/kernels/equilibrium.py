@@ -12,8 +12,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from ...numeric.compiling import kernel
+from ...numeric.kernels.copies import copy_matrix, copy_vector
+from ...numeric.kernels.linear_algebra import factor_lu, solve_lu
 from .energy import (
     CONVERGED,
     FOLDED,
@@ -48,7 +50,7 @@ MOST_HALVINGS = 25
 """Halvings of a step in the line search."""
 
 
-@njit(cache=True)
+@kernel
 def fill_proximities(grid, compliances, held, proximities):
     """Flexibility (k,) [mm/N] by which the lengths are held in one step; 0 of soft tendons."""
     _, stiffness, paths, _, counts, _ = grid
@@ -61,7 +63,7 @@ def fill_proximities(grid, compliances, held, proximities):
         proximities[k] = 0.0 if soft or not held[k] else PROXIMITY * max(give, 1e-300)
 
 
-@njit(cache=True)
+@kernel
 def measure_equilibrium(rod, limits, turns, tensions, state):
     """Augmented Lagrangian at the turns, its gradient and what its Hessian is made of.
 
@@ -106,7 +108,7 @@ def measure_equilibrium(rod, limits, turns, tensions, state):
     return value
 
 
-@njit(cache=True)
+@kernel
 def make_state(n, k):
     """Empty arrays of `measure_equilibrium`."""
     return (
@@ -120,7 +122,7 @@ def make_state(n, k):
     )
 
 
-@njit(cache=True)
+@kernel
 def _factor_upper(matrix, shift, factor):
     """Fill the upper Cholesky factor of ``matrix + shift * 1``; False if it is not positive.
 
@@ -146,7 +148,7 @@ def _factor_upper(matrix, shift, factor):
     return True
 
 
-@njit(cache=True)
+@kernel
 def _solve_factored(factor, vector):
     """Solve ``U^T U x = vector`` in place."""
     size = vector.size
@@ -160,7 +162,7 @@ def _solve_factored(factor, vector):
         vector[k] /= factor[k, k]
 
 
-@njit(cache=True)
+@kernel
 def _find_step(rod, state, scale, conservative, matrix, factor, step, shift):
     """Newton's step (3 n,) in scaled turns; returns the shift of the Hessian, -1 if none did."""
     _, _, tendons, _, _ = rod
@@ -185,7 +187,10 @@ def _find_step(rod, state, scale, conservative, matrix, factor, step, shift):
                 for b in range(size):
                     matrix[i, b] += weight * row[i] * row[b]
     if not conservative:
-        step[:] = np.linalg.solve(matrix, step)
+        order, right = np.empty(size, dtype=np.int64), step.reshape(size, 1)
+        if not factor_lu(matrix, order):
+            return -1.0
+        solve_lu(matrix, order, right)
         return 0.0
     used = 0.0
     for _ in range(40):
@@ -196,7 +201,7 @@ def _find_step(rod, state, scale, conservative, matrix, factor, step, shift):
     return -1.0
 
 
-@njit(cache=True)
+@kernel
 def solve_equilibrium(rod, limits, tolerance, most_steps, turns, tensions, state):
     """One equilibrium, from where ``turns`` and ``tensions`` stand; both are changed.
 
@@ -247,11 +252,11 @@ def solve_equilibrium(rod, limits, tolerance, most_steps, turns, tensions, state
         quiet = quiet or (shift == 0.0 and largest <= ROUGH and largest > 0.5 * last)
         settled = error <= SETTLED * longest or error > 0.5 * missed
         if quiet and settled and error <= tolerance:
-            tensions[:] = trial
+            copy_vector(trial, tensions)
             return CONVERGED, count, error, shift
         last = largest
         share = min(1.0, STEP_LIMIT / largest) if largest > 0.0 else 1.0
-        before[:] = turns
+        copy_matrix(turns, before)
         kept = trial.copy()
         active = np.zeros(k)
         for m in range(k):
@@ -287,10 +292,10 @@ def solve_equilibrium(rod, limits, tolerance, most_steps, turns, tensions, state
                 break
             share *= 0.5
         if not good:
-            turns[:] = before
+            copy_matrix(before, turns)
             measure_equilibrium(rod, limits, turns, tensions, state)
             return FOLDED if folded else NOT_CONVERGED, count, error, shift
-        turns[:] = other
+        copy_matrix(other, turns)
         value = found
         if share == 1.0 and shift == 0.0:
             # The tensions that Newton's method on the conditions themselves would take.
@@ -304,5 +309,5 @@ def solve_equilibrium(rod, limits, tolerance, most_steps, turns, tensions, state
                     tensions[m] = fresh
             if moved:
                 value = measure_equilibrium(rod, limits, turns, tensions, state)
-    tensions[:] = trial
+    copy_vector(trial, tensions)
     return NOT_CONVERGED, most_steps, error, shift

@@ -9,13 +9,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from ...numeric.compiling import kernel
+from ...numeric.kernels.copies import copy_vector
 from ...numeric.kernels.linear_algebra import factor_lu, solve_lu, solve_three
 from .rod import expand_potential, find_curvature
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _turn_back(turn, way, out):
     """Fill `out` with ``way`` turned by the rotation vector `turn` (Rodrigues)."""
     square = turn[0] ** 2 + turn[1] ** 2 + turn[2] ** 2
@@ -30,7 +31,7 @@ def _turn_back(turn, way, out):
         out[i] = cosine * way[i] + first * across + second * along * turn[i]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _measure_angle(one, other):
     """Angle between two vectors [rad]; 0 if one has no length."""
     across = 0.0
@@ -41,7 +42,7 @@ def _measure_angle(one, other):
     return math.atan2(math.sqrt(across), along)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def measure_tendons(grid, profile, moments, curvatures, rates, give, wraps):
     """Fill how tendons lie in a rod under tensions `profile` (n, 3, k); False if it breaks down.
 
@@ -102,7 +103,7 @@ def measure_tendons(grid, profile, moments, curvatures, rates, give, wraps):
     return True
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def reduce_slip(spans, friction, state, lying, presliding, factors, shifts, slopes, offsets):
     """Eliminate a linearised tendon from the tip on: slip at a point by the tension there.
 
@@ -161,7 +162,7 @@ def reduce_slip(spans, friction, state, lying, presliding, factors, shifts, slop
     return True
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def move_tensions(friction, state, wraps, sizes, parts, first):
     """Take the step of `reduce_slip` from the base tensions ``first`` (k,) on.
 
@@ -198,4 +199,4 @@ def move_tensions(friction, state, wraps, sizes, parts, first):
                     bound = friction[i] * wraps[n, stage, i] * (1.0 if before[i] >= 0.0 else -1.0)
                     profile[n, stage, i] = before[i] * math.exp(-bound * share)
                 before[i] = profile[n, stage, i]
-            moved[:] = change
+            copy_vector(change, moved)

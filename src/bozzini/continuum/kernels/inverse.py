@@ -9,8 +9,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from ...numeric.compiling import kernel
+from ...numeric.kernels.copies import copy_matrix, copy_vector, set_identity
 from ...numeric.kernels.linear_algebra import factor_cholesky, solve_lower, solve_upper
 from .arc import arc_factors, fill_chain, place_point
 
@@ -35,7 +36,7 @@ EMPTY = 1
 UNFINISHED = 2
 
 
-@njit(cache=True)
+@kernel
 def measure_violation(x, limits, rows, low, high, normal):
     """Return how far `x` is outside the limit it breaks most, and fill its inward normal.
 
@@ -83,7 +84,7 @@ def measure_violation(x, limits, rows, low, high, normal):
     return worst
 
 
-@njit(cache=True)
+@kernel
 def _split(vector, count, basis, upper, share, rest):
     """Write `vector` as ``share`` of the first active vectors and a `rest` across them.
 
@@ -114,7 +115,7 @@ def _split(vector, count, basis, upper, share, rest):
     return square
 
 
-@njit(cache=True)
+@kernel
 def _append(rest, square, count, basis, upper):
     """Make the vector that `_split` took apart the last active one."""
     size = math.sqrt(square)
@@ -123,7 +124,7 @@ def _append(rest, square, count, basis, upper):
         basis[count, k] = rest[k] / size
 
 
-@njit(cache=True)
+@kernel
 def step_inside(factor, x, limits, rows, low, high):
     """Move `x`, the lowest point of a quadratic, to the lowest one inside the limits.
 
@@ -210,7 +211,7 @@ def step_inside(factor, x, limits, rows, low, high):
 SERIES_BELOW = 0.25
 
 
-@njit(cache=True)
+@kernel
 def _second_factors(square, f1, g1, g2):
     """Second derivatives of f1 and f2 with ``theta ** 2``."""
     if square >= SERIES_BELOW:
@@ -228,7 +229,7 @@ def _second_factors(square, f1, g1, g2):
     return first, second
 
 
-@njit(cache=True)
+@kernel
 def fill_arc_curvature(length, bx, by, pull, arm, out):
     """Fill the second derivative of ``pull . (place + R arm)`` with the bend of one arc.
 
@@ -275,14 +276,14 @@ def fill_arc_curvature(length, bx, by, pull, arm, out):
         out[i, i] += even
 
 
-@njit(cache=True)
+@kernel
 def _into(frame, vector, out):
     """Turn a vector of the base's frame into that of `frame`."""
     for k in range(3):
         out[k] = frame[0, k] * vector[0] + frame[1, k] * vector[1] + frame[2, k] * vector[2]
 
 
-@njit(cache=True)
+@kernel
 def _add_between(turns, rows, pull, last, matrix):
     """Add what different sections, up to `last`, have in common."""
     for i in range(last):
@@ -297,7 +298,7 @@ def _add_between(turns, rows, pull, last, matrix):
                 matrix[j, 2 * i + a] += rows[j, 0] * x + rows[j, 1] * y + rows[j, 2] * z
 
 
-@njit(cache=True)
+@kernel
 def add_curvature(goal, bends, work, matrix):
     """Add the second derivatives to the lower half of a Gauss-Newton matrix.
 
@@ -349,7 +350,7 @@ def add_curvature(goal, bends, work, matrix):
             _add_block(block, 1.0, i, matrix)
 
 
-@njit(cache=True)
+@kernel
 def _add_block(block, scale, section, matrix):
     for a in range(2):
         for b in range(a + 1):
@@ -372,7 +373,7 @@ SMALL_STEP = 1e-10
 """Step that counts as none [rad]."""
 
 
-@njit(cache=True)
+@kernel
 def evaluate(goal, bends, work, gradient, matrix):
     """Return the cost and the two misses of `bends`; fill gradient and Gauss-Newton matrix.
 
@@ -456,7 +457,7 @@ def evaluate(goal, bends, work, gradient, matrix):
     return 0.5 * cost, math.sqrt(distance), 2.0 * math.asin(min(0.5 * apart, 1.0))
 
 
-@njit(cache=True)
+@kernel
 def _add_rows(rows, miss, weight, size, gradient, matrix):
     for i in range(size):
         a = weight * rows[i, 0]
@@ -467,7 +468,7 @@ def _add_rows(rows, miss, weight, size, gradient, matrix):
             matrix[i, j] += a * rows[j, 0] + b * rows[j, 1] + c * rows[j, 2]
 
 
-@njit(cache=True)
+@kernel
 def make_work(sections):
     """Return work arrays for `evaluate`."""
     frames = np.zeros((sections + 1, 3, 4))
@@ -482,7 +483,7 @@ def make_work(sections):
     )
 
 
-@njit(cache=True)
+@kernel
 def improve(goal, bounds, bends, tolerances, plan):
     """Improve `bends`, which are inside the limits, in place.
 
@@ -567,7 +568,7 @@ def improve(goal, bounds, bends, tolerances, plan):
         new_cost, _, _ = evaluate(goal, trial, work, none, nothing)
         ratio = (cost - new_cost) / fall
         if ratio > 1e-4:
-            bends[:] = trial
+            copy_matrix(trial, bends)
             cost, distance, angle = evaluate(goal, bends, work, gradient, matrix)
             if exact:
                 add_curvature(goal, bends, work, matrix)
@@ -581,15 +582,17 @@ def improve(goal, bounds, bends, tolerances, plan):
     return RUN_OUT, most, cost, distance, angle
 
 
-@njit(cache=True)
+@kernel
 def move_inside(bounds, bends):
     """Move `bends` to the nearest legal ones; False if there are none."""
     limits, rows, low, high = bounds
     flat = bends.ravel()
-    return step_inside(np.eye(flat.size), flat, limits, rows, low, high) == SOLVED
+    identity = np.empty((flat.size, flat.size))
+    set_identity(identity)
+    return step_inside(identity, flat, limits, rows, low, high) == SOLVED
 
 
-@njit(cache=True)
+@kernel
 def rank_starts(goal, starts, costs):
     """Fill the cost of each of a set of starts (n, m, 2)."""
     work = make_work(goal[0].size)
@@ -599,7 +602,7 @@ def rank_starts(goal, starts, costs):
         costs[k], _, _ = evaluate(goal, starts[k], work, none, nothing)
 
 
-@njit(cache=True)
+@kernel
 def search(goal, bounds, starts, tolerances, plans, best):
     """Improve one start after the other until one reaches the goal; the best one is kept.
 
@@ -630,7 +633,7 @@ def search(goal, bounds, starts, tolerances, plans, best):
         found, took, cost, far, off = improve(goal, bounds, bends, tolerances, plans[0])
         steps += took
         if cost < least or found == REACHED:
-            best[:] = bends
+            copy_matrix(bends, best)
             least = cost
             code = found
             distance = far
@@ -646,7 +649,7 @@ def search(goal, bounds, starts, tolerances, plans, best):
 # Numba kernel that draws bends evenly from all that a robot can take.
 
 
-@njit(cache=True)
+@kernel
 def _narrow(value, slope, low, high, interval):
     """Narrow an interval of steps to those with ``low <= value + step * slope <= high``."""
     if abs(slope) < 1e-300:
@@ -657,7 +660,7 @@ def _narrow(value, slope, low, high, interval):
     interval[1] = min(interval[1], max(first, last))
 
 
-@njit(cache=True)
+@kernel
 def draw_bends(random, start, basis, limits, rows, low, high, thin, out):
     """Fill ``out`` (n, 2 m) by hit-and-run (Smith 1984), which tends to an even density.
 
@@ -710,4 +713,4 @@ def draw_bends(random, start, basis, limits, rows, low, high, thin, out):
                 step = interval[0] + random.random() * (interval[1] - interval[0])
                 for k in range(n):
                     x[k] += step * way[k]
-        out[sample] = x
+        copy_vector(x, out[sample])

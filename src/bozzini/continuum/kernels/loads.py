@@ -12,8 +12,8 @@ the cross-section's frame there (p, 3) [mm]. All vectors are in the frame of the
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from ...numeric.compiling import kernel
 from .energy import (
     CHORD,
     add_form,
@@ -25,7 +25,7 @@ from .energy import (
 )
 
 
-@njit(cache=True)
+@kernel
 def cross(a, b, out):
     """Cross product of two vectors (3,)."""
     out[0] = a[1] * b[2] - a[2] * b[1]
@@ -33,7 +33,7 @@ def cross(a, b, out):
     out[2] = a[0] * b[1] - a[1] * b[0]
 
 
-@njit(cache=True)
+@kernel
 def multiply(a, b, out):
     """Product of two 3x3 matrices."""
     for i in range(3):
@@ -41,7 +41,7 @@ def multiply(a, b, out):
             out[i, k] = a[i, 0] * b[0, k] + a[i, 1] * b[1, k] + a[i, 2] * b[2, k]
 
 
-@njit(cache=True)
+@kernel
 def rotate_back(rotation, vector, out):
     """Vector (3,) in the axes of a rotation matrix."""
     for i in range(3):
@@ -50,7 +50,7 @@ def rotate_back(rotation, vector, out):
         )
 
 
-@njit(cache=True)
+@kernel
 def fill_twists(grid, turns, rotations, points, turning, moving):
     """Fill frames of the discs, base first, and how each segment's turn moves what is beyond it.
 
@@ -77,7 +77,7 @@ def fill_twists(grid, turns, rotations, points, turning, moving):
                 moving[j, i, k] += way[i]
 
 
-@njit(cache=True)
+@kernel
 def place_spot(grid, turns, frames, spot, offset, place, rotation, own, own_turning):
     """Place (3,) and frame (3, 3) of a point of the body, and their change by its segment's turn.
 
@@ -111,7 +111,7 @@ def place_spot(grid, turns, frames, spot, offset, place, rotation, own, own_turn
     multiply(rotations[j], part * turn, own_turning)
 
 
-@njit(cache=True)
+@kernel
 def fill_spot_jacobian(twists, spot, state, jacobian):
     """Fill how the turns move a point of the body: rotation, then place, (6, 3 n).
 
@@ -134,7 +134,7 @@ def fill_spot_jacobian(twists, spot, state, jacobian):
             jacobian[3 + i, 3 * spot[0] + k] = own[i, k]
 
 
-@njit(cache=True)
+@kernel
 def place_spots(grid, turns, spots, places, rotations, jacobians):
     """Fill places (p, 3), frames (p, 3, 3) and Jacobians (p, 6, 3 n) of points of the body.
 
@@ -165,7 +165,7 @@ def place_spots(grid, turns, spots, places, rotations, jacobians):
             fill_spot_jacobian((turning, moving), spot, state, jacobians[p])
 
 
-@njit(cache=True)
+@kernel
 def add_matrix_hessian(w, f, pairs, hessian):
     """Add to ``hessian`` the second derivative by ``w`` of ``sum d . exp(w) r``.
 
@@ -200,7 +200,7 @@ def add_matrix_hessian(w, f, pairs, hessian):
             hessian[i, k] += w[i] * slope[k] + w[k] * slope[i] + f[2] * (pairs[i, k] + pairs[k, i])
 
 
-@njit(cache=True)
+@kernel
 def add_step_hessian(grid, w, index, part, force, hessian):
     """Add the second derivative by ``w`` of ``force . step``, up to a part of a segment.
 
@@ -218,7 +218,7 @@ def add_step_hessian(grid, w, index, part, force, hessian):
         add_form_hessian(w, f, 1, 0.0, 0.0, 1.0, force, long, part, hessian)
 
 
-@njit(cache=True)
+@kernel
 def measure_loads(grid, turns, spots, loads, gradient, hessian):
     """Potential of loads [N mm], minus what they do on the turns, and minus how that changes.
 
@@ -280,9 +280,11 @@ def measure_loads(grid, turns, spots, loads, gradient, hessian):
                 gradient[j, k] -= own[i, k] * force[p, i] + own_turning[i, k] * torque[p, i]
         for k in range(3):
             cross(own[:, k], force[p], way)
-            arm[j, :, k] += way
+            for i in range(3):
+                arm[j, i, k] += way[i]
             cross(own_turning[:, k], torque[p], way)
-            twist[j, :, k] += way
+            for i in range(3):
+                twist[j, i, k] += way[i]
         w = turns[j]
         rotate_back(rotations[j], force[p], local)
         add_step_hessian(grid, w, j, part, local, diagonal[j])
@@ -296,7 +298,9 @@ def measure_loads(grid, turns, spots, loads, gradient, hessian):
             way[:] = 0.0
             slope = np.zeros((3, 3))
             add_form(w, f, 1, local[0], local[1], local[2], part, -part, way, slope)
-            diagonal[j] += slope
+            for i in range(3):
+                for k in range(3):
+                    diagonal[j, i, k] += slope[i, k]
     # From the tip to the base: sums over what lies beyond.
     beyond, beyond_lever, beyond_moment = np.zeros(3), np.zeros((3, 3)), np.zeros(3)
     pairs, whole = np.empty((3, 3)), np.empty((3, 3))
@@ -364,7 +368,7 @@ def measure_loads(grid, turns, spots, loads, gradient, hessian):
     return potential
 
 
-@njit(cache=True)
+@kernel
 def _add_following(twists, segment, state, load, hessian):
     """Subtract what a force and a moment do on the turns as they turn with the body."""
     size = 3 * segment + 3

@@ -25,8 +25,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from ...numeric.compiling import kernel
 from ...numeric.kernels.linear_algebra import (
     factor_cholesky,
     invert_three,
@@ -63,7 +63,7 @@ ROUGH = 1e-7
 """Error of a curvature that is taken for round-off, where a stiff part pulls at a flexible one."""
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def expand_potential(stiffness, guides, present, tensions, moment, u, pushing, right, matrix):
     """Expand ``1/2 u K u + sum T_k |t_k(u)| - m u`` about ``u``; its value and its round-off.
 
@@ -107,7 +107,7 @@ def expand_potential(stiffness, guides, present, tensions, moment, u, pushing, r
     return value, 1e-15 * size
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def measure_way(guides, strain):
     """Rate of a tendon's place along the rod in the cross-section's axes, and its length."""
     wide = strain.size - 3
@@ -122,7 +122,7 @@ def measure_way(guides, strain):
     return t0, t1, t2, math.sqrt(t0 * t0 + t1 * t1 + t2 * t2)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def expand_strain(stiffness, guides, present, tensions, load, strain, pushing, right, matrix):
     """As `expand_potential`, of shear and stretch too: strains and loads are (6,)."""
     value, size = 0.0, 0.0
@@ -164,14 +164,14 @@ def expand_strain(stiffness, guides, present, tensions, load, strain, pushing, r
     return value, 1e-15 * size
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def expand(stiffness, guides, present, tensions, load, strain, pushing, right, matrix):
     """Expand the potential by the curvature (3,), or by shear, stretch and curvature (6,)."""
     args = (stiffness, guides, present, tensions, load, strain, pushing, right, matrix)
     return expand_potential(*args) if strain.size == 3 else expand_strain(*args)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _solve(matrix, right, least, step):
     size = right.size
     if size == 3:
@@ -186,7 +186,7 @@ def _solve(matrix, right, least, step):
     return True
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def find_curvature(stiffness, guides, present, tensions, load, strain, work):
     """Improve ``strain`` until it is a minimum, where the rod's load balances; False if not.
 
@@ -248,7 +248,7 @@ def find_curvature(stiffness, guides, present, tensions, load, strain, work):
 # lengths, and its Hessian is ``- J H^-1 J^T``.
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def measure_unloaded(grid, tensions, lengths, give):
     """Fill lengths (k,) and how they give way to tension (k, k); the dual's value, or NaN.
 
@@ -311,7 +311,7 @@ BY_LENGTHS = 9
 """Row of derivatives of tendon lengths; before it turn, moment and force, after it the place."""
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def fill_rates(state, section, line, pulls, strain, frame, rates, work):
     """Rates (16 + k,) of a state; fills the rotation ``frame`` (3, 3) and improves ``strain``.
 
@@ -360,7 +360,7 @@ def fill_rates(state, section, line, pulls, strain, frame, rates, work):
     return True
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def fill_cross(x, y, z, scale, out):
     """Fill ``out`` (3, 3) with the matrix of a cross product."""
     out[0, 0], out[0, 1], out[0, 2] = 0.0, -scale * z, scale * y
@@ -368,7 +368,7 @@ def fill_cross(x, y, z, scale, out):
     out[2, 0], out[2, 1], out[2, 2] = -scale * y, scale * x, 0.0
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def fill_flexibility(section, pulls, strain, frame, give, ways, work):
     """Fill how strains give way (6, 6), and the tendons' ways (k, 6), in base axes.
 
@@ -413,7 +413,7 @@ def fill_flexibility(section, pulls, strain, frame, give, ways, work):
     return True
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def fill_flow(state, rates, frame, line, give, ways, others, free, flow, work):
     """Fill rates of derivatives: ``flow`` (12 + k, 9 + k + m) by turn, moment, force and sources.
 
@@ -477,7 +477,7 @@ def fill_flow(state, rates, frame, line, give, ways, others, free, flow, work):
         flow[3 + b, 6 + c] += rates[a]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def carry(flow, slopes, free, out):
     """Fill rates ``out`` of derivatives by the ``free`` first unknowns, and by sources."""
     rows, columns = slopes.shape
@@ -493,7 +493,7 @@ def carry(flow, slopes, free, out):
                     out[r, c] += part * slopes[j, c]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def integrate_rod(first, last, rod, share, tensions, states, slopes, sections, form):
     """Pass from step ``first`` up to ``last`` by the Runge-Kutta method of fourth order.
 
@@ -621,7 +621,7 @@ def integrate_rod(first, last, rod, share, tensions, states, slopes, sections, f
     return True
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def put_on(point, share, state, frame, slopes):
     """Take a point's force and moment, (4, 3) as of `integrate_rod`, off a state and its slopes."""
     size = 0.0
@@ -651,7 +651,7 @@ def put_on(point, share, state, frame, slopes):
 # What changes the rod from outside: its tendons' routing, and the way that the base looks.
 
 
-@njit(cache=True)
+@kernel
 def turn_load(load, share, out):
     """Add ``share`` of a vector's cross products with the axes to the columns of ``out`` (3, 3)."""
     for c in range(3):
@@ -660,7 +660,7 @@ def turn_load(load, share, out):
         out[b, c] -= share * load[a]
 
 
-@njit(cache=True)
+@kernel
 def fill_routing(guides, present, pulls, strain, frame, others, longer):
     """Fill what a relative change of each tendon's offset does here, and an angle of its clocking.
 
@@ -705,7 +705,7 @@ def fill_routing(guides, present, pulls, strain, frame, others, longer):
 # ``- 2 q E f' - q D q`` with ``q = N x f``.
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def fill_form(n, h, state, rates, stiffness, frame, give, ways, form):
     """Fill a step's second variation by the turns of its ends: linear between them.
 

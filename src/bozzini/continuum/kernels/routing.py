@@ -11,13 +11,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from ...numeric.compiling import kernel
+from ...numeric.kernels.copies import copy_vector
 from ...numeric.kernels.linear_algebra import solve_three
 from .rod import expand_potential, find_curvature
 
 
-@njit(cache=True)
+@kernel
 def find_curvatures(stiffness, guides, present, tensions, curvatures, by_guides, by_tensions):
     """Improve curvatures (m, 3) under tensions (k,); fill their derivatives. False if none.
 
@@ -82,7 +83,7 @@ def find_curvatures(stiffness, guides, present, tensions, curvatures, by_guides,
     return True
 
 
-@njit(cache=True)
+@kernel
 def _cross(a, b, out):
     out[0] = a[1] * b[2] - a[2] * b[1]
     out[1] = a[2] * b[0] - a[0] * b[2]
@@ -95,7 +96,7 @@ TERMS = 8
 """Terms of the series of the exponential's derivative; steps turn by a fraction of a radian."""
 
 
-@njit(cache=True)
+@kernel
 def trace_backbone(steps, curvatures, start, points, turns, by_turn, by_place):
     """Fill points (n + 1, 3) and turns (n + 1, 3, 3) of a backbone, and their derivatives.
 
@@ -163,8 +164,8 @@ def trace_backbone(steps, curvatures, start, points, turns, by_turn, by_place):
                 for i in range(3):
                     term_w[i] = 0.5 * h * unit[i] + c * side[i]
                 term_v[0], term_v[1], term_v[2] = sign * unit[1], -sign * unit[0], 0.0
-                turned[:] = term_w
-                moved[:] = term_v
+                copy_vector(term_w, turned)
+                copy_vector(term_v, moved)
                 # The body's twist: the series of (1 - exp(-ad)) / ad.
                 for order in range(1, TERMS):
                     share = -1.0 / (order + 1.0)

@@ -12,15 +12,15 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from ...numeric.compiling import kernel
 from ...numeric.kernels.rotations import find_turn, turn_quaternion
 from .rod import BY_LENGTHS, FORCE, MOMENT, TURN, integrate_rod
 
 NO_SECTIONS = (np.zeros(0, dtype=np.int64), 0)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def sum_forces(rod, share, state):
     """Set a state's force to that which the loads put on the base; of those of one direction."""
     places = rod[0][0]
@@ -34,7 +34,7 @@ def sum_forces(rod, share, state):
         state[FORCE + i] = share * total
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def shoot(rod, cuts, unit, share, state, jumps, system, form):
     """Pass through all pieces: fills the ``jumps`` (n,), and derivatives unless form is empty.
 
@@ -54,7 +54,8 @@ def shoot(rod, cuts, unit, share, state, jumps, system, form):
     slopes = np.zeros((BY_LENGTHS + k, free + k) if wants else (0, 0))
     turn = np.empty(3)
     sizes = np.ones(9)
-    sizes[3:6], sizes[6:9] = unit, unit / length
+    sizes[3:6] = unit
+    sizes[6:9] = unit / length
     if wants:
         matrix[:] = 0.0
         by_pull[:] = 0.0
@@ -119,7 +120,7 @@ def shoot(rod, cuts, unit, share, state, jumps, system, form):
     return off / (1.0 + whole / unit)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def rotate(w, x, y, z, vector, out):
     """Fill ``out`` (3,) with a vector turned by a unit quaternion."""
     a, b, c = vector[0], vector[1], vector[2]
@@ -129,7 +130,7 @@ def rotate(w, x, y, z, vector, out):
     out[2] = c + w * r + x * q - y * p
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def move(state, unit, length, step, part):
     """Take part of a step (n,) of the unknowns."""
     _, turns, moments, forces, _ = state

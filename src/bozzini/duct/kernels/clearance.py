@@ -11,14 +11,13 @@ where the point may be outside. `clearance_estimate` is the best estimate of it,
 
 from __future__ import annotations
 
-import functools
 import math
 
-from numba import njit, types
-from numba.core.caching import IndexDataCacheFile
+from numba import types
 from numba.extending import overload
 
 from ...errors import InputError
+from ...numeric.compiling import kernel
 from ..packed import BricksData, GridData, ShapesData
 from .shapes import family_bound, family_estimate, family_slope
 
@@ -43,7 +42,7 @@ def clearance_slope(duct, x, y, z):
 # the distance to it, which keeps it an upper bound of the lesser of distance and reach.
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def _find_cell(values, hx, hy, hz, x, y, z):
     """Return the cell of a point, the fractions in it, and how far the point is off the grid."""
     nx, ny, nz = values.shape
@@ -59,7 +58,7 @@ def _find_cell(values, hx, hy, hz, x, y, z):
     return i, j, k, cx - i, cy - j, cz - k, (fx - cx) * hx, (fy - cy) * hy, (fz - cz) * hz
 
 
-@njit(cache=True)
+@kernel
 def field_value(values, hx, hy, hz, inflation, x, y, z):
     """Signed distance at one point."""
     i, j, k, u, v, w, dx, dy, dz = _find_cell(values, hx, hy, hz, x, y, z)
@@ -73,7 +72,7 @@ def field_value(values, hx, hy, hz, inflation, x, y, z):
     return s - inflation
 
 
-@njit(cache=True)
+@kernel
 def field_and_gradient(values, hx, hy, hz, inflation, x, y, z):
     """Signed distance at one point, and the gradient of the interpolant there."""
     i, j, k, u, v, w, dx, dy, dz = _find_cell(values, hx, hy, hz, x, y, z)
@@ -106,7 +105,7 @@ def field_and_gradient(values, hx, hy, hz, inflation, x, y, z):
     return s - inflation, gx, gy, gz
 
 
-@njit(cache=True)
+@kernel
 def nodes_bound(values, step, x, y, z):
     """Lower bound from exact node distances, before inflation and without rounding.
 
@@ -142,20 +141,20 @@ def nodes_bound(values, step, x, y, z):
     return best
 
 
-@njit(cache=True)
+@kernel
 def grid_bound(duct, x, y, z):
     """Lower bound from exact node distances."""
     return nodes_bound(duct.values, duct.step, x, y, z) + duct.inflation - duct.slack
 
 
-@njit(cache=True)
+@kernel
 def grid_estimate(duct, x, y, z):
     """Trilinear clearance."""
     step = duct.step
     return -field_value(duct.values, step[0], step[1], step[2], duct.inflation, x, y, z)
 
 
-@njit(cache=True)
+@kernel
 def grid_slope(duct, x, y, z):
     """Trilinear clearance and its gradient."""
     step = duct.step
@@ -165,7 +164,7 @@ def grid_slope(duct, x, y, z):
     return -s, -gx, -gy, -gz
 
 
-@njit(cache=True)
+@kernel
 def find_brick(duct, x, y, z):
     """Return the brick at a place, -1 for none, and the place in the brick."""
     cells = duct.bricks.shape[1] - 1
@@ -181,7 +180,7 @@ def find_brick(duct, x, y, z):
     return duct.table[int(i), int(j), int(k)], x - i * wx, y - j * wy, z - k * wz
 
 
-@njit(cache=True)
+@kernel
 def bricks_bound(duct, x, y, z):
     """Lower bound from exact node distances, the finer ones where there are some."""
     n, u, v, w = find_brick(duct, x, y, z)
@@ -192,7 +191,7 @@ def bricks_bound(duct, x, y, z):
     return best + duct.inflation - duct.slack
 
 
-@njit(cache=True)
+@kernel
 def bricks_estimate(duct, x, y, z):
     """Trilinear clearance."""
     n, u, v, w = find_brick(duct, x, y, z)
@@ -202,7 +201,7 @@ def bricks_estimate(duct, x, y, z):
     return -field_value(duct.bricks[n], step[0], step[1], step[2], duct.inflation, u, v, w)
 
 
-@njit(cache=True)
+@kernel
 def bricks_slope(duct, x, y, z):
     """Trilinear clearance and its gradient."""
     n, u, v, w = find_brick(duct, x, y, z)
@@ -223,27 +222,6 @@ _KERNELS = {
 """Bound, estimate and slope of each kind of packed duct."""
 
 
-def _forgive_lost_classes():
-    """Let an index of compiled code that names a class of a package that is gone count as empty.
-
-    Numba's index of a function lists its signatures; one with a packed duct of another package
-    could otherwise not be read without that package, nor could any of ours beside it.
-    """
-    load = IndexDataCacheFile._load_index
-
-    @functools.wraps(load)
-    def load_index(self):
-        try:
-            return load(self)
-        except (ImportError, AttributeError):
-            return {}
-
-    IndexDataCacheFile._load_index = load_index  # type: ignore[method-assign]
-
-
-_forgive_lost_classes()
-
-
 def register_kernels(packed, *, bound, estimate, slope):
     """Let planners evaluate another kind of packed duct: a shape of another package.
 
@@ -262,8 +240,9 @@ def register_kernels(packed, *, bound, estimate, slope):
     Call it where the kernels are defined. Numba keeps the compiled planners on disk, and does not
     see that a kernel they call has changed: clear its cache then.
     """
-    for kernel in (bound, estimate, slope):
-        names = kernel.py_func.__code__.co_varnames[: kernel.py_func.__code__.co_argcount]
+    for given in (bound, estimate, slope):
+        code = given.py_func.__code__
+        names = code.co_varnames[: code.co_argcount]
         if names != ("duct", "x", "y", "z"):
             raise InputError(f"a kernel takes ({', '.join(names)}): it must take (duct, x, y, z)")
     _KERNELS[packed] = (bound, estimate, slope)
@@ -291,21 +270,21 @@ def _overload_slope(duct, x, y, z):
     return _choose(duct, 2)
 
 
-@njit(cache=True)
+@kernel
 def evaluate_bound(duct, points, result):
     """Fill `result` (n,) with the lower bound of the clearance at `points` (n, 3)."""
     for n in range(points.shape[0]):
         result[n] = clearance_bound(duct, points[n, 0], points[n, 1], points[n, 2])
 
 
-@njit(cache=True)
+@kernel
 def evaluate_estimate(duct, points, result):
     """Fill `result` (n,) with the estimated clearance at `points` (n, 3)."""
     for n in range(points.shape[0]):
         result[n] = clearance_estimate(duct, points[n, 0], points[n, 1], points[n, 2])
 
 
-@njit(cache=True)
+@kernel
 def evaluate_slope(duct, points, slope):
     """Fill `slope` (n, 3) with the gradient of the estimated clearance at `points` (n, 3)."""
     for n in range(points.shape[0]):

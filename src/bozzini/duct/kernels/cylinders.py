@@ -14,7 +14,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from ...numeric.compiling import kernel
 
 # Numba kernels of the wall of one cylinder segment: the nearest of its rulings, for certain.
 #
@@ -27,7 +28,7 @@ DEEPEST = 2.0 * math.pi / SAMPLES * 2.0**-26
 """Intervals of angle smaller than this are within the tolerance anyway [rad]."""
 
 
-@njit(cache=True)
+@kernel
 def _ruling_gap(params, at, ww, wa, wk, wd, wda, c, s):
     """Squared distance to the ruling at the angle with cosine c and sine s."""
     r1 = params[at + 15]
@@ -49,7 +50,7 @@ def _ruling_gap(params, at, ww, wa, wk, wd, wda, c, s):
     return max(start - 2.0 * t * along + t * t * square, 0.0)
 
 
-@njit(cache=True)
+@kernel
 def search_rulings(params, at, x, y, z, best, tolerance, stack):
     """Return (distance, cosine, sine) of the nearest ruling, if nearer than `best`.
 
@@ -165,7 +166,7 @@ def search_rulings(params, at, x, y, z, best, tolerance, stack):
     return math.sqrt(least), cosine, sine
 
 
-@njit(cache=True)
+@kernel
 def _wall_point(params, at, x, y, z, c, s):
     """Return the point nearest to x on a ruling, the ruling's t, and the wall's tangents there."""
     r1 = params[at + 15]
@@ -189,7 +190,7 @@ def _wall_point(params, at, x, y, z, c, s):
     return px + t * qx, py + t * qy, pz + t * qz, t, hx, hy, hz, qx, qy, qz
 
 
-@njit(cache=True)
+@kernel
 def polish_ruling(params, at, x, y, z, c, s):
     """Newton's steps along the circles to the nearest wall point, as long as it gets nearer."""
     vx, vy, vz, t, hx, hy, hz, qx, qy, qz = _wall_point(params, at, x, y, z, c, s)
@@ -232,7 +233,7 @@ def polish_ruling(params, at, x, y, z, c, s):
     return far, vx, vy, vz, nx / norm, ny / norm, nz / norm
 
 
-@njit(cache=True)
+@kernel
 def disc_gap(params, at, x, y, z):
     """Return (distance, nearest point (3)) of a disc: centre, normal, radius."""
     wx = x - params[at]
@@ -261,7 +262,7 @@ EDGE = 1e-12
 """A blended disc this far beyond the end of a segment still counts, or rounding would open it."""
 
 
-@njit(cache=True)
+@kernel
 def _place_root(params, at, wx, wy, wz, t):
     """Return u^2 of the point in the blended disc at t."""
     px = wx - t * params[at + 3]
@@ -277,7 +278,7 @@ def _place_root(params, at, wx, wy, wz, t):
     return along * along + across * across
 
 
-@njit(cache=True)
+@kernel
 def _invert_segment(params, at, x, y, z):
     """Return (u^2, t): the smaller u of the roots with t in [0, 1]; u^2 is infinite without one."""
     wx = x - params[at]
@@ -315,7 +316,7 @@ def _invert_segment(params, at, x, y, z):
     return best, place
 
 
-@njit(cache=True)
+@kernel
 def _nearest_wall(params, first, x, y, z):
     """Return (inside, distance, nearest wall point (3), outward normal there (3))."""
     count = int(params[first])
@@ -369,7 +370,7 @@ def _nearest_wall(params, first, x, y, z):
     return inside, gap, px, py, pz, nx, ny, nz
 
 
-@njit(cache=True)
+@kernel
 def cylinder_chain_value(params, first, x, y, z):
     """Signed distance to the wall of a chain of cylinders, nearer to it by the tolerance."""
     inside, gap, _, _, _, _, _, _ = _nearest_wall(params, first, x, y, z)
@@ -377,7 +378,7 @@ def cylinder_chain_value(params, first, x, y, z):
     return -gap if inside else gap
 
 
-@njit(cache=True)
+@kernel
 def cylinder_chain_slope(params, first, x, y, z):
     """The same with its gradient."""
     inside, gap, px, py, pz, nx, ny, nz = _nearest_wall(params, first, x, y, z)
@@ -390,7 +391,7 @@ def cylinder_chain_slope(params, first, x, y, z):
     return value, (x - px) * scale, (y - py) * scale, (z - pz) * scale
 
 
-@njit(cache=True)
+@kernel
 def locate_points(params, points, segment, result):
     """Fill `segment` (n,) and `result` (n, 4): t, u, and cosine and sine of theta times u.
 

@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from ...numeric.compiling import kernel
 
 
-@njit(cache=True)
+@kernel
 def turn_matrix(x, y, z):
     """Return the rotation (3, 3) by a rotation vector (Rodrigues' formula)."""
     angle = math.sqrt(x * x + y * y + z * z)
@@ -26,7 +27,7 @@ def turn_matrix(x, y, z):
     return turn
 
 
-@njit(cache=True)
+@kernel
 def least_gauge(points, half, e1, e2, turn):
     """Return the least gauge of points (n, 3) about the centre; axes are the columns of `turn`.
 
@@ -52,7 +53,7 @@ def least_gauge(points, half, e1, e2, turn):
     return best
 
 
-@njit(cache=True)
+@kernel
 def find_balls(points, centres, radii, distance, index, place):
     """Fill the distances of points (n, 3) from a chain of round cones, and the nearest balls.
 

@@ -9,10 +9,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from ...numeric.compiling import kernel
+from ...numeric.kernels.copies import copy_vector
 
 
-@njit(cache=True)
+@kernel
 def number_nodes(values, level, number, nodes):
     """Number the nodes with values below `level`, and list them; return how many there are.
 
@@ -31,7 +33,7 @@ def number_nodes(values, level, number, nodes):
     return n
 
 
-@njit(cache=True)
+@kernel
 def _list_steps(step):
     """Return the 26 steps to neighbours (26, 3) and their lengths."""
     moves = np.empty((26, 3), np.int64)
@@ -49,7 +51,7 @@ def _list_steps(step):
     return moves, lengths
 
 
-@njit(cache=True)
+@kernel
 def _sift_up(keys, names, n):
     key, name = keys[n], names[n]
     while n > 0:
@@ -61,7 +63,7 @@ def _sift_up(keys, names, n):
     keys[n], names[n] = key, name
 
 
-@njit(cache=True)
+@kernel
 def _sift_down(keys, names, size):
     key, name = keys[0], names[0]
     n = 0
@@ -80,7 +82,7 @@ def _sift_down(keys, names, size):
     keys[n], names[n] = key, name
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def find_costs(number, nodes, weight, step, sources, costs, before):
     """Dijkstra's algorithm: the least cost from `sources`, and the node before on the path.
 
@@ -132,17 +134,17 @@ def find_costs(number, nodes, weight, step, sources, costs, before):
                 before[there] = here
                 if size == keys.shape[0]:
                     more = np.empty(2 * size)
-                    more[:size] = keys
+                    copy_vector(keys, more)
                     keys = more
                     other = np.empty(2 * size, np.int32)
-                    other[:size] = names
+                    copy_vector(names, other)
                     names = other
                 keys[size], names[size] = new, there
                 _sift_up(keys, names, size)
                 size += 1
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def find_lengths(number, nodes, step, sources, lengths):
     """Fill `lengths` (n,), infinite at first, with the shortest paths from `sources`.
 
@@ -205,13 +207,13 @@ def find_lengths(number, nodes, step, sources, lengths):
                         if used > owner.shape[0]:
                             size = owner.shape[0]
                             wider = np.empty(2 * size, np.int32)
-                            wider[:size] = owner
+                            copy_vector(owner, wider)
                             owner = wider
                             longer = np.empty(2 * size)
-                            longer[:size] = value
+                            copy_vector(value, longer)
                             value = longer
                             links = np.empty(2 * size, np.int64)
-                            links[:size] = link
+                            copy_vector(link, links)
                             link = links
                     to = int(new / width) % rings
                     owner[entry], value[entry], link[entry] = there, new, heads[to]
@@ -220,7 +222,7 @@ def find_lengths(number, nodes, step, sources, lengths):
         ring += 1
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def find_peaks(number, nodes, lengths, peaks):
     """Mark in `peaks` (n,), False at first, the nodes of which no neighbour has a longer path."""
     nx, ny, nz = number.shape

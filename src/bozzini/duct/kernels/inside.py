@@ -10,10 +10,11 @@ over a closed mesh nothing is counted twice or lost, edges and corners hit inclu
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from ...numeric.compiling import kernel
 
 
-@njit(cache=True)
+@kernel
 def _column_range(vertices, faces, f, p, q, low_p, low_q, cell, shape):
     a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
     p0 = min(vertices[a, p], vertices[b, p], vertices[c, p])
@@ -27,7 +28,7 @@ def _column_range(vertices, faces, f, p, q, low_p, low_q, cell, shape):
     return i0, i1, j0, j1
 
 
-@njit(cache=True)
+@kernel
 def fill_columns(vertices, faces, p, q, low_p, low_q, cell, shape):
     """Return (first, members): the triangles of column k are members[first[k]:first[k + 1]]."""
     first = np.zeros(shape[0] * shape[1] + 1, dtype=np.int64)
@@ -49,7 +50,7 @@ def fill_columns(vertices, faces, p, q, low_p, low_q, cell, shape):
     return first, members
 
 
-@njit(cache=True)
+@kernel
 def _edge_winding(vertices, a, b, p, q, x, y):
     """+1 or -1 where the edge from a to b, projected, crosses the ray from (x, y) along p."""
     up = vertices[b, q] > y
@@ -65,7 +66,7 @@ def _edge_winding(vertices, a, b, p, q, x, y):
     return 1 if up else -1
 
 
-@njit(cache=True)
+@kernel
 def count_windings(vertices, faces, first, members, p, q, r, low_p, low_q, cell, shape, points, w):
     """Fill `w` (n,) with the winding number of a closed mesh about `points` (n, 3).
 
@@ -111,7 +112,7 @@ def count_windings(vertices, faces, first, members, p, q, r, low_p, low_q, cell,
 # In which Delaunay cell of a cloud of samples points lie.
 
 
-@njit(cache=True)
+@kernel
 def _side(points, a, b, c, x, y, z):
     """Six times the signed volume of corners a, b, c and (x, y, z)."""
     ax = points[a, 0] - x
@@ -126,7 +127,7 @@ def _side(points, a, b, c, x, y, z):
     return ax * (by * cz - bz * cy) + ay * (bz * cx - bx * cz) + az * (bx * cy - by * cx)
 
 
-@njit(cache=True)
+@kernel
 def locate_cells(points, cells, neighbours, places, found):
     """Fill `found` (n,) with the cell that holds each of `places` (n, 3), -1 outside the hull.
 

@@ -10,8 +10,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
+from ...numeric.compiling import kernel
+from ...numeric.kernels.copies import copy_matrix
 from .clearance import field_value, nodes_bound
 from .nearest import DEPTH, nearest, round_down
 
@@ -31,7 +33,7 @@ CELL = 1.8
 """A node this many cells nearer to the wall than the radius has no body in its cells."""
 
 
-@njit(cache=True, parallel=True)
+@kernel(parallel=True)
 def move_parts(vertices, corners, rest, parts, gradient, excess):
     """Put moved triangles (n, 9) into `parts`, and what their sides change beyond the bound.
 
@@ -74,7 +76,7 @@ def move_parts(vertices, corners, rest, parts, gradient, excess):
         excess[n] = max(du - most * uu, dv - most * vv, dw - most * ww) - ROUNDING
 
 
-@njit(cache=True)
+@kernel
 def refit_boxes(tree):
     """Fit the boxes of a tree of triangles to its parts, which were moved."""
     parts, boxes = tree.parts, tree.boxes
@@ -101,7 +103,7 @@ def refit_boxes(tree):
             boxes[node, 3 + k] = high + slack
 
 
-@njit(cache=True)
+@kernel
 def mark_path(path, reach, low, step, side, flags, table, nodes, blocks, corners):
     """List the nodes within `reach` of points (n, 3) of a path, and the blocks that have them.
 
@@ -166,7 +168,7 @@ def mark_path(path, reach, low, step, side, flags, table, nodes, blocks, corners
     return count, number
 
 
-@njit(cache=True)
+@kernel
 def _find_eigenvalues(a, b, c, d, e, f):
     """Return the ends of the spectrum of the symmetric matrix [[a, d, e], [d, b, f], [e, f, c]].
 
@@ -187,7 +189,7 @@ def _find_eigenvalues(a, b, c, d, e, f):
     return least, largest
 
 
-@njit(cache=True)
+@kernel
 def singular_values(m):
     """Return the least and the largest singular value of a matrix (3, 3), to about 1e-7."""
     a = m[0, 0] ** 2 + m[1, 0] ** 2 + m[2, 0] ** 2
@@ -201,7 +203,7 @@ def singular_values(m):
     return math.sqrt(max(least - 1e-7, 0.0)), math.sqrt(max(largest, 0.0))
 
 
-@njit(cache=True)
+@kernel
 def describe_middles(rest, moves, probe, gradient, bend, middles):
     """Describe the deformation near places at rest (b, 3), as `bound_nodes` takes it.
 
@@ -248,7 +250,7 @@ def describe_middles(rest, moves, probe, gradient, bend, middles):
             turn = (size - 2.0 * doubt) / max(math.sqrt(away), 1e-9)
             if turn > second:
                 second, second_at = turn, b
-        last[:] = g
+        copy_matrix(g, last)
         for a in range(3):
             middles[b, a] = rest[b, a]
             middles[b, 3 + a] = rest[b, a] + moves[0, b, a]
@@ -281,7 +283,7 @@ def describe_middles(rest, moves, probe, gradient, bend, middles):
     return most, most_at, second, second_at
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def bound_moved(stretch, bend, distance):
     """Lower bound of a moved distance: the integral of the least singular value along it.
 
@@ -292,7 +294,7 @@ def bound_moved(stretch, bend, distance):
     return distance * (stretch - 0.5 * bend * distance)
 
 
-@njit(cache=True, parallel=True)
+@kernel(parallel=True)
 def bound_nodes(field, middles, nodes, blocks, low, limits, places, bounds, kinds):
     """Bound the moved distance at nodes by that at rest; say where it has to be measured.
 
@@ -359,7 +361,7 @@ def bound_nodes(field, middles, nodes, blocks, low, limits, places, bounds, kind
             kinds[n] = EXACT
 
 
-@njit(cache=True)
+@kernel
 def store_nodes(nodes, bounds, kinds, values, wanted):
     """Store what is bounded in `values`; list the nodes to be measured, and return how many."""
     count = 0
@@ -372,7 +374,7 @@ def store_nodes(nodes, bounds, kinds, values, wanted):
     return count
 
 
-@njit(cache=True, parallel=True)
+@kernel(parallel=True)
 def measure_nodes(tree, nodes, wanted, low, step, limit, places, seeds, values, shares):
     """Store the distance to the moved wall at the nodes listed, measured up to `limit` [mm].
 

@@ -11,8 +11,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 from numpy.typing import NDArray
+
+from ...numeric.compiling import kernel
 
 MARKED, INSIDE, BAND = 1, 2, 16
 """Bits of a node's flag: near the wall; in the lumen; to be measured though it is outside."""
@@ -37,7 +39,7 @@ class Tree(NamedTuple):
     counts: NDArray[np.int32]
 
 
-@njit(cache=True)
+@kernel
 def _select(order, keys, low, high, middle):
     """Order `order[low:high]` so that keys up to `middle` are not above those from there on."""
     high -= 1
@@ -62,7 +64,7 @@ def _select(order, keys, low, high, middle):
             return
 
 
-@njit(cache=True)
+@kernel
 def build_tree(low, high):
     """Build a tree over boxes from `low` (n, 3) to `high` (n, 3): (order, boxes, right, first, n).
 
@@ -121,7 +123,7 @@ def build_tree(low, high):
     return order, boxes[:nodes].copy(), right[:nodes].copy(), first[:nodes], count[:nodes]
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def _box_gap(boxes, n, x, y, z):
     """Squared distance to a box."""
     dx = max(boxes[n, 0] - x, x - boxes[n, 3], 0.0)
@@ -130,7 +132,7 @@ def _box_gap(boxes, n, x, y, z):
     return dx * dx + dy * dy + dz * dz
 
 
-@njit(cache=True)
+@kernel
 def _segment_gap(px, py, pz, ux, uy, uz):
     """Squared distance from p to the segment from 0 to u."""
     uu = ux * ux + uy * uy + uz * uz
@@ -143,7 +145,7 @@ def _segment_gap(px, py, pz, ux, uy, uz):
     return dx * dx + dy * dy + dz * dz
 
 
-@njit(cache=True)
+@kernel
 def _triangle_gap(parts, n, x, y, z):
     """Squared distance to a triangle: to its plane above it, else to its sides."""
     ux, uy, uz = parts[n, 3], parts[n, 4], parts[n, 5]
@@ -179,14 +181,14 @@ def _triangle_gap(parts, n, x, y, z):
     return min(best, _segment_gap(px - ux, py - uy, pz - uz, vx - ux, vy - uy, vz - uz))
 
 
-@njit(cache=True)
+@kernel
 def _part_gap(parts, n, x, y, z):
     if parts.shape[1] == 6:
         return _box_gap(parts, n, x, y, z)
     return _triangle_gap(parts, n, x, y, z)
 
 
-@njit(cache=True)
+@kernel
 def nearest(tree, stack, gaps, x, y, z, best, seed):
     """Return (squared distance, part) of the part nearest to a point, if nearer than `best`.
 
@@ -238,14 +240,14 @@ def nearest(tree, stack, gaps, x, y, z, best, seed):
         node = stack[top]
 
 
-@njit(cache=True)
+@kernel
 def round_down(distance):
     """Return the float32 nearest to a distance that is not above it."""
     value = np.float32(distance)
     return np.nextafter(value, np.float32(0.0)) if value > distance else value
 
 
-@njit(cache=True)
+@kernel
 def _measure(tree, stack, gaps, x, y, z, inside, limit, seed):
     """Return the node's value and the nearest part; `limit` bounds what is measured outside."""
     best, seed = nearest(tree, stack, gaps, x, y, z, np.inf if inside else limit * limit, seed)
@@ -257,7 +259,7 @@ def _measure(tree, stack, gaps, x, y, z, inside, limit, seed):
     return round_down(min(distance, limit)), seed
 
 
-@njit(cache=True, parallel=True)
+@kernel(parallel=True)
 def fill_grid(tree, flags, low, step, limit, rows, values):
     """Fill `values` at the nodes that are flagged: the distance to the wall, negative inside.
 
@@ -292,7 +294,7 @@ def fill_grid(tree, flags, low, step, limit, rows, values):
                     )
 
 
-@njit(cache=True, parallel=True)
+@kernel(parallel=True)
 def fill_bricks(tree, corners, inside, low, step, limit, values):
     """Fill the nodes of bricks (n, m, m, m): the distance to the wall, negative inside.
 

@@ -10,13 +10,15 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
+
+from ...numeric.compiling import kernel
 
 ASIDE = 1e-6
 """Columns are looked at this far beyond a triangle's box too [cells]: rounding is less."""
 
 
-@njit(cache=True)
+@kernel
 def _cross(corners, f, i, j):
     """How a triangle's projection winds about a column: 1 if its normal points up, -1, or 0.
 
@@ -41,7 +43,7 @@ def _cross(corners, f, i, j):
     return turn
 
 
-@njit(cache=True)
+@kernel
 def _find_box(corners, f, columns):
     """Columns (low i, high i, low j, high j) that a triangle may cross; the high ones excluded."""
     x0 = min(corners[f, 0, 0], corners[f, 1, 0], corners[f, 2, 0])
@@ -56,7 +58,7 @@ def _find_box(corners, f, columns):
     )
 
 
-@njit(cache=True)
+@kernel
 def count_crossings(corners, wanted, counts):
     """Count the crossings of each column with triangles (m, 3, 3)."""
     for f in range(corners.shape[0]):
@@ -67,7 +69,7 @@ def count_crossings(corners, wanted, counts):
                     counts[i, j] += 1
 
 
-@njit(cache=True)
+@kernel
 def fill_crossings(corners, wanted, free, heights, turns):
     """Write the heights of the crossings, and how they turn, from `free` (nx, ny) on."""
     for f in range(corners.shape[0]):
@@ -100,7 +102,7 @@ def fill_crossings(corners, wanted, free, heights, turns):
                     free[i, j] += 1
 
 
-@njit(cache=True)
+@kernel
 def sort_crossings(first, heights, turns, open_columns):
     """Sort each column's crossings from the top down; mark the columns that do not add up to 0."""
     for c in range(first.shape[0] - 1):
@@ -119,7 +121,7 @@ def sort_crossings(first, heights, turns, open_columns):
         open_columns[c] = total != 0
 
 
-@njit(cache=True, parallel=True)
+@kernel(parallel=True)
 def fill_inside(first, heights, turns, flags, bit):
     """Set a bit of the flags (nx, ny, nz) at all nodes that are wound about at least once."""
     nx, ny, nz = flags.shape
@@ -141,7 +143,7 @@ def fill_inside(first, heights, turns, flags, bit):
                         flags[i, j, k] |= bit
 
 
-@njit(cache=True, parallel=True)
+@kernel(parallel=True)
 def find_inside(first, heights, turns, shape, corners, inside):
     """Set `inside` (n, m, m, m) at the nodes of bricks that are wound about at least once."""
     for b in prange(corners.shape[0]):
@@ -161,7 +163,7 @@ def find_inside(first, heights, turns, shape, corners, inside):
                     inside[b, i, j, k] = winding > 0
 
 
-@njit(cache=True, parallel=True)
+@kernel(parallel=True)
 def list_faces(lumen, first, boxes):
     """List the faces between voxels of a lumen and others, joined in rows, as flat boxes.
 
@@ -231,7 +233,7 @@ def list_faces(lumen, first, boxes):
             first[i] = at
 
 
-@njit(cache=True)
+@kernel
 def _put_box(box, x, y, z, dx, dy, dz):
     box[0] = x
     box[1] = y
@@ -241,7 +243,7 @@ def _put_box(box, x, y, z, dx, dy, dz):
     box[5] = z + dz
 
 
-@njit(cache=True, parallel=True)
+@kernel(parallel=True)
 def flag_voxels(lumen, at_x, at_y, at_z, flag, flags):
     """Set a flag at the nodes whose voxel, by its index along each axis, is lumen; -1 is none."""
     for i in prange(flags.shape[0]):
@@ -255,7 +257,7 @@ def flag_voxels(lumen, at_x, at_y, at_z, flag, flags):
                     flags[i, j, k] |= flag
 
 
-@njit(cache=True)
+@kernel
 def mark_boxes(low, high, marked):
     """Mark the nodes of the cells that boxes, (m, 3) in cells, touch."""
     nx, ny, nz = marked.shape
@@ -272,7 +274,7 @@ def mark_boxes(low, high, marked):
                     marked[i, j, k] = True
 
 
-@njit(cache=True)
+@kernel
 def mark_triangles(corners, voxel, marked):
     """Mark the nodes nearest to points spread over triangles.
 

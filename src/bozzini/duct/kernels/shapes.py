@@ -21,8 +21,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from ...numeric.compiling import kernel
 from .cylinders import cylinder_chain_slope, cylinder_chain_value
 
 SUPER_ELLIPSE = 0
@@ -34,7 +34,7 @@ HALF_SPACES = 12
 ROUND_CONE = 14
 
 
-@njit(cache=True)
+@kernel
 def power_norm(a, b, p):
     """(a^p + b^p)^(1/p) of two numbers >= 0, without overflow."""
     big = max(a, b)
@@ -48,7 +48,7 @@ def power_norm(a, b, p):
     return big * math.exp(math.log1p((small / big) ** p) / p)
 
 
-@njit(cache=True)
+@kernel
 def super_ellipse_value(params, first, x, y, z):
     """Least radius times (gauge - 1).
 
@@ -61,7 +61,7 @@ def super_ellipse_value(params, first, x, y, z):
     return params[first + 7] * (power_norm(u, v, params[first + 6]) - 1.0)
 
 
-@njit(cache=True)
+@kernel
 def super_ellipse_slope(params, first, x, y, z):
     """The same with its gradient; zero at the centre, where it has all of them."""
     dx = x - params[first]
@@ -85,7 +85,7 @@ def super_ellipse_slope(params, first, x, y, z):
     return least * (gauge - 1.0), c * gu - s * gv, s * gu + c * gv, 0.0
 
 
-@njit(cache=True)
+@kernel
 def circle_value(params, first, x, y, z):
     """Signed distance to a circle. Slice: centre (2), radius."""
     dx = x - params[first]
@@ -93,7 +93,7 @@ def circle_value(params, first, x, y, z):
     return math.sqrt(dx * dx + dy * dy) - params[first + 2]
 
 
-@njit(cache=True)
+@kernel
 def circle_slope(params, first, x, y, z):
     """The same with its gradient; zero at the centre."""
     dx = x - params[first]
@@ -104,7 +104,7 @@ def circle_slope(params, first, x, y, z):
     return away - params[first + 2], dx / away, dy / away, 0.0
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def _nearest_edge(params, first, x, y):
     """Return (signed distance, where the nearest edge is in the slice): sign by crossings."""
     count = int(params[first])
@@ -132,7 +132,7 @@ def _nearest_edge(params, first, x, y):
     return (-s if inside else s), first + 1 + 5 * index
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def outline_value(params, first, x, y, z):
     """Exact signed distance to a simple polygon, counter-clockwise.
 
@@ -142,7 +142,7 @@ def outline_value(params, first, x, y, z):
     return s
 
 
-@njit(cache=True)
+@kernel
 def outline_slope(params, first, x, y, z):
     """The same with its gradient."""
     s, at = _nearest_edge(params, first, x, y)
@@ -159,7 +159,7 @@ def outline_slope(params, first, x, y, z):
     return s, (wx - u * ex) / s, (wy - u * ey) / s, 0.0
 
 
-@njit(cache=True)
+@kernel
 def _turn_into_frame(params, first, x, y, z):
     """Return the coordinates of a point along a super-ellipsoid's own axes."""
     dx = x - params[first]
@@ -171,7 +171,7 @@ def _turn_into_frame(params, first, x, y, z):
     return u, v, w
 
 
-@njit(cache=True)
+@kernel
 def super_ellipsoid_value(params, first, x, y, z):
     """Least radius times (gauge - 1).
 
@@ -184,7 +184,7 @@ def super_ellipsoid_value(params, first, x, y, z):
     return params[first + 17] * (gauge - 1.0)
 
 
-@njit(cache=True)
+@kernel
 def super_ellipsoid_slope(params, first, x, y, z):
     """The same with its gradient; zero at the centre, where it has all of them."""
     u, v, w = _turn_into_frame(params, first, x, y, z)
@@ -212,7 +212,7 @@ def super_ellipsoid_slope(params, first, x, y, z):
     return least * (gauge - 1.0), least * gx, least * gy, least * gz
 
 
-@njit(cache=True)
+@kernel
 def half_spaces_value(params, first, x, y, z):
     """Largest signed distance to the planes of a convex polyhedron.
 
@@ -227,7 +227,7 @@ def half_spaces_value(params, first, x, y, z):
     return best
 
 
-@njit(cache=True)
+@kernel
 def half_spaces_slope(params, first, x, y, z):
     """The same with its gradient: the normal of the plane that decides."""
     best = -np.inf
@@ -242,7 +242,7 @@ def half_spaces_slope(params, first, x, y, z):
     return best, params[index], params[index + 1], params[index + 2]
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def _round_cone_place(params, first, x, y, z):
     """Return (along, off, place): coordinates from the first ball, and the nearest ball's."""
     dx = x - params[first]
@@ -256,7 +256,7 @@ def _round_cone_place(params, first, x, y, z):
     return along, off, along - off * params[first + 7] / params[first + 8]
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def round_cone_value(params, first, x, y, z):
     """Exact signed distance to the hull of two balls.
 
@@ -272,7 +272,7 @@ def round_cone_value(params, first, x, y, z):
     return off * params[first + 8] + along * params[first + 7] - params[first + 9]
 
 
-@njit(cache=True)
+@kernel
 def round_cone_slope(params, first, x, y, z):
     """The same with its gradient; on the axis the mean of all that meet."""
     along, off, place = _round_cone_place(params, first, x, y, z)
@@ -300,7 +300,7 @@ def round_cone_slope(params, first, x, y, z):
     return norm - radius, gx / norm, gy / norm, gz / norm
 
 
-@njit(cache=True)
+@kernel
 def shape_value(kind, params, first, x, y, z):
     """Signed value of one shape."""
     if kind == ROUND_CONE:
@@ -320,7 +320,7 @@ def shape_value(kind, params, first, x, y, z):
     return round_cone_value(params, first, x, y, z)
 
 
-@njit(cache=True)
+@kernel
 def shape_slope(kind, params, first, x, y, z):
     """Signed value of one shape with its gradient."""
     if kind == ROUND_CONE:
@@ -340,7 +340,7 @@ def shape_slope(kind, params, first, x, y, z):
     return round_cone_slope(params, first, x, y, z)
 
 
-@njit(cache=True)
+@kernel
 def inflate_shapes(table, params, inflation):
     """Move the walls of all shapes outwards by at most `inflation`, in place.
 
@@ -361,7 +361,7 @@ def inflate_shapes(table, params, inflation):
         table[i, 4] += more
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def _off_ball(balls, i, x, y, z):
     """Square of the distance to the centre of a bounding ball."""
     dx = x - balls[i, 0]
@@ -370,7 +370,7 @@ def _off_ball(balls, i, x, y, z):
     return dx * dx + dy * dy + dz * dz
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def _measure_shape(table, params, i, square, x, y, z):
     """Value of a shape with its ball and its offset; `square` is that of the ball's centre."""
     kind = int(table[i, 5])
@@ -381,7 +381,7 @@ def _measure_shape(table, params, i, square, x, y, z):
     return max(value, math.sqrt(square) - table[i, 3]) - table[i, 4]
 
 
-@njit(cache=True)
+@kernel
 def nearest_shape(table, params, blocks, x, y, z):
     """Return (value, i): the value at a point, and the shape that decides it.
 
@@ -435,20 +435,20 @@ def nearest_shape(table, params, blocks, x, y, z):
     return best, index
 
 
-@njit(cache=True)
+@kernel
 def family_estimate(duct, x, y, z):
     """Clearance: never more than there is, but for rounding."""
     return -nearest_shape(duct.table, duct.params, duct.blocks, x, y, z * duct.upright)[0]
 
 
-@njit(cache=True)
+@kernel
 def family_bound(duct, x, y, z):
     """The same less the rounding error."""
     value, _ = nearest_shape(duct.table, duct.params, duct.blocks, x, y, z * duct.upright)
     return -value - duct.slack
 
 
-@njit(cache=True)
+@kernel
 def family_slope(duct, x, y, z):
     """Clearance and its gradient."""
     table = duct.table

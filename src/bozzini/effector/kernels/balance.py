@@ -13,10 +13,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from ...muscle.kernels import interface
 from ...muscle.kernels.interface import call_pull, call_start
+from ...numeric.compiling import kernel
 from .linkage import measure_lateral
 
 BALANCED, SLACK, SATURATED, NO_ANSWER, STOPPED = 0, 1, 2, 3, 4
@@ -39,7 +39,7 @@ MAX_ITERATIONS = 100
 _RIGID, _SLACK, _NO_ANSWER = interface.RIGID, interface.SLACK, interface.NO_ANSWER
 
 
-@njit(cache=True)
+@kernel
 def find_balance(start, pull, numbers, linkage, compliance, peak, pressure, out):
     """Contraction, lateral deflection [mm], residual [N], iterations and a code.
 
@@ -109,7 +109,7 @@ def find_balance(start, pull, numbers, linkage, compliance, peak, pressure, out)
     return x, lateral, out[0] - lateral / compliance, iterations, code
 
 
-@njit(cache=True)
+@kernel
 def settle(functions, rows, linkage, compliance, peak, pressures, out, iterations, codes):
     """Fill ``out`` (3, k, m), iterations and codes (k, m) for pressures (k, m).
 

@@ -11,10 +11,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from ...muscle.kernels import interface
 from ...muscle.kernels.interface import call_pressure, call_pull, call_start
+from ...numeric.compiling import kernel
 from .linkage import find_contraction, measure_lateral
 
 REACHED, LIMITED, PEAK, OUTSIDE = 0, 1, 2, 3
@@ -32,7 +32,7 @@ FIRST_ORDER_SHARE = 1e-6
 _RIGID = interface.RIGID
 
 
-@njit(cache=True)
+@kernel
 def find_sector(cosines, sines, covered, x, y):
     """The sector of a target that is not zero; -1 if none, and then a muscle along it or -1."""
     count = cosines.size
@@ -51,7 +51,7 @@ def find_sector(cosines, sines, covered, x, y):
     return -1, -1
 
 
-@njit(cache=True)
+@kernel
 def split_target(cosines, sines, covered, amplitudes, peak, x, y, displacements):
     """Fill the displacements (m,) of a target; the muscles, the share delivered and a code.
 
@@ -93,7 +93,7 @@ def split_target(cosines, sines, covered, amplitudes, peak, x, y, displacements)
     return i, j, share, code
 
 
-@njit(cache=True)
+@kernel
 def split_targets(
     order, cosines, sines, covered, amplitudes, peak, targets, displacements, pair, share, code
 ):
@@ -109,7 +109,7 @@ def split_targets(
         pair[n, 1] = order[j] if j >= 0 else -1
 
 
-@njit(cache=True)
+@kernel
 def place_displacement(linkage, top, highest, wanted):
     """Contraction of a displacement, what is left over [mm] and iterations."""
     if wanted >= highest:
@@ -124,7 +124,7 @@ def place_displacement(linkage, top, highest, wanted):
     return contraction, abs(reached - wanted) if failed == 0 else wanted, steps
 
 
-@njit(cache=True)
+@kernel
 def place_displacements(linkage, top, displacements, contractions, residuals, iterations):
     """Fill the contractions (n, m) of displacements, what is left over [mm] and iterations (n,)."""
     highest, _, _ = measure_lateral(linkage, top)
@@ -139,7 +139,7 @@ def place_displacements(linkage, top, displacements, contractions, residuals, it
             residuals[n] = max(residuals[n], miss)
 
 
-@njit(cache=True)
+@kernel
 def measure_left_over(
     start, pull, numbers, linkage, compliance, displacement, contraction, pressure, out
 ):
@@ -164,7 +164,7 @@ def measure_left_over(
     return miss * max(slope, 0.0) / give
 
 
-@njit(cache=True)
+@kernel
 def solve_pressure(addresses, numbers, linkage, compliance, limit, displacement, contraction, out):
     """The pressure of a muscle with a kernel, by how much it then misses [mm], and iterations.
 
@@ -194,7 +194,7 @@ def solve_pressure(addresses, numbers, linkage, compliance, limit, displacement,
     return pressure, left if left < math.inf else math.inf, steps
 
 
-@njit(cache=True)
+@kernel
 def solve_pressures(
     functions,
     rows,

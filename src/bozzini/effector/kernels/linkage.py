@@ -21,12 +21,12 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
+from ...numeric.compiling import kernel
 
 MAX_ITERATIONS = 200
 
 
-@njit(cache=True)
+@kernel
 def measure_lag(linkage, contraction, segment):
     """Sine of the lag after a segment, in closed form; 1 or more where it cannot close."""
     offset, length, segments = linkage
@@ -36,7 +36,7 @@ def measure_lag(linkage, contraction, segment):
     return 0.5 * length / segments * (2.0 - share) / offset * grown
 
 
-@njit(cache=True)
+@kernel
 def split_length(linkage, contraction):
     """Backbone and muscle of a segment [mm], and the ratio and gain of the next lag's sine."""
     offset, length, segments = linkage
@@ -50,7 +50,7 @@ def split_length(linkage, contraction):
     )
 
 
-@njit(cache=True)
+@kernel
 def turn_heading(sin, cos, turn_sin, turn_cos):
     """Sine and cosine of a heading after a turn, made a unit vector to first order."""
     turned = sin * turn_cos + cos * turn_sin
@@ -59,7 +59,7 @@ def turn_heading(sin, cos, turn_sin, turn_cos):
     return turned * scale, cos * scale
 
 
-@njit(cache=True)
+@kernel
 def measure_lateral(linkage, contraction):
     """Lateral place of the backbone's end [mm], its slope, the segment that cannot close or 0."""
     offset, length, segments = linkage
@@ -96,7 +96,7 @@ def measure_lateral(linkage, contraction):
     return lateral, slope, 0
 
 
-@njit(cache=True)
+@kernel
 def fill_backbone(linkage, contraction, across, along):
     """Fill the backbone's joints (n + 1,), lateral and axial; the segment that fails, or 0.
 
@@ -126,7 +126,7 @@ def fill_backbone(linkage, contraction, across, along):
     return 0, sin, cos
 
 
-@njit(cache=True)
+@kernel
 def fill_linkage(linkage, contraction, backbone, muscle, angles, links):
     """Fill joints (n + 1, 2), angles of backbone and links (n + 1,); the failing segment or 0."""
     offset, length, segments = linkage
@@ -150,7 +150,7 @@ def fill_linkage(linkage, contraction, backbone, muscle, angles, links):
     return 0
 
 
-@njit(cache=True)
+@kernel
 def fill_linkages(linkage, contractions, backbones, muscles, angles, links):
     """Fill a batch by `fill_linkage`; index and segment of the first that fails, or -1 and 0."""
     for i in range(contractions.size):
@@ -162,7 +162,7 @@ def fill_linkages(linkage, contractions, backbones, muscles, angles, links):
     return -1, 0
 
 
-@njit(cache=True)
+@kernel
 def fill_laterals(linkage, contractions, laterals, slopes):
     """Fill a batch by `measure_lateral`; index and segment of the first that fails, or -1 and 0."""
     for i in range(contractions.size):
@@ -172,7 +172,7 @@ def fill_laterals(linkage, contractions, laterals, slopes):
     return -1, 0
 
 
-@njit(cache=True)
+@kernel
 def find_allowance(segments):
     """By how much the largest sine of a lag must stay below 1.
 
@@ -182,7 +182,7 @@ def find_allowance(segments):
     return 4e-16 * (segments + 8)
 
 
-@njit(cache=True)
+@kernel
 def find_end(linkage):
     """The contraction from which on a segment cannot close, just before it; else the length.
 
@@ -217,7 +217,7 @@ def find_end(linkage):
     return low * length
 
 
-@njit(cache=True)
+@kernel
 def find_top(linkage, end):
     """End of the rising branch before ``end``: contraction, lateral; whether it is a maximum."""
     offset, length, _ = linkage
@@ -253,7 +253,7 @@ def find_top(linkage, end):
     return low, lateral, True
 
 
-@njit(cache=True)
+@kernel
 def find_contraction(linkage, lateral, top, start):
     """The contraction in [0, top] on the rising branch that gives a lateral, and the iterations."""
     if lateral <= 0.0:
@@ -281,7 +281,7 @@ def find_contraction(linkage, lateral, top, start):
     return guess, MAX_ITERATIONS
 
 
-@njit(cache=True)
+@kernel
 def find_contractions(linkage, laterals, top, contractions):
     """Fill a batch by `find_contraction`."""
     for i in range(laterals.size):

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
+from ...numeric.compiling import kernel
 from .linkage import fill_backbone, find_contraction
 
 ROUND_OFF = 1e-12
@@ -14,7 +13,7 @@ IN_PLANE = 1e-9
 """Sine of the angle to a plane below which a displacement lies in it."""
 
 
-@njit(cache=True)
+@kernel
 def superpose(
     linkage, top, peak, cosines, sines, contractions, laterals, plane, vectors, backbones, ends
 ):
@@ -64,7 +63,7 @@ def superpose(
     return -1, 0
 
 
-@njit(cache=True)
+@kernel
 def combine_steps(linkage, cosines, sines, contractions, forces, first, second, planes, backbones):
     """Fill backbones (k, n + 1, 3) by the thesis's eight steps.
 

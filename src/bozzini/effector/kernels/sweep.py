@@ -9,9 +9,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from ...muscle.kernels.energy import pack_design
+from ...numeric.compiling import kernel
 from .balance import NO_ANSWER, find_balance
 from .inverse import place_displacement, solve_pressure, split_target
 from .linkage import find_end, find_top, measure_lateral
@@ -24,7 +24,7 @@ DIRECTIONS = 12
 """Directions in which the boundary is looked for, besides those of its corners."""
 
 
-@njit(cache=True)
+@kernel
 def find_corners(cosines, sines, covered, amplitudes, corners):
     """Fill the corner of each sector (m, 2)."""
     count = cosines.size
@@ -35,7 +35,7 @@ def find_corners(cosines, sines, covered, amplitudes, corners):
         corners[k, 1] = amplitudes[k] * sines[k] + share * (amplitudes[j] * sines[j])
 
 
-@njit(cache=True)
+@kernel
 def fill_directions(cosines, sines, corners, directions):
     """Fill unit vectors (3, ...) of muscles, corners and a circle, by angle; how many there are.
 
@@ -68,7 +68,7 @@ def fill_directions(cosines, sines, corners, directions):
     return total
 
 
-@njit(cache=True)
+@kernel
 def fill_boundary(cosines, sines, covered, amplitudes, peak, directions, boundary):
     """Fill the corners (2, ...) of the boundary, none like the one before; their number."""
     count = cosines.size
@@ -104,7 +104,7 @@ def fill_boundary(cosines, sines, covered, amplitudes, peak, directions, boundar
     return kept
 
 
-@njit(cache=True)
+@kernel
 def measure_boundary(boundary, count, covers_all):
     """Distance from the origin to the nearest edge [mm], and the area [mm^2]."""
     area = 0.0
@@ -121,7 +121,7 @@ def measure_boundary(boundary, count, covers_all):
     return inner if covers_all and count >= 3 else 0.0, 0.5 * area
 
 
-@njit(cache=True)
+@kernel
 def find_needed(
     functions, numbers, linkage, compliance, top, deflection, limits, tolerance, same, work
 ):
@@ -146,7 +146,7 @@ def find_needed(
     return math.nan, UNREACHED
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def sweep_designs(
     functions,
     muscles,

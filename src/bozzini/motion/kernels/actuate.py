@@ -10,15 +10,16 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from ...continuum.kernels.arc import fill_arc, put_arc
 from ...duct.kernels.clearance import clearance_slope
+from ...numeric.compiling import kernel
+from ...numeric.kernels.copies import copy_matrix, set_identity
 
 # Numba kernels a fit is made of: nearest point of a path, clearance, normal equations.
 
 
-@njit(cache=True)
+@kernel
 def turn_rows(frame, rows, turned):
     """Fill `turned` (n, 3) with vectors `rows` (n, 3) seen from outside the `frame` (3, 4)."""
     for n in range(rows.shape[0]):
@@ -28,7 +29,7 @@ def turn_rows(frame, rows, turned):
             )
 
 
-@njit(cache=True)
+@kernel
 def chain_frames(before, arc, after):
     """Fill the frame `after` (3, 4) an arc that ends at `arc` (3, 4) as seen from `before`."""
     for r in range(3):
@@ -39,7 +40,7 @@ def chain_frames(before, arc, after):
         after[r, 3] += before[r, 3]
 
 
-@njit(cache=True)
+@kernel
 def project_on_path(path, tangents, guess, x, y, z, foot):
     """Walk from segment `guess` to the nearest point of the path; return its segment.
 
@@ -80,7 +81,7 @@ def project_on_path(path, tangents, guess, x, y, z, foot):
     return k
 
 
-@njit(cache=True)
+@kernel
 def find_clearance(duct, placing, bore, point, slope):
     """Return the estimated clearance in duct and introducer; fill `slope` (3,), its gradient.
 
@@ -106,7 +107,7 @@ def find_clearance(duct, placing, bore, point, slope):
     return g
 
 
-@njit(cache=True)
+@kernel
 def add_row(row, count, residual, weight, hessian, gradient):
     """Add one weighted row of the Jacobian to the lower half of the normal equations."""
     for p in range(count):
@@ -117,7 +118,7 @@ def add_row(row, count, residual, weight, hessian, gradient):
                 hessian[p, q] += a * row[q]
 
 
-@njit(cache=True)
+@kernel
 def solve(hessian, gradient, count):
     """Put the solution of H x = g into `gradient`, by Cholesky in place; False if H is not > 0."""
     for p in range(count):
@@ -147,7 +148,7 @@ def solve(hessian, gradient, count):
 # Numba kernels of the executed motion: points of arcs between steps, and how fast they bend.
 
 
-@njit(cache=True)
+@kernel
 def bound_bending(lengths, bends, curving):
     """Fill `curving` (steps - 1,): bounds of the second derivative in time of any body point.
 
@@ -167,7 +168,7 @@ def bound_bending(lengths, bends, curving):
         curving[step] = total
 
 
-@njit(cache=True)
+@kernel
 def fill_bodies(lengths, chords, frame, outward, total, bends, advances, steps, shares, joints):
     """Fill chains of points on the arcs at times between steps, tip first.
 
@@ -194,7 +195,7 @@ def fill_bodies(lengths, chords, frame, outward, total, bends, advances, steps, 
         f = shares[n]
         following = min(step + 1, bends.shape[0] - 1)
         back = total - advances[step] - f * (advances[following] - advances[step])
-        before[:] = frame
+        copy_matrix(frame, before)
         for r in range(3):
             before[r, 3] += back * outward[r]
             joints[n, last, r] = before[r, 3]
@@ -208,7 +209,7 @@ def fill_bodies(lengths, chords, frame, outward, total, bends, advances, steps, 
                 k -= 1
                 for r in range(3):
                     joints[n, k, r] = after[r, 3]
-            before[:] = after
+            copy_matrix(after, before)
 
 
 WALL_WEIGHT = 10.0
@@ -233,7 +234,7 @@ ENTERED = 1e-6
 """Length out of the introducer from which a section is bent [mm]."""
 
 
-@njit(cache=True)
+@kernel
 def _assemble(
     duct,
     placing,
@@ -266,7 +267,7 @@ def _assemble(
     start = advance
     for i in range(first, sections):
         start -= lengths[i]
-    frames[first] = np.eye(3, 4)
+    set_identity(frames[first])
     frames[first, 2, 3] = start
     moves = np.empty((sections, 2, 3))
     turns = np.empty((sections, 2, 3))
@@ -355,7 +356,7 @@ def _assemble(
     return count
 
 
-@njit(cache=True)
+@kernel
 def _add_limits(lengths, limits, coupling, travel, bends, advance, first, hessian, gradient):
     """Add what resists: sections partly in the introducer, bends and tendons past their limits."""
     sections = lengths.size
@@ -392,7 +393,7 @@ def _add_limits(lengths, limits, coupling, travel, bends, advance, first, hessia
             add_row(row, count, over, LIMIT_WEIGHT, hessian, gradient)
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def fit_motion(
     duct,
     placing,
@@ -509,7 +510,7 @@ def fit_motion(
                 bends[step, i, c] = scale * current[i, c]
 
 
-@njit(cache=True)
+@kernel
 def measure_fit(lengths, samples, path, tangents, arc, heads, bends, advances, rms, largest):
     """Fill `rms` and `largest` (steps,): how far the body outside the introducer is off the path.
 
@@ -521,7 +522,7 @@ def measure_fit(lengths, samples, path, tangents, arc, heads, bends, advances, r
     after = np.empty((4, 4))
     foot = np.empty(6)
     for step in range(heads.size):
-        frame[:] = np.eye(4)
+        set_identity(frame)
         frame[2, 3] = advances[step] - total
         square = 0.0
         weight = 0.0
@@ -548,6 +549,6 @@ def measure_fit(lengths, samples, path, tangents, arc, heads, bends, advances, r
                 square += pitch * d
                 weight += pitch
                 largest[step] = max(largest[step], math.sqrt(d))
-            frame[:] = after
+            copy_matrix(after, frame)
             end += lengths[i]
         rms[step] = math.sqrt(square / weight) if weight > 0.0 else 0.0

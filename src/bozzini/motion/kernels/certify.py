@@ -11,15 +11,15 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from ...duct.kernels.clearance import clearance_bound
+from ...numeric.compiling import kernel
 
 RESOLVED = 0
 UNRESOLVED = 1
 
 
-@njit(cache=True)
+@kernel
 def _split_along(intro, dx, dy, dz):
     """Return (along, off): a vector's part along the introducer, and its distance from the axis."""
     a = dx * intro[3] + dy * intro[4] + dz * intro[5]
@@ -29,14 +29,14 @@ def _split_along(intro, dx, dy, dz):
     return a, math.sqrt(ox * ox + oy * oy + oz * oz)
 
 
-@njit(cache=True)
+@kernel
 def _in_bore(intro, radius, x, y, z):
     """Whether the body around a point lies in the bore, behind the entry plane."""
     a, off = _split_along(intro, x - intro[0], y - intro[1], z - intro[2])
     return a >= 0.0 and off <= intro[6] - radius + 1e-9
 
 
-@njit(cache=True)
+@kernel
 def _through_mouth(intro, p, q):
     """Whether the way from p to q comes within the bore's radius of the entry."""
     dd = 0.0
@@ -52,7 +52,7 @@ def _through_mouth(intro, p, q):
     return gap <= intro[6] * intro[6]
 
 
-@njit(cache=True)
+@kernel
 def mark_introduced(joints, intro, radius, waiting):
     """Fill `waiting` (steps,): joints from this index on stand in the introducer.
 
@@ -92,7 +92,7 @@ def mark_introduced(joints, intro, radius, waiting):
     return needed
 
 
-@njit(cache=True)
+@kernel
 def _stands_in_introducer(waiting, j, first, last):
     """Whether joint j stands in the introducer at every step from `first` to `last`."""
     for t in range(first, last + 1):
@@ -101,7 +101,7 @@ def _stands_in_introducer(waiting, j, first, last):
     return True
 
 
-@njit(cache=True)
+@kernel
 def _comes_from_introducer(waiting, j, first, last):
     """Whether joint j stands in the introducer at one end of every step, or at both."""
     if first == last:
@@ -112,7 +112,7 @@ def _comes_from_introducer(waiting, j, first, last):
     return True
 
 
-@njit(cache=True)
+@kernel
 def _cell_in_bore(intro, radius, joints, j, t0, t1, u0, u1):
     """Whether a whole cell lies in the bore: it is convex, and the cell between its corners."""
     steps = joints.shape[0]
@@ -135,7 +135,7 @@ def _cell_in_bore(intro, radius, joints, j, t0, t1, u0, u1):
         t = min(math.floor(t) + 1.0, t1)
 
 
-@njit(cache=True)
+@kernel
 def bound_motion(duct, intro, joints, radius, tolerance, budget, worst):
     """Bound the clearance of the whole body over a motion from below.
 

@@ -6,10 +6,10 @@ import heapq
 import math
 
 import numpy as np
-from numba import njit
 
 from ...duct.kernels.clearance import clearance_estimate, clearance_slope
 from ...duct.packed import GridData
+from ...numeric.compiling import kernel
 
 # The introducer, a capsule that is open at its far end.
 #
@@ -17,7 +17,7 @@ from ...duct.packed import GridData
 # a radius of 0 or less means none.
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def offset_from_ray(intro, x, y, z):
     """Vector to a point from the nearest point of the introducer's ray."""
     dx = x - intro[0]
@@ -54,7 +54,7 @@ def bound_packed_slope(data: object) -> float:
     return math.sqrt(3.0) if isinstance(data, GridData) else 1.0
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def duct_value(duct, intro, x, y, z):
     """Signed distance to the lumen united with the introducer."""
     s = -clearance_estimate(duct, x, y, z)
@@ -64,7 +64,7 @@ def duct_value(duct, intro, x, y, z):
     return s
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def duct_and_gradient(duct, intro, x, y, z):
     """Signed distance to the lumen united with the introducer, and its gradient."""
     clearance, gx, gy, gz = clearance_slope(duct, x, y, z)
@@ -81,7 +81,7 @@ def duct_and_gradient(duct, intro, x, y, z):
     return s, gx, gy, gz
 
 
-@njit(cache=True)
+@kernel
 def point_tail(head, frame, length, a, b, tail):
     """Fill `tail` with the point at `length` from `head` in the direction (a, b)."""
     angle = math.sqrt(a * a + b * b)
@@ -91,14 +91,14 @@ def point_tail(head, frame, length, a, b, tail):
         tail[n] = head[n] + ahead * frame[0, n] + aside * (a * frame[1, n] + b * frame[2, n])
 
 
-@njit(cache=True)
+@kernel
 def _value_at(duct, intro, head, frame, length, needed, a, b, tail):
     """Return how much clearance lacks in the direction (a, b), and fill `tail`."""
     point_tail(head, frame, length, a, b, tail)
     return duct_value(duct, intro, tail[0], tail[1], tail[2]) + needed
 
 
-@njit(cache=True)
+@kernel
 def _first_fit(duct, intro, head, frame, length, needed, a, b, low, c_low, high, c_high, tail):
     """Return the fraction of (a, b), in (low, high], at which it is feasible; fill `tail`.
 
@@ -130,7 +130,7 @@ def _first_fit(duct, intro, head, frame, length, needed, a, b, low, c_low, high,
     return high
 
 
-@njit(cache=True)
+@kernel
 def march_circle(duct, intro, head, frame, length, needed, slope, tail):
     """Find the nearest feasible direction in the plane, marching both ways from the old one.
 
@@ -187,7 +187,7 @@ def march_circle(duct, intro, head, frame, length, needed, slope, tail):
     return found, answer
 
 
-@njit(cache=True)
+@kernel
 def _nearest_in_square(a, b, half):
     """Distance from the origin to the square around (a, b)."""
     da = max(abs(a) - half, 0.0)
@@ -195,7 +195,7 @@ def _nearest_in_square(a, b, half):
     return math.sqrt(da * da + db * db)
 
 
-@njit(cache=True)
+@kernel
 def search_sphere(
     duct, intro, head, frame, length, needed, slope, known, gap, finest, budget, coordinates
 ):
@@ -269,7 +269,7 @@ def search_sphere(
     return found, angle, max(min(bound, angle - gap), 0.0), count
 
 
-@njit(cache=True)
+@kernel
 def find_clearest(duct, intro, head, frame, length, needed, slope, planar, floor, budget, tail):
     """Find the direction where the least clearance lacks: branch and bound.
 
@@ -346,7 +346,7 @@ BUDGET = 200_000
 """Values of the duct in a search at most."""
 
 
-@njit(cache=True)
+@kernel
 def _least_norm(cuts, count):
     """Return (ok, a, b): the shortest 2-vector with ``c + g.(a, b) <= 0`` for every cut."""
     best = np.inf
@@ -387,7 +387,7 @@ def _least_norm(cuts, count):
     return best < np.inf, best_a, best_b
 
 
-@njit(cache=True)
+@kernel
 def _frame(w, e, f):
     """Fill `e`, `f` with two unit vectors normal to the unit vector `w`."""
     if abs(w[0]) <= abs(w[1]) and abs(w[0]) <= abs(w[2]):
@@ -405,7 +405,7 @@ def _frame(w, e, f):
     f[2] = w[0] * e[1] - w[1] * e[0]
 
 
-@njit(cache=True)
+@kernel
 def _local_step(duct, intro, head, frame, length, needed, start, cuts, tail):
     """Minimise the turn from direction `w` subject to the duct; a bundle of linear cuts in 2-D.
 
@@ -493,7 +493,7 @@ def _local_step(duct, intro, head, frame, length, needed, start, cuts, tail):
     return False, math.sqrt(a * a + b * b)
 
 
-@njit(cache=True)
+@kernel
 def make_frame(head, old, planar, frame):
     """Fill `frame` (3, 3 or more) with the direction from `head` to `old`, and two normal to it.
 
@@ -523,7 +523,7 @@ def make_frame(head, old, planar, frame):
         _frame(frame[0], frame[1], frame[2])
 
 
-@njit(cache=True)
+@kernel
 def _search(duct, intro, head, length, needed, slope, planar, known, work, tail):
     """Search all directions, with a local step's turn `known` if it has converged."""
     frame = work[:3]
@@ -557,7 +557,7 @@ def _search(duct, intro, head, length, needed, slope, planar, known, work, tail)
     return INFEASIBLE, lack
 
 
-@njit(cache=True)
+@kernel
 def place_tail(duct, intro, head, old, length, needed, slope, planar, work, tail):
     """One constrained link step (thesis eq. 5.15).
 
@@ -601,7 +601,7 @@ LINK_INFEASIBLE = 3
 LINK_LOCKED = 4
 
 
-@njit(cache=True)
+@kernel
 def _point_on_path(path, arc, s, where, point):
     """Fill `point` with the path's point at arc length `s`; `where` is the last segment used."""
     n = arc.shape[0]
@@ -614,7 +614,7 @@ def _point_on_path(path, arc, s, where, point):
     return where
 
 
-@njit(cache=True)
+@kernel
 def advance_chain(
     duct,
     intro,
@@ -726,7 +726,7 @@ def advance_chain(
     return DONE, rows
 
 
-@njit(cache=True)
+@kernel
 def measure_body(duct, intro, chains, radius, pitch, clearance, worst):
     """Estimate the clearance of every link of every step by samples along the links.
 

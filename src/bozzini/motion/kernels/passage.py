@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from ...numeric.compiling import kernel
 
 
-@njit(cache=True)
+@kernel
 def _find(parent, n):
     while parent[n] != n:
         parent[n] = parent[parent[n]]
@@ -14,7 +15,7 @@ def _find(parent, n):
     return n
 
 
-@njit(cache=True)
+@kernel
 def widest_level(clearance, nodes, order, place, start, goal):
     """Add nodes from the widest on until start and goal are connected (26 neighbours).
 
@@ -66,7 +67,7 @@ def widest_level(clearance, nodes, order, place, start, goal):
     return -np.inf, -1
 
 
-@njit(cache=True)
+@kernel
 def find_rim(values, level, rim):
     """List the flat indices of nodes at or above `level` with a neighbour (of 6) below it.
 

@@ -10,16 +10,16 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from ...duct.kernels.clearance import clearance_bound, clearance_slope
+from ...numeric.compiling import kernel
 from .chain import offset_from_ray
 
 TRACE_STEP = 0.25
 """Smallest step of a sphere trace along a chord [mm]."""
 
 
-@njit(cache=True)
+@kernel
 def free_bound(duct, intro, x, y, z):
     """Lower bound of the clearance in the duct united with the introducer."""
     g = clearance_bound(duct, x, y, z)
@@ -29,7 +29,7 @@ def free_bound(duct, intro, x, y, z):
     return g
 
 
-@njit(cache=True)
+@kernel
 def tail_on_path(path, i, length):
     """Return (k, w): the first point behind vertex i at distance `length` is P_k + w (P_k+1 - P_k).
 
@@ -57,7 +57,7 @@ def tail_on_path(path, i, length):
     return -1, 0.0
 
 
-@njit(cache=True)
+@kernel
 def trace_chord(duct, intro, ax, ay, az, bx, by, bz, needed, pitch, stop):
     """Return (least, u): the smallest bound seen from a to b, and where.
 
@@ -83,7 +83,7 @@ def trace_chord(duct, intro, ax, ay, az, bx, by, bz, needed, pitch, stop):
         t = min(t + max(0.7 * (g - needed), pitch), size)
 
 
-@njit(cache=True)
+@kernel
 def check_chords(duct, intro, path, first, length, needed, clearance):
     """Fill `clearance` (n,) with the smallest bound along each vertex's chord; return the worst.
 
@@ -108,7 +108,7 @@ def check_chords(duct, intro, path, first, length, needed, clearance):
     return worst
 
 
-@njit(cache=True)
+@kernel
 def _push(path, first, centre, weight, reach, px, py, pz):
     """Move the points around `centre` by `weight` times p, tapering off over `reach` points."""
     last = path.shape[0] - 1
@@ -121,7 +121,7 @@ def _push(path, first, centre, weight, reach, px, py, pz):
             path[i, 2] += h * pz
 
 
-@njit(cache=True)
+@kernel
 def relax_path(duct, intro, path, first, length, needed, sweeps, tension, reach):
     """Run sweeps of an elastic band that bends the path until every chord is clear by `needed`.
 
@@ -211,7 +211,7 @@ def relax_path(duct, intro, path, first, length, needed, sweeps, tension, reach)
     return worst
 
 
-@njit(cache=True)
+@kernel
 def tabulate_tube(duct, intro, path, first, length, needed, cap, slope, tube):
     """Tabulate m: how far joints may stray from the path, all links staying clear by `needed`.
 
@@ -277,7 +277,7 @@ def tabulate_tube(duct, intro, path, first, length, needed, cap, slope, tube):
         tube[i] = min(tube[i], tube[i + 1] + slope * ds)
 
 
-@njit(cache=True)
+@kernel
 def measure_tail_cosines(path, first, length, cosines):
     """Fill `cosines` (n,): between each vertex's chord and the path's direction at its tail."""
     for i in range(first, path.shape[0]):

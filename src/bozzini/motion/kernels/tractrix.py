@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
+from ...numeric.compiling import kernel
 
 
-@njit(cache=True)
+@kernel
 def _locate(arc, s, k):
     """Return the segment of arc length s, searched from segment k on."""
     n = arc.shape[0]
@@ -21,7 +21,7 @@ def _locate(arc, s, k):
     return k
 
 
-@njit(cache=True)
+@kernel
 def move_in_tube(path, arc, tube, heads, length, cap, slip, freedom, chain, places, out):
     """Move a chain so that every joint stays within the tube around the path.
 
@@ -129,7 +129,7 @@ def move_in_tube(path, arc, tube, heads, length, cap, slip, freedom, chain, plac
             m_before = m_here
 
 
-@njit(cache=True)
+@kernel
 def pull_chain(chain, lengths, heads, slip, substep, out):
     """Pull a chain by its head along straight steps to `heads` (steps, dim); fill `out`.
 
@@ -163,7 +163,7 @@ def pull_chain(chain, lengths, heads, slip, substep, out):
     return -1, -1
 
 
-@njit(cache=True)
+@kernel
 def _move_tail(chain, out, t, j, length, slip, exact):
     """Place joint j after joint j - 1 has moved; False if the link has no direction left."""
     dim = chain.shape[1]

@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from ...duct.kernels.clearance import clearance_bound
+from ...numeric.compiling import kernel
+from ...numeric.kernels.copies import copy_vector
 
 # Numba kernels: the chords of a line that have the clearance for a body, and those that have not.
 
@@ -24,7 +25,7 @@ TABLE_MAX = 2500
 """For lines of more segments what is known of shorter chords is not kept: it takes their square."""
 
 
-@njit(cache=True)
+@kernel
 def _chord_room(duct, middles, i, j, need, grain):
     """Lower bound of the clearance along the chord between two places, or a value below need."""
     ax, ay, az = middles[i, 0], middles[i, 1], middles[i, 2]
@@ -54,7 +55,7 @@ def _chord_room(duct, middles, i, j, need, grain):
     return least
 
 
-@njit(cache=True)
+@kernel
 def _gap_to_chord(middles, i, j, m):
     """Distance of a place from the chord between two others."""
     square = 0.0
@@ -71,7 +72,7 @@ def _gap_to_chord(middles, i, j, m):
     return math.sqrt(gap)
 
 
-@njit(cache=True)
+@kernel
 def _turns_back(points, i, j, pad):
     """Whether a chord from segment i to segment j may be 90 degrees or more from either."""
     n = points.shape[1]
@@ -104,7 +105,7 @@ def _turns_back(points, i, j, pad):
     return first <= pad * math.sqrt(size_i) or last <= pad * math.sqrt(size_j)
 
 
-@njit(cache=True)
+@kernel
 def scan_chords(duct, points, radius, longest, stop, length, reason):
     """From every segment of a line, find the first later one to which a link does not fit.
 
@@ -183,7 +184,7 @@ CELL = 9
 """Columns of a cell: bound, midpoint (3), its half side, face, p, q, their half side."""
 
 
-@njit(cache=True)
+@kernel
 def measure_ceiling(values, step, floor, x, y, z):
     """Upper bound of the clearance at a point, from upper bounds ``-values`` at the nodes.
 
@@ -213,7 +214,7 @@ def measure_ceiling(values, step, floor, x, y, z):
     return best
 
 
-@njit(cache=True)
+@kernel
 def _reach(values, step, floor, cell, u, sign, radius, slack, spread, limit, grain):
     """Upper bound of how far rays of a cell go with at least `radius` of clearance.
 
@@ -232,7 +233,7 @@ def _reach(values, step, floor, cell, u, sign, radius, slack, spread, limit, gra
     return limit
 
 
-@njit(cache=True)
+@kernel
 def _direct(face, p, q, axes, planar, u):
     """Fill `u` with a direction of a face of the cube (of the square) over `axes`."""
     sign = 1.0 if face < 3 else -1.0
@@ -248,22 +249,22 @@ def _direct(face, p, q, axes, planar, u):
         u[c] /= size
 
 
-@njit(cache=True)
+@kernel
 def _push(heap, count, cell):
     n = count
     while n > 0:
         m = (n - 1) // 2
         if heap[m, 0] >= cell[0]:
             break
-        heap[n] = heap[m]
+        copy_vector(heap[m], heap[n])
         n = m
-    heap[n] = cell
+    copy_vector(cell, heap[n])
     return count + 1
 
 
-@njit(cache=True)
+@kernel
 def _pop(heap, count, cell):
-    cell[:] = heap[0]
+    copy_vector(heap[0], cell)
     count -= 1
     n = 0
     while True:
@@ -280,7 +281,7 @@ def _pop(heap, count, cell):
     return count
 
 
-@njit(cache=True)
+@kernel
 def _judge(
     values, step, floor, axes, planar, back, radius, limit, grain, cell, u, found, tolerance
 ):
@@ -311,7 +312,7 @@ def _judge(
                 found[4 + c] = u[c]
 
 
-@njit(cache=True)
+@kernel
 def find_longest(
     values, step, floor, starts, half, axes, planar, back, radius, limit, grain, tolerance, heap
 ):
@@ -369,7 +370,7 @@ def find_longest(
                 for a in range(parts):
                     for b in range(1 if planar else parts):
                         child[0] = limit
-                        child[1:4] = starts[n]
+                        copy_vector(starts[n], child[1:4])
                         child[4] = half
                         child[5] = f + 3 * sign
                         child[6] = -1.0 + (2 * a + 1) / parts
@@ -396,7 +397,7 @@ def find_longest(
             side, first, second = 0.5 * cell[4], 0, 1
             for a in range(2):
                 for b in range(1 if planar else 2):
-                    child[:] = cell
+                    copy_vector(cell, child)
                     child[4] = side
                     for c in range(3):
                         child[1 + c] += (2 * a - 1) * side * axes[first, c]
@@ -412,7 +413,7 @@ def find_longest(
             side = 0.5 * cell[8]
             for a in range(2):
                 for b in range(1 if planar else 2):
-                    child[:] = cell
+                    copy_vector(cell, child)
                     child[8] = side
                     child[6] += (2 * a - 1) * side
                     if not planar:
@@ -426,7 +427,7 @@ def find_longest(
     return max(found[0], rest), found
 
 
-@njit(cache=True)
+@kernel
 def measure_ceilings(values, step, floor, points, result):
     """Fill `result` (n,) with upper bounds of the clearance at `points` (n, 3)."""
     for n in range(points.shape[0]):

@@ -11,8 +11,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from ...numeric.compiling import kernel
 from .energy import (
     CONVERGED,
     MAX_ITERATIONS,
@@ -38,7 +38,7 @@ LINEAR_SPAN = 1e-6
 NO_TAPER = 4
 
 
-@njit(cache=True)
+@kernel
 def cylinder_potential(design, pressure, load, stretch):
     """``A cos - w`` of a cylinder at a stretch, per strand length [N]; largest at equilibrium."""
     swell, _, _ = braid_swell(design, stretch)
@@ -46,7 +46,7 @@ def cylinder_potential(design, pressure, load, stretch):
     return design[0] * (pull - 2.0 * math.pi * wall_energy(design, stretch, swell))
 
 
-@njit(cache=True)
+@kernel
 def potential_drop(design, pressure, load, stretch, local):
     """By how much the cylinder's potential falls from ``stretch`` to ``local`` [N]."""
     span = local - stretch
@@ -62,7 +62,7 @@ def potential_drop(design, pressure, load, stretch, local):
     return design[0] * total
 
 
-@njit(cache=True)
+@kernel
 def measure_end(design, pressure, stretch):
     """One tapered end against the same strands on the cylinder.
 
@@ -107,7 +107,7 @@ def measure_end(design, pressure, stretch):
     return shorter, less, more, CONVERGED
 
 
-@njit(cache=True)
+@kernel
 def fill_ends(design, pressures, stretches, out):
     """Fill ``out`` (3, n) from `measure_end`; the code and index of the first that has none."""
     for n in range(stretches.size):
@@ -120,7 +120,7 @@ def fill_ends(design, pressures, stretches, out):
     return CONVERGED, -1
 
 
-@njit(cache=True)
+@kernel
 def find_ended_stretches(design, active, pressures, contractions, signs, stretches):
     """Fill the stretches of the cylinder at given contractions of a muscle with ends.
 

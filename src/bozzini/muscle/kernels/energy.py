@@ -12,8 +12,7 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
+from ...numeric.compiling import kernel
 from .interface import PULLS, SLACK, unpack_design, view_numbers, view_out
 
 STRETCH_TOLERANCE = 1e-12
@@ -24,7 +23,7 @@ MAX_ITERATIONS = 200
 CONVERGED, TOO_HEAVY, TOO_LIGHT, STOPPED = 0, 1, 2, 3
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def swell_terms(design, swell):
     """``f``, ``f'`` and ``f''`` of the wall's hoop and radial energy in the swell.
 
@@ -40,7 +39,7 @@ def swell_terms(design, swell):
     return wall + swell * half, slope, curve
 
 
-@njit(cache=True)
+@kernel
 def wall_energy(design, stretch, swell):
     """Strain energy of the wall per rest length, over 2 pi [N]."""
     first, second = design[6], design[7]
@@ -52,7 +51,7 @@ def wall_energy(design, stretch, swell):
     )
 
 
-@njit(cache=True)
+@kernel
 def braid_swell(design, stretch):
     """The swell at which the tube fills the braid, and its first two derivatives."""
     # sin**2 / sin0**2 = 1 - (stretch**2 - 1) cot0**2, which keeps its digits near rest.
@@ -67,7 +66,7 @@ def braid_swell(design, stretch):
     )
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def free_swell(design, target):
     """The swell of a free tube, where ``f' = target >= 0``; Newton from the left, f' is concave.
 
@@ -83,7 +82,7 @@ def free_swell(design, target):
     return swell
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def find_force(design, pressure, stretch, sign):
     """Pull [N], its slope in the stretch, contact pressure [MPa] and swell, at a stretch.
 
@@ -119,7 +118,7 @@ def find_force(design, pressure, stretch, sign):
     return 2.0 * math.pi * w_z, 2.0 * math.pi * along, 0.0, swell
 
 
-@njit(cache=True)
+@kernel
 def guess_stretch(design, pressure, load):
     """A first stretch: of the braid alone under the pressure that it may hold."""
     area = math.pi * (design[2] / design[1]) ** 2
@@ -135,7 +134,7 @@ def guess_stretch(design, pressure, load):
     return (spring * soft + wall) / (spring + wall)
 
 
-@njit(cache=True)
+@kernel
 def find_stretch(design, pressure, load, sign):
     """The stretch at which the pull is ``load``; a code and the iterations.
 
@@ -187,7 +186,7 @@ def find_stretch(design, pressure, load, sign):
     return stretch, STOPPED, MAX_ITERATIONS
 
 
-@njit(cache=True)
+@kernel
 def find_stretches(design, pressures, loads, signs, stretches, iterations):
     """Fill the stretches of a batch; the code and index of the first without an equilibrium.
 
@@ -202,7 +201,7 @@ def find_stretches(design, pressures, loads, signs, stretches, iterations):
     return CONVERGED, -1
 
 
-@njit(cache=True)
+@kernel
 def find_forces(design, pressures, stretches, signs, out):
     """Fill ``out`` (4, n) with the pull, its slope, the contact pressure and the swell."""
     for n in range(stretches.size):
@@ -211,14 +210,14 @@ def find_forces(design, pressures, stretches, signs, out):
             out[i, n] = terms[i]
 
 
-@njit(cache=True)
+@kernel
 def fill_energies(design, stretches, swells, out):
     """Fill ``out`` (n,) from `wall_energy`."""
     for n in range(stretches.size):
         out[n] = wall_energy(design, stretches[n], swells[n])
 
 
-@njit(cache=True)
+@kernel
 def find_contact(design):
     """The stretch, 1 or more, at which an unloaded tube meets the braid: dW/dz = 0 along it."""
     low, high = 1.0, design[10]
@@ -241,7 +240,7 @@ def find_contact(design):
     return 0.5 * (low + high)
 
 
-@njit(cache=True)
+@kernel
 def find_closed_bore(design, inside, outside):
     """The stretch towards ``outside`` at which the braid closes 98 % of the bore's area.
 
@@ -261,7 +260,7 @@ def find_closed_bore(design, inside, outside):
     return inside
 
 
-@njit(cache=True)
+@kernel
 def pack_design(inner, outer, angle, gap, modulus, mooney_ratio, friction_length, past_locking):
     """A muscle's radii [mm], angle [rad], modulus [MPa] and so on as the tuple ``design``.
 
@@ -296,7 +295,7 @@ def pack_design(inner, outer, angle, gap, modulus, mooney_ratio, friction_length
     )  # fmt: skip
 
 
-@njit(cache=True)
+@kernel
 def find_energy_pressure(design, stretch, pull):
     """The pressure at which a braided tube in contact pulls so at a stretch; and that of contact.
 

@@ -5,14 +5,15 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from ...numeric.compiling import kernel
 
 # Numba kernels of the hysteresis operators: one pass over each history of a batch.
 #
 # ``history`` is (m, n); ``memory`` (m, k) is brought to the end of each history in place.
 
 
-@njit(cache=True)
+@kernel
 def move_play(value, point, lower, upper):
     """``max(lower, min(upper, value))`` with edges that are quadratic in the input."""
     high = upper[0] + point * (upper[1] + point * upper[2])
@@ -22,7 +23,7 @@ def move_play(value, point, lower, upper):
     return low if value < low else value
 
 
-@njit(cache=True)
+@kernel
 def run_plays(history, lower, upper, weights, slope, offset, memory):
     """Weighted sum of plays, plus ``slope`` times the input and ``offset``; edges (k, 3)."""
     rows, count = history.shape
@@ -39,7 +40,7 @@ def run_plays(history, lower, upper, weights, slope, offset, memory):
     return output
 
 
-@njit(cache=True)
+@kernel
 def trace_plays(history, lower, upper, memory):
     """Positions of all plays along the histories (m, n, k)."""
     rows, count = history.shape
@@ -54,7 +55,7 @@ def trace_plays(history, lower, upper, memory):
     return output
 
 
-@njit(cache=True)
+@kernel
 def add_plays(point, lower, upper, weights, slope, offset, memory):
     """What the sum of plays would be at an input, without moving them."""
     total = offset + slope * point
@@ -63,7 +64,7 @@ def add_plays(point, lower, upper, weights, slope, offset, memory):
     return total
 
 
-@njit(cache=True)
+@kernel
 def invert_plays(response, lower, upper, weights, slope, offset, memory, least, most, clip):
     """Inputs in ``[least, most]`` that give these outputs, by bisection to the last bits.
 
@@ -101,7 +102,7 @@ def invert_plays(response, lower, upper, weights, slope, offset, memory, least, 
     return output, -1, 0, 0.0, 0.0
 
 
-@njit(cache=True)
+@kernel
 def run_slips(history, stiffnesses, limits, last, memory):
     """Sum of the forces of springs in series with sliders."""
     rows, count = history.shape
@@ -121,7 +122,7 @@ def run_slips(history, stiffnesses, limits, last, memory):
     return output
 
 
-@njit(cache=True)
+@kernel
 def trace_slips(history, yields):
     """Stretches of springs of stiffness 1 that slip at ``yields``, from rest at 0 (m, n, k)."""
     rows, count = history.shape
@@ -138,7 +139,7 @@ def trace_slips(history, yields):
     return output
 
 
-@njit(cache=True)
+@kernel
 def switch_relays(point, before, levels, signs):
     """Switch the relays between two inputs; whether any can have changed.
 
@@ -161,7 +162,7 @@ def switch_relays(point, before, levels, signs):
     return changed
 
 
-@njit(cache=True)
+@kernel
 def run_relays(history, levels, weights, offset, last, memory):
     """Weighted sum of relays. It is added up anew at each switching: no error piles up."""
     rows, count = history.shape
@@ -182,7 +183,7 @@ def run_relays(history, levels, weights, offset, last, memory):
     return output
 
 
-@njit(cache=True)
+@kernel
 def trace_relays(history, levels, last, memory):
     """Signs of all relays along the histories (m, n, k)."""
     rows, count = history.shape
@@ -196,7 +197,7 @@ def trace_relays(history, levels, last, memory):
     return output
 
 
-@njit(cache=True)
+@kernel
 def run_friction_band(history, first, second, last, memory):
     """``P (1 + way (first + second P))``, way +1 rising and -1 falling; ``memory`` is the way."""
     rows, count = history.shape
@@ -220,7 +221,7 @@ def run_friction_band(history, first, second, last, memory):
 # By symmetry a fall from z is a rise from -z.
 
 
-@njit(cache=True)
+@kernel
 def climb_linear(state, way, share):
     """`climb` for an exponent of 1, in closed form."""
     if state < 0.0:
@@ -238,7 +239,7 @@ def climb_linear(state, way, share):
     return 1.0 + (state - 1.0) * math.exp(-way)
 
 
-@njit(cache=True)
+@kernel
 def slope_of(state, exponent, share):
     """``dz/dx = 1 - c |z|^n``, c = 1 for z > 0 and 1 - 2 share for z < 0."""
     if state > 0.0:
@@ -246,7 +247,7 @@ def slope_of(state, exponent, share):
     return 1.0 - (1.0 - 2.0 * share) * (-state) ** exponent
 
 
-@njit(cache=True)
+@kernel
 def climb(state, way, exponent, share):
     """The normalised state after the input has risen by ``way`` yields: Dormand-Prince 5(4).
 
@@ -318,7 +319,7 @@ def climb(state, way, exponent, share):
     return state
 
 
-@njit(cache=True)
+@kernel
 def run_bouc_wen(history, exponent, share, inverse_yield, last, memory):
     """Normalised Bouc-Wen states; ``inverse_yield`` is 1 over the input that yields it."""
     rows, count = history.shape

@@ -23,9 +23,10 @@ from functools import cache
 from types import ModuleType
 from typing import Any
 
-from numba import carray, cfunc, njit, types  # type: ignore[attr-defined]
+from numba import carray, cfunc, types  # type: ignore[attr-defined]
 from numba.extending import intrinsic
 
+from ...numeric.compiling import kernel
 from ..model import NUMBERS_LIMIT, CompiledMuscle
 
 PULLS, SLACK, NO_ANSWER, RIGID = 0, 1, 2, 3
@@ -40,19 +41,19 @@ _PULL = types.int64(_POINTER, types.float64, types.float64, types.float64, _POIN
 _PRESSURE = _PULL
 
 
-@njit(inline="always")
+@kernel(inline="always")
 def view_numbers(pointer):
     """The numbers of a model as an array."""
     return carray(pointer, (NUMBERS_LIMIT,))
 
 
-@njit(inline="always")
+@kernel(inline="always")
 def view_out(pointer):
     """The results of a function as an array."""
     return carray(pointer, (3,))
 
 
-@njit(cache=True)
+@kernel
 def unpack_design(numbers):
     """The first eleven numbers as a tuple, which is how the kernels of the models take a design."""
     return (

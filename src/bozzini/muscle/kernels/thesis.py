@@ -10,8 +10,7 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
+from ...numeric.compiling import kernel
 from .interface import (
     NO_ANSWER,
     PULLS,
@@ -25,7 +24,7 @@ from .interface import (
 MAX_ITERATIONS = 200
 
 
-@njit(cache=True)
+@kernel
 def measure_closure(design, excess, angle):
     """Pull of the bore's pressure less what the braid's pressure balances [N], and the tube.
 
@@ -58,7 +57,7 @@ def measure_closure(design, excess, angle):
     return pull - braid * area * outer * cos / (length * sin * tangent), braid, opened
 
 
-@njit(cache=True)
+@kernel
 def narrow_bracket(left, miss_left, right, miss_right, middle, miss):
     """The bracket after a step of Anderson and Bjoerck's regula falsi."""
     if (miss > 0.0) == (miss_right > 0.0):
@@ -68,7 +67,7 @@ def narrow_bracket(left, miss_left, right, miss_right, middle, miss):
     return middle, miss, right, miss_right * (scale if scale > 0.0 else 0.5)
 
 
-@njit(cache=True)
+@kernel
 def find_angle(design, excess, low, high):
     """The angle in a bracket where the closure holds, by Anderson and Bjoerck's regula falsi.
 
@@ -96,7 +95,7 @@ def find_angle(design, excess, low, high):
     return 0.5 * (left + right), miss, MAX_ITERATIONS
 
 
-@njit(cache=True)
+@kernel
 def contracts_further(design, excess, angle):
     """Whether the braid's angle grows with the pressure at an angle where the closure holds.
 
@@ -108,7 +107,7 @@ def contracts_further(design, excess, angle):
     return above < below
 
 
-@njit(cache=True)
+@kernel
 def find_angles(design, excesses, low, high, out, iterations):
     """Fill ``out`` (3, n) with angle, braid pressure and residual; the index of the first miss."""
     for n in range(excesses.size):
@@ -125,7 +124,7 @@ def find_angles(design, excesses, low, high, out, iterations):
     return -1
 
 
-@njit(cache=True)
+@kernel
 def find_thesis_pressure(design, contact, free, length, limit):
     """The pressure in [contact, limit] at which the thesis's muscle contracts so without load.
 
@@ -160,7 +159,7 @@ def find_thesis_pressure(design, contact, free, length, limit):
 # the stiffness of the load path, 0 where there is none.
 
 
-@njit(cache=True)
+@kernel
 def find_free_contraction(numbers, pressure):
     """Contraction without load [mm], and whether there is one."""
     contact, length = numbers[11], numbers[12]

@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from ..compiling import kernel
 
 
-@njit(cache=True)
+@kernel
 def factor_cholesky(matrix, size, shift, least, factor):
     """Fill the lower Cholesky factor of the first `size` rows of ``matrix + shift * 1``.
 
@@ -32,7 +33,7 @@ def factor_cholesky(matrix, size, shift, least, factor):
     return True
 
 
-@njit(cache=True)
+@kernel
 def solve_lower(factor, vector, size):
     """Solve ``L x = vector`` in place."""
     for i in range(size):
@@ -41,7 +42,7 @@ def solve_lower(factor, vector, size):
         vector[i] /= factor[i, i]
 
 
-@njit(cache=True)
+@kernel
 def solve_upper(factor, vector, size):
     """Solve ``L^T x = vector`` in place, given ``L``."""
     for i in range(size - 1, -1, -1):
@@ -50,7 +51,7 @@ def solve_upper(factor, vector, size):
         vector[i] /= factor[i, i]
 
 
-@njit(cache=True)
+@kernel
 def factor_lu(matrix, order):
     """Factor a matrix in place with row exchanges, kept in ``order`` (n,); False if singular."""
     size = order.size
@@ -74,7 +75,7 @@ def factor_lu(matrix, order):
     return True
 
 
-@njit(cache=True)
+@kernel
 def solve_lu(factors, order, right):
     """Solve for the columns of ``right`` (n, m) in place, given the answer of `factor_lu`."""
     size = order.size
@@ -103,7 +104,7 @@ BLOCKS = 3
 """Exchanges of all wrong bounds at once that may fail to make them fewer."""
 
 
-@njit(cache=True)
+@kernel
 def solve_bounded(matrix, vector, low, high, values):
     """Minimise ``1/2 T A T + b T`` over ``low <= T <= high`` by an active-set method.
 
@@ -184,7 +185,7 @@ def solve_bounded(matrix, vector, low, high, values):
     return False
 
 
-@njit(cache=True)
+@kernel
 def solve_complementary(matrix, vector, low, high, values):
     """Find ``low <= T <= high`` with ``A T + b`` 0 where inside, and outward on the bounds.
 
@@ -248,7 +249,7 @@ def solve_complementary(matrix, vector, low, high, values):
     return False
 
 
-@njit(cache=True)
+@kernel
 def _factor_three(a, least):
     """Factors ``L D L^T`` of a symmetric 3x3 matrix, by its lower half, and if they are good.
 
@@ -267,7 +268,7 @@ def _factor_three(a, least):
     return d2 > least[2], d0, d1, d2, m1, m2, m3
 
 
-@njit(cache=True)
+@kernel
 def solve_three(a, b, least, out):
     """Fill ``out`` with the solution of a symmetric 3x3 system; False unless it is positive.
 
@@ -284,7 +285,7 @@ def solve_three(a, b, least, out):
     return True
 
 
-@njit(cache=True)
+@kernel
 def invert_three(a, least, inverse):
     """Fill the inverse of a symmetric 3x3 matrix; False as of `solve_three`."""
     good, d0, d1, d2, m1, m2, m3 = _factor_three(a, least)

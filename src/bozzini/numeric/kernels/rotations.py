@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
+from ..compiling import kernel
 
 
-@njit(cache=True)
+@kernel
 def fill_quaternion_rotation(w, x, y, z, rotation):
     """Fill the rotation matrix (3, 3) of a unit quaternion."""
     rotation[0, 0] = 1.0 - 2.0 * (y * y + z * z)
@@ -21,7 +21,7 @@ def fill_quaternion_rotation(w, x, y, z, rotation):
     rotation[2, 2] = 1.0 - 2.0 * (x * x + y * y)
 
 
-@njit(cache=True)
+@kernel
 def turn_quaternion(quaternion, turn, out):
     """Fill ``out`` (4,) with the quaternion turned by a rotation vector in its own frame."""
     angle = math.sqrt(turn[0] ** 2 + turn[1] ** 2 + turn[2] ** 2)
@@ -34,7 +34,7 @@ def turn_quaternion(quaternion, turn, out):
     out[3] = w * d + z * a + x * c - y * b
 
 
-@njit(cache=True)
+@kernel
 def find_turn(one, other, out):
     """Fill ``out`` (3,) with the rotation vector from the frame ``one`` to ``other``, in one's."""
     w, x, y, z = one[0], -one[1], -one[2], -one[3]

@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from ...numeric.compiling import kernel
+from ...numeric.kernels.copies import copy_matrix, copy_vector
 
 
-@njit(cache=True)
+@kernel
 def fill_bends(joints, base, bends):
     """Fill the hinges (s, 2 n) of chains (s, n + 1, 3), base first; `base` (3, 3) has its axes.
 
@@ -16,7 +18,7 @@ def fill_bends(joints, base, bends):
     """
     turn, after = np.empty((3, 3)), np.empty((3, 3))
     for s in range(joints.shape[0]):
-        turn[:] = base
+        copy_matrix(base, turn)
         for k in range(joints.shape[1] - 1):
             way = joints[s, k + 1] - joints[s, k]
             way /= math.sqrt(way[0] ** 2 + way[1] ** 2 + way[2] ** 2)
@@ -34,15 +36,16 @@ def fill_bends(joints, base, bends):
                 after[i, 0] = cb * turn[i, 0] - sb * ahead
                 after[i, 1] = middle
                 after[i, 2] = sb * turn[i, 0] + cb * ahead
-            turn[:] = after
+            copy_matrix(after, turn)
 
 
-@njit(cache=True)
+@kernel
 def drag_joints(heads, joints, length):
     """Fill chains (s, n + 1, 3) that are dragged by their heads (s, 3), from the first one on."""
     for s in range(1, joints.shape[0]):
-        joints[s, 0] = heads[s]
+        copy_vector(heads[s], joints[s, 0])
         for k in range(1, joints.shape[1]):
             way = joints[s - 1, k] - joints[s, k - 1]
             way *= length / math.sqrt(way[0] ** 2 + way[1] ** 2 + way[2] ** 2)
-            joints[s, k] = joints[s, k - 1] + way
+            for i in range(3):
+                joints[s, k, i] = joints[s, k - 1, i] + way[i]

@@ -10,16 +10,16 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from ...duct.kernels.clearance import clearance_slope
+from ...numeric.compiling import kernel
 
 SWEEPS, ROUNDS = 200, 10
 SEEN = 0.1  # a ray that is this near to the wall meets it [mm]
 SURE = 0.7  # size of a distance's gradient above which it shows where the wall is
 
 
-@njit(cache=True)
+@kernel
 def measure_gap(duct, tube, x, y, z):
     """Return the clearance of a point in the lumen or the introducer, and its gradient."""
     clear, gx, gy, gz = clearance_slope(duct, x, y, z)
@@ -37,7 +37,7 @@ def measure_gap(duct, tube, x, y, z):
     return clear, gx, gy, gz
 
 
-@njit(cache=True)
+@kernel
 def _split_along(tube, x, y, z):
     """Return how far a place is along the introducer's axis, and off it [mm]."""
     dx, dy, dz = x - tube[0], y - tube[1], z - tube[2]
@@ -46,7 +46,7 @@ def _split_along(tube, x, y, z):
     return along, math.sqrt(ox * ox + oy * oy + oz * oz)
 
 
-@njit(cache=True)
+@kernel
 def look_ahead(duct, tube, frame, eye, axes, lens, image):
     """Fill an image (n, n) with the light of the tip that the wall throws back, 0 to 1.
 
@@ -97,7 +97,7 @@ def look_ahead(duct, tube, frame, eye, axes, lens, image):
                 gone += max(clear, SEEN)
 
 
-@njit(cache=True)
+@kernel
 def find_contacts(duct, tube, frame, bodies, turns, along, points, size, index, depth, normal):
     """List the samples of the body that touch or come near to touching.
 
@@ -152,7 +152,7 @@ def find_contacts(duct, tube, frame, bodies, turns, along, points, size, index, 
     return count, least, where
 
 
-@njit(cache=True)
+@kernel
 def merge_contacts(order, places, normals, links, near, kept):
     """Mark in `kept` (n,) one of the contacts of a link that are at one place, the first in order.
 
@@ -175,7 +175,7 @@ def merge_contacts(order, places, normals, links, near, kept):
                 break
 
 
-@njit(cache=True)
+@kernel
 def fill_jacobian(axes, anchors, places, owners, frames, jacobian):
     """Fill (3 n, v) rows: velocity of each contact point along its normal and two tangents.
 
@@ -212,7 +212,7 @@ def fill_jacobian(axes, anchors, places, owners, frames, jacobian):
                 jacobian[3 * c + r, v] = f[0] * ax + f[1] * ay + f[2] * az
 
 
-@njit(cache=True)
+@kernel
 def factor_mass(mass):
     """Replace a symmetric positive matrix (v, v) by its lower Cholesky factor."""
     n = mass.shape[0]
@@ -224,7 +224,7 @@ def factor_mass(mass):
             mass[i, j] = math.sqrt(value) if i == j else value / mass[j, j]
 
 
-@njit(cache=True)
+@kernel
 def solve_lower(factor, rows):
     """Replace rows (r, v) by what solves the lower triangle for each of them."""
     for i in range(factor.shape[0]):
@@ -235,7 +235,7 @@ def solve_lower(factor, rows):
             rows[r, i] = value / factor[i, i]
 
 
-@njit(cache=True)
+@kernel
 def solve_mass(factor, force):
     """Return the acceleration (v,) by a force (v,)."""
     n = factor.shape[0]
@@ -249,7 +249,7 @@ def solve_mass(factor, force):
     return found
 
 
-@njit(cache=True)
+@kernel
 def fill_speeds(axes, anchors, places, owners, normals, rates, speeds):
     """Fill (n,): velocity of places along their normals by the rates of the joints (v,)."""
     count = rates.shape[0]
@@ -268,7 +268,7 @@ def fill_speeds(axes, anchors, places, owners, normals, rates, speeds):
         speeds[c] = moved[0] * normals[c, 0] + moved[1] * normals[c, 1] + moved[2] * normals[c, 2]
 
 
-@njit(cache=True)
+@kernel
 def press_contacts(mass, state, joints, contacts, law, force, frames):
     """Find the contact forces at the end of a step.
 
@@ -339,7 +339,7 @@ def press_contacts(mass, state, joints, contacts, law, force, frames):
     return total, False
 
 
-@njit(cache=True)
+@kernel
 def balance_contacts(effect, velocity, depth, law, force):
     """Find the contact forces (3 n,) by Gauss and Seidel, from those given; return if they settled.
 

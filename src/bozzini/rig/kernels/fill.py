@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from ...numeric.compiling import kernel
 
 GRID = 240
 """Pressures at which the time of a fill is computed."""
@@ -14,7 +15,7 @@ NEAREST = 1e-6
 """Share of the way to the supply that is left at the last of them."""
 
 
-@njit(cache=True)
+@kernel
 def regulated_flow(ratio, critical, droop):
     """Flow of an orifice behind a regulator over its choked flow without droop.
 
@@ -31,7 +32,7 @@ def regulated_flow(ratio, critical, droop):
     return min(-2.0 * third / max(second + root, 1e-12), choked)
 
 
-@njit(cache=True)
+@kernel
 def find_capacity(pressure, atmosphere, growth, middle, width):
     """``d(p V)/dp`` over the grown volume, of a volume that grows along a logistic."""
     if growth == 0.0:
@@ -41,7 +42,7 @@ def find_capacity(pressure, atmosphere, growth, middle, width):
     return (1.0 + growth * grown + (pressure + atmosphere) * rate) / (1.0 + growth)
 
 
-@njit(cache=True)
+@kernel
 def fill(numbers, upstream, atmosphere, times):
     """Gauge pressures at rising times along a fill [MPa].
 
@@ -75,7 +76,7 @@ def fill(numbers, upstream, atmosphere, times):
     return found
 
 
-@njit(cache=True)
+@kernel
 def regulated_flows(ratios, critical, droop):
     """`regulated_flow` of many ratios."""
     found = np.empty(ratios.size)

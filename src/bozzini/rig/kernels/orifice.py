@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
+from ...numeric.compiling import kernel
 
 LINEAR_RATIO = 0.99
 """Pressure ratio above which the flow falls linearly to zero: the ellipse ends with no slope."""
 
 
-@njit(cache=True)
+@kernel
 def flow_share(ratio, critical):
     """Flow over choked flow at a ratio of downstream to upstream pressure; 1 below `critical`."""
     if ratio <= critical:
@@ -21,7 +21,7 @@ def flow_share(ratio, critical):
     return edge * (1.0 - ratio) / (1.0 - LINEAR_RATIO)
 
 
-@njit(cache=True)
+@kernel
 def find_flow(choked, upstream, downstream, critical):
     """PV flow [mW] from `upstream` to `downstream` [MPa absolute]; negative when it runs back.
 

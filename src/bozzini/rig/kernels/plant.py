@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
+from ...numeric.compiling import kernel
 from .orifice import find_flow
 
 # Columns of the state of a channel.
@@ -22,19 +21,19 @@ SUPPLY_COLUMNS = 6
 STUCK, LEAK, LINE_OPEN = range(3)
 
 
-@njit(cache=True)
+@kernel
 def follow_play(position, target, half):
     """Position of what is driven through a play of plus and minus `half`."""
     return min(max(position, target - half), target + half)
 
 
-@njit(cache=True)
+@kernel
 def open_valve(position, dead_zone, leak):
     """Share of the full area that is open."""
     return leak + min(max((position - dead_zone) / (1.0 - dead_zone), 0.0), 1.0)
 
 
-@njit(cache=True)
+@kernel
 def look_up(table, place):
     """Value and slope per cell of a table of even spacing at a place in cells, held beyond it."""
     last = table.size - 1
@@ -47,7 +46,7 @@ def look_up(table, place):
     return table[cell] + (place - cell) * slope, slope
 
 
-@njit(cache=True)
+@kernel
 def advance(channels, supply, duty, faults, volumes, design, count, dt):
     """Move the state on by `count` steps of `dt` [s]; pressures are absolute [MPa].
 

@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from ...numeric.compiling import kernel
 
 _STEPS = 12
 _TRACE_STEPS = 200
 
 
-@njit(cache=True)
+@kernel
 def undistort_grid(xs, ys, k1, k2, p1, p2, k3):
     """Return the undistorted (h, w, 2) points of a grid of distorted x (w,) and y (h,)."""
     out = np.empty((ys.size, xs.size, 2), np.float32)
@@ -37,12 +38,12 @@ def undistort_grid(xs, ys, k1, k2, p1, p2, k3):
     return out
 
 
-@njit(cache=True)
+@kernel
 def _square(points, i, x, y, z):
     return (points[i, 0] - x) ** 2 + (points[i, 1] - y) ** 2 + (points[i, 2] - z) ** 2
 
 
-@njit(cache=True)
+@kernel
 def _nearest(points, x, y, z, stride, first, last):
     """Return (squared distance, segment, share of it) of the nearest point of a polyline.
 
@@ -73,7 +74,7 @@ def _nearest(points, x, y, z, stride, first, last):
     return best, where, part
 
 
-@njit(cache=True)
+@kernel
 def _bound(points, reach, origin, ray, stride):
     """Return where a ray may meet a tube: distances along it, and points of the polyline.
 
@@ -94,7 +95,7 @@ def _bound(points, reach, origin, ray, stride):
     return start, end, max(first - stride, 0), min(last + stride, n - 1)
 
 
-@njit(cache=True)
+@kernel
 def _trace(points, radius, origin, ray, bounds, stride):
     """Return (distance along the ray, or infinity; segment; share of it) of the first hit.
 
@@ -113,7 +114,7 @@ def _trace(points, radius, origin, ray, bounds, stride):
     return math.inf, 0, 0.0
 
 
-@njit(cache=True)
+@kernel
 def _shade(albedo, point, normal, origin, light):
     """Return the light that a point sends to `origin`.
 
@@ -134,7 +135,7 @@ def _shade(albedo, point, normal, origin, light):
     return value
 
 
-@njit(cache=True)
+@kernel
 def _cover(x, first, second):
     """Return the share of a rectangle, its middle at `x`, that is beyond a straight edge at 0.
 
@@ -149,7 +150,7 @@ def _cover(x, first, second):
     return min(max(0.5 * area / (wide * narrow), 0.0), 1.0)
 
 
-@njit(cache=True)
+@kernel
 def render_plane(grid, turn, origin, texture, place, light, radiance, depth):
     """Draw the plane z = 0 into `radiance` and `depth` (h, w).
 
@@ -183,7 +184,7 @@ def render_plane(grid, turn, origin, texture, place, light, radiance, depth):
             depth[i, j] = t
 
 
-@njit(cache=True)
+@kernel
 def render_tube(grid, region, turn, origin, points, lengths, radius, bands, light, radiance, depth):
     """Draw a tube about a polyline into `radiance` and `depth` (h, w), where it is nearer.
 

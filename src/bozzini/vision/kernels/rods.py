@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from ...numeric.compiling import kernel
 
 
-@njit(cache=True)
+@kernel
 def _turn(frame, wx, wy, wz):
     """Return a frame turned by a rotation vector in its own axes."""
     angle = math.sqrt(wx * wx + wy * wy + wz * wz)
@@ -20,7 +21,7 @@ def _turn(frame, wx, wy, wz):
     return frame @ (np.eye(3) + a * cross + b * (cross @ cross))
 
 
-@njit(cache=True)
+@kernel
 def bend_rod(theta, steps):
     """Return points and tangents (steps + 1, 3) of the rod, by arcs between.
 
@@ -58,7 +59,7 @@ def bend_rod(theta, steps):
     return points, tangents
 
 
-@njit(cache=True)
+@kernel
 def outline_tube(points, tangents, radius, turn, shift, focal):
     """Return where a camera sees a tube: its two limbs and the line nearest to it, (3, n, 2).
 
@@ -88,7 +89,7 @@ def outline_tube(points, tangents, radius, turn, shift, focal):
     return out
 
 
-@njit(cache=True)
+@kernel
 def miss_line(edges, line, most):
     """Return how far each edge (x, y, normal x, normal y) is from a line (n, 2), along its normal.
 
@@ -113,7 +114,7 @@ def miss_line(edges, line, most):
     return out
 
 
-@njit(cache=True)
+@kernel
 def match_curves(cost, step):
     """Return the pairs (k, 2) of the cheapest way through costs (n, m), both indices growing.
 

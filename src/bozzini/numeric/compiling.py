@@ -1,0 +1,101 @@
+"""How kernels are compiled: once for each kind of arguments, and then kept on disk.
+
+`kernel` is the decorator of all of them. While one is compiled the garbage collector stands still:
+a compiler makes many objects that live long, and looking through them took a seventh of its time.
+"""
+
+from __future__ import annotations
+
+import functools
+import gc
+import time
+from collections.abc import Callable
+from typing import Any
+
+from numba import njit, types
+from numba.core import event
+from numba.core.caching import IndexDataCacheFile
+
+from ..progress import announce
+
+LONG = 2.0
+"""Seconds of compiling from which on the user is told."""
+
+
+def kernel(function: Callable[..., Any] | None = None, **options: Any) -> Any:
+    """Compile a function on its first call; as a decorator, with the options of `numba.njit`."""
+    if function is None:
+        return functools.partial(kernel, **options)
+    compiled: Any = njit(cache=True, **options)(function)
+    save = compiled._cache.save_overload
+
+    def save_if_possible(signature: Any, data: Any) -> None:
+        try:
+            save(signature, data)
+        except OSError as error:
+            _tell_unsaved(compiled._cache.cache_path, error.strerror or str(error))
+
+    compiled._cache.save_overload = save_if_possible
+    choose = compiled.get_call_template
+
+    def choose_any_value(args: Any, kws: Any) -> Any:
+        # Numba compiles anew for a number that stands in the call: 0 is another type than n.
+        plain = {name: types.unliteral(kind) for name, kind in kws.items()}
+        return choose([types.unliteral(kind) for kind in args], plain)
+
+    compiled.get_call_template = choose_any_value
+    return compiled
+
+
+@functools.cache
+def _tell_unsaved(place: str, why: str) -> None:
+    announce(f"compiled code cannot be kept in {place}: {why}; NUMBA_CACHE_DIR names another place")
+
+
+class _Watch(event.Listener):
+    """Stops the garbage collector while something is compiled, and tells where it takes long."""
+
+    def __init__(self) -> None:
+        self.depth, self.spent, self.begin = 0, 0.0, 0.0
+        self.collects = self.told = False
+
+    def on_start(self, event: event.Event) -> None:
+        if self.depth == 0:
+            self.begin, self.collects = time.monotonic(), gc.isenabled()
+            gc.disable()
+        self.depth += 1
+
+    def on_end(self, event: event.Event) -> None:
+        self.depth -= 1
+        now = time.monotonic()
+        if not self.told and self.spent + now - self.begin > LONG:
+            self.told = True
+            announce("compiling (once)")
+        if self.depth == 0:
+            self.spent += now - self.begin
+            if self.collects:
+                gc.enable()
+
+
+event.register("numba:compile", _Watch())
+
+
+def _forgive_lost_classes() -> None:
+    """Let an index of compiled code that names a class of a package that is gone count as empty.
+
+    Numba's index of a function lists its signatures; one with a packed duct of another package
+    could otherwise not be read without that package, nor could any of ours beside it.
+    """
+    load: Any = IndexDataCacheFile._load_index
+
+    @functools.wraps(load)
+    def load_index(self: Any) -> Any:
+        try:
+            return load(self)
+        except (ImportError, AttributeError):
+            return {}
+
+    IndexDataCacheFile._load_index = load_index  # type: ignore[method-assign]
+
+
+_forgive_lost_classes()
