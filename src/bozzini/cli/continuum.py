@@ -11,6 +11,7 @@ import statistics
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
+from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -89,6 +90,14 @@ MOST_RUNS = 25
 
 NEEDED_FREEDOMS = 5
 """Of a place with a direction."""
+
+
+def _figures() -> ModuleType:
+    """Return what draws, which loads matplotlib: only where a picture is asked for."""
+    from ..plot import continuum
+
+    return continuum
+
 
 # Options: a robot, displacements of its tendons, and what its models take.
 
@@ -370,8 +379,6 @@ def pose_command(
     Exit code 0: there is one; 1: there is none, which tendon or section stops it and by how much
     is reported, and nothing is written; 2: bad input.
     """
-    from ..plot.continuum import draw_shape
-
     if displacement is not None and tension is not None:
         raise InputError("pose takes --displacement or --tension: give one of them")
     if displacement is None and history:
@@ -399,7 +406,7 @@ def pose_command(
     if not shape.converged:
         answer.give(result, f"no shape by the {model.name} model: {shape.reason}")
         run_exit(EXIT_NEGATIVE)
-    answer.write(shape.list_columns(), lambda: draw_shape(shape))
+    answer.write(shape.list_columns(), lambda: _figures().draw_shape(shape))
     seen = _place_markers(robot, shape)
     result |= {"markers_world_mm": seen} if seen else {}
     lines = [f"{model.name}: {format_shape(robot, result)}"]
@@ -719,8 +726,6 @@ def reach_command(
     Exit code 0: reached; 1: not reached, the nearest that was found and the reason are reported; 2:
     bad input.
     """
-    from ..plot.continuum import draw_shape
-
     robot = read_robot(robot_file)
     model_name = model_name or _choose_fitted(robot, ("arc", "energy", "rod"))
     arcs = model_name == "arc"
@@ -752,7 +757,7 @@ def reach_command(
     if found.converged:
         answer.write(
             found.list_columns(),
-            lambda: draw_shape(found.shape(), target=target, direction=direction),
+            lambda: _figures().draw_shape(found.shape(), target=target, direction=direction),
         )
     answer.give(result, _format_reach(found, result["reason"], commands))
     if not found.converged:
@@ -832,8 +837,6 @@ def compare_command(robot_file: Path, displacement: str, given: Json, answer: An
     Exit code 0: every model that takes this robot has a shape; 1: one has none, with the reason;
     2: bad input.
     """
-    from ..plot.continuum import draw_comparison
-
     robot = read_robot(robot_file)
     displacements, notes = make_consistent(
         robot, read_displacements(robot, displacement)[0], given["tolerance"]
@@ -866,7 +869,7 @@ def compare_command(robot_file: Path, displacement: str, given: Json, answer: An
     if shapes:
         answer.write(
             _list_columns(rows, shapes),
-            lambda: draw_comparison(shapes, reference=reference),
+            lambda: _figures().draw_comparison(shapes, reference=reference),
         )
     result = {
         "displacements_mm": dict(zip(robot.tendon_names, displacements.tolist(), strict=True)),
@@ -1007,7 +1010,6 @@ def workspace_command(robot_file: Path, answer: Answer, **asked: Any) -> None:
     """
     from ..continuum import measure_dexterity, measure_workspace, sample_workspace
     from ..continuum.checks import check_cell
-    from ..plot.continuum import draw_workspace
 
     robot = read_robot(robot_file)
     check_arcs(robot, "workspace")
@@ -1039,7 +1041,9 @@ def workspace_command(robot_file: Path, answer: Answer, **asked: Any) -> None:
                 f"{len(robot.sections)} section(s) have {freedoms} freedoms, a place with a "
                 f"direction needs {NEEDED_FREEDOMS}: the directions at one place have no area"
             )
-    answer.write(found.list_columns(), lambda: draw_workspace(found.map, length=robot.length))
+    answer.write(
+        found.list_columns(), lambda: _figures().draw_workspace(found.map, length=robot.length)
+    )
     verdict = ("converged", "reason", "residual")  # the answer has the coverage for them
     result = {name: value for name, value in found.to_dict().items() if name not in verdict} | {
         "count": count,

@@ -307,12 +307,14 @@ class Coupling:
 
     def _can_be_preloaded(self) -> bool:
         """Whether every cable can be tight at once without bending anything."""
-        from scipy.optimize import nnls
-
         rods = self._scaled[self._pushes]
         columns = np.vstack([self._scaled, -rods]).T
         size = float(np.abs(columns).max())
         load = -self._scaled[~self._pushes].sum(axis=0) / size
+        if np.linalg.norm(load) < 1e-9:
+            return True  # equal tensions bend nothing
+        from scipy.optimize import nnls
+
         return bool(nnls(columns / size, load)[1] < 1e-9)
 
     def _solve_slack(self, displacements: Floats) -> Floats | None:

@@ -4,29 +4,6 @@ Surfaces are closed by construction and need no other library. STEP files are ma
 (the extra ``cad``), which is loaded where it is used.
 """
 
-from __future__ import annotations
+import lazy_loader
 
-from .effector import HolderOptions, build_holders, draw_template
-from .files import write_body, write_holders
-from .part import Channel, Part
-from .robot import BodyOptions, Routing, build_body, tabulate_routing
-from .step import write_step
-
-__all__ = [
-    "BodyOptions",
-    "Channel",
-    "HolderOptions",
-    "Part",
-    "Routing",
-    "build_body",
-    "build_holders",
-    "draw_template",
-    "tabulate_routing",
-    "write_body",
-    "write_holders",
-    "write_step",
-]
-
-
-def __dir__() -> list[str]:
-    return sorted(__all__)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,31 +1,10 @@
 """Pictures of plans, ducts, robots and muscles."""
 
-from __future__ import annotations
-
 import sys
 
-from .clearance import draw_clearance
-from .comparison import draw_comparison
-from .contact import draw_contact
-from .continuum import draw_robot_motion
-from .figures import draw_depths, draw_overview, write_figure
-from .fluoroscopy import Projection, render_fluoroscopy
+import lazy_loader
 
-__all__ = [
-    "Projection",
-    "draw_clearance",
-    "draw_comparison",
-    "draw_contact",
-    "draw_depths",
-    "draw_overview",
-    "draw_robot_motion",
-    "render_fluoroscopy",
-    "write_figure",
-]
-
-
-def __dir__() -> list[str]:
-    return sorted(__all__)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
 
 def _let_notebooks_show_figures() -> None:

@@ -1,13 +1,5 @@
 """The report of a plan: one HTML page."""
 
-from __future__ import annotations
+import lazy_loader
 
-from .report import write_report
-
-__all__ = [
-    "write_report",
-]
-
-
-def __dir__() -> list[str]:
-    return sorted(__all__)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

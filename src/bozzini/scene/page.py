@@ -54,7 +54,7 @@ def bundle_scripts(start: str = "startPage();") -> str:
 
 def pack_view(view: View) -> str:
     """Return a view as text for a page: its container, by gzip, in base64."""
-    return base64.b64encode(gzip.compress(encode_view(view), 9, mtime=0)).decode("ascii")
+    return base64.b64encode(gzip.compress(encode_view(view), 6, mtime=0)).decode("ascii")
 
 
 def allow_only(scripts: tuple[str, ...], styles: tuple[str, ...]) -> str:

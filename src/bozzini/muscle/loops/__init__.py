@@ -1,21 +1,5 @@
 """Recorded loops: from time, pressure and contraction or force to an operator that is carried."""
 
-from __future__ import annotations
+import lazy_loader
 
-from .fit import LoopFit, LoopFitOptions, fit_loop
-from .model import OPERATORS, Compensation, LoopModel, load_loop_model, save_loop_model
-from .record import LoopRecord, LoopSamples, read_loop
-
-__all__ = [
-    "OPERATORS",
-    "Compensation",
-    "LoopFit",
-    "LoopFitOptions",
-    "LoopModel",
-    "LoopRecord",
-    "LoopSamples",
-    "fit_loop",
-    "load_loop_model",
-    "read_loop",
-    "save_loop_model",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

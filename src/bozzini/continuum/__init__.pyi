@@ -1,0 +1,125 @@
+from .arc import ArcModel, arc_frames, bend_vectors, displacements_for, jacobian
+from .calibration import Marker, RobotCalibration
+from .contact import ContactModel, ContactOptions, ContactShape
+from .continuation import EquilibriumPath
+from .coupling import BendSolution, ParallelModel, check_displacements, coupling_matrix
+from .elastic import ElasticModel
+from .energy import EnergyModel
+from .fit import (
+    Estimate,
+    RobotFit,
+    RobotFitOptions,
+    RobotPrediction,
+    Validation,
+    fit_robot,
+    predict_points,
+)
+from .friction import FrictionState
+from .gradients import ShapeJacobian
+from .history import TendonHistory
+from .insertion import DriveTable, InsertionResult, insert_robot
+from .inverse import (
+    ContinuumInverse,
+    InverseOptions,
+    SectionResult,
+    solve_curve,
+    solve_pose,
+    solve_section,
+    solve_tip,
+)
+from .kinematics import ContinuumRobot
+from .linkage import LinkageModel
+from .loads import LineLoad, PackedLoads, PointLoad, pack_loads
+from .measured import RobotMeasurements, read_robot_measurements
+from .model import ContinuumModel
+from .models import CONTINUUM_MODELS
+from .robot import RobotDesign
+from .rod import RodModel
+from .section import Helix, Section, Tendon
+from .shape import Shape
+from .unknowns import RobotSetup, Unknown, parse_unknowns
+from .wire import Wire
+from .workspace import (
+    ContinuumWorkspace,
+    Dexterity,
+    DexterityMap,
+    Manipulability,
+    TendonTravel,
+    WorkspaceSample,
+    WorkspaceVolume,
+    manipulability,
+    measure_dexterity,
+    measure_workspace,
+    sample_workspace,
+)
+
+__all__ = [
+    "CONTINUUM_MODELS",
+    "ArcModel",
+    "BendSolution",
+    "ContactModel",
+    "ContactOptions",
+    "ContactShape",
+    "ContinuumInverse",
+    "ContinuumModel",
+    "ContinuumRobot",
+    "ContinuumWorkspace",
+    "Dexterity",
+    "DexterityMap",
+    "DriveTable",
+    "ElasticModel",
+    "EnergyModel",
+    "EquilibriumPath",
+    "FrictionState",
+    "Helix",
+    "InsertionResult",
+    "InverseOptions",
+    "LineLoad",
+    "LinkageModel",
+    "Manipulability",
+    "PackedLoads",
+    "ParallelModel",
+    "PointLoad",
+    "RobotDesign",
+    "RodModel",
+    "Section",
+    "SectionResult",
+    "Shape",
+    "ShapeJacobian",
+    "TendonHistory",
+    "Tendon",
+    "TendonTravel",
+    "Wire",
+    "WorkspaceSample",
+    "WorkspaceVolume",
+    "arc_frames",
+    "bend_vectors",
+    "check_displacements",
+    "coupling_matrix",
+    "displacements_for",
+    "insert_robot",
+    "jacobian",
+    "manipulability",
+    "measure_dexterity",
+    "measure_workspace",
+    "pack_loads",
+    "sample_workspace",
+    "solve_curve",
+    "solve_pose",
+    "solve_section",
+    "solve_tip",
+    "Estimate",
+    "RobotCalibration",
+    "RobotFit",
+    "RobotFitOptions",
+    "RobotPrediction",
+    "Validation",
+    "fit_robot",
+    "predict_points",
+    "Marker",
+    "RobotMeasurements",
+    "read_robot_measurements",
+    "RobotSetup",
+    "Unknown",
+    "parse_unknowns",
+]

@@ -1,0 +1,76 @@
+from .board import NativeBoard
+from .characterise import Characterisation, PictureHook, PlantGauge, characterise_muscle
+from .cosimulation import ControlBoard, Cosimulation, CosimulationRecord
+from .curves import PressureCurve, read_curve, take_curve
+from .demo import CircleRun, FaultResponses, StepResponses, run_circle, run_faults, run_steps
+from .emulate import emulate_rig, emulated_port, serve
+from .emulator import EmulatedBoard, EmulationError
+from .feedforward import Feedforward
+from .firmware import ToolchainError
+from .host import Host, HostRun, Replay, load_log, replay_log
+from .hysteresis import HysteresisCompensator, HystereticPlant
+from .identify import CurveFit, Identification, identify_fill, identify_leak
+from .link import Link, LockstepLink, SerialLink
+from .plant import FAULT_KINDS, Chamber, Fault, Plant, PlantDesign
+from .pneumatics import ATMOSPHERE, Orifice
+from .selftest import SelfTest, check_board
+from .stairs import Stairs
+from .steering import Steering
+from .stick import BoardStick, GamepadStick, ScriptedStick, StickSource, make_stick
+
+__all__ = [
+    "ATMOSPHERE",
+    "FAULT_KINDS",
+    "ControlBoard",
+    "BoardStick",
+    "Chamber",
+    "Characterisation",
+    "CircleRun",
+    "Cosimulation",
+    "CosimulationRecord",
+    "CurveFit",
+    "EmulatedBoard",
+    "EmulationError",
+    "Fault",
+    "FaultResponses",
+    "Feedforward",
+    "GamepadStick",
+    "Host",
+    "HostRun",
+    "HysteresisCompensator",
+    "HystereticPlant",
+    "Identification",
+    "Link",
+    "LockstepLink",
+    "NativeBoard",
+    "Orifice",
+    "PictureHook",
+    "Plant",
+    "PlantDesign",
+    "PlantGauge",
+    "PressureCurve",
+    "Replay",
+    "ScriptedStick",
+    "SelfTest",
+    "SerialLink",
+    "Stairs",
+    "Steering",
+    "StepResponses",
+    "StickSource",
+    "ToolchainError",
+    "characterise_muscle",
+    "check_board",
+    "emulate_rig",
+    "emulated_port",
+    "identify_fill",
+    "identify_leak",
+    "load_log",
+    "make_stick",
+    "read_curve",
+    "replay_log",
+    "run_circle",
+    "run_faults",
+    "run_steps",
+    "serve",
+    "take_curve",
+]

@@ -1,0 +1,13 @@
+from .page import Page, render_page, show
+from .scene import SceneInfo, SceneOptions, write_scene
+from .view import View
+
+__all__ = [
+    "Page",
+    "SceneInfo",
+    "SceneOptions",
+    "View",
+    "render_page",
+    "show",
+    "write_scene",
+]
