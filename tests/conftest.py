@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -49,6 +50,24 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> object:
             return "continuum" if "continuum" in nodeid else super()._split_scope(nodeid)
 
     return Scheduling(config, log)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def kernels_are_recorded() -> Iterator[None]:
+    """Find kernels and types that `doctor --compile` would leave out; `make kernels` adds them."""
+    from bozzini.numeric.signatures import RECORD, read_signatures
+    from tests.compiled import recording
+
+    with recording() as found:
+        yield
+    place = os.environ.get("BOZZINI_SIGNATURES")
+    if place:
+        rows = {name: sorted(signatures) for name, signatures in found.items()}
+        Path(place, f"{os.getpid()}.json").write_text(json.dumps(rows), encoding="utf-8")
+        return
+    listed = read_signatures()
+    lacking = {name for name in found if not found[name] <= set(listed.get(name, []))}
+    assert not lacking, f"{RECORD.name} lacks signatures of these, see `make kernels`: {lacking}"
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -13,7 +13,7 @@ import bozzini
 
 SOURCE = Path(bozzini.__file__).resolve().parent
 
-BASE = ("errors", "units", "checks", "numeric", "progress", "registry", "results", "io")
+BASE = ("errors", "units", "checks", "progress", "numeric", "registry", "results", "io")
 """Modules and packages that all may import; each may import those to its left."""
 
 MAY_IMPORT = {

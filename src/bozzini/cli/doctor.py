@@ -34,13 +34,23 @@ DEVELOPMENT = ("all", "dev", "docs")
 
 
 @click.command("doctor", cls=CheckedCommand)
-@answer_options(quiet=False)
-def command(answer: Answer) -> None:
+@click.option(
+    "--compile", is_flag=True, help="Compile all kernels now, on all cores, and keep them."
+)
+@answer_options()
+def command(compile: bool, answer: Answer) -> None:
     """Tell versions, extras, threads, compiled code and programs found, for a report of a fault.
+
+    Each kernel is compiled where it is first needed, and kept; --compile does that at once for all.
 
     Exit code 0: the core has all that it needs; 1: a package of it is missing or cannot be loaded,
     or compiled code cannot be kept.
     """
+    if compile:
+        from ..numeric.signatures import compile_kernels
+
+        with answer.show_progress() as progress:
+            compile_kernels(progress=progress)
     found = examine()
     answer.give(found, format_findings(found))
     if found["faults"] or not found["compiled_code"] or None in found["packages"].values():

@@ -25,6 +25,7 @@ from click.exceptions import Abort, Exit
 from .. import __version__
 from ..errors import BozziniError
 from ..io.inputs import keep_inputs
+from ..progress import announce_by
 from .common import ARGUMENTS, EXIT_BAD_INPUT, EXIT_DONE, add_typed, write_json
 
 if TYPE_CHECKING:
@@ -152,6 +153,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 128 + stop.signal
 
 
+def _show_note(text: str) -> None:
+    from tqdm import tqdm
+
+    tqdm.write(f"bozzini: note: {text}", file=sys.stderr)  # above a bar that is shown
+
+
 class _Terminated(BaseException):
     """The process received a signal to end; what is unfinished is removed first."""
 
@@ -240,6 +247,8 @@ class _Run:
 
     def invoke(self, arguments: list[str]) -> int:
         self._note_cache(arguments)
+        quiet = not {"-q", "--quiet", "--json"}.isdisjoint(arguments)
+        announce_by(None if quiet else _show_note)
         try:
             result = self._call(arguments)
             sys.stdout.flush()

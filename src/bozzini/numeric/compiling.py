@@ -9,8 +9,8 @@ from __future__ import annotations
 import functools
 import gc
 import time
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any, Literal
 
 from numba import njit, types
 from numba.core import event
@@ -22,14 +22,30 @@ LONG = 2.0
 """Seconds of compiling from which on the user is told."""
 
 
-def kernel(function: Callable[..., Any] | None = None, **options: Any) -> Any:
-    """Compile a function on its first call; as a decorator, with the options of `numba.njit`."""
+def kernel(
+    function: Callable[..., object] | None = None,
+    *,
+    error_model: Literal["python", "numpy"] = "python",
+    inline: Literal["never", "always"] = "never",
+    nogil: bool = False,
+    parallel: bool = False,
+) -> Any:
+    """Compile a function on its first call; as a decorator, with these options of `numba.njit`."""
     if function is None:
-        return functools.partial(kernel, **options)
-    compiled: Any = njit(cache=True, **options)(function)
+        return functools.partial(
+            kernel, error_model=error_model, inline=inline, nogil=nogil, parallel=parallel
+        )
+    compiled = njit(
+        function,
+        cache=True,
+        error_model=error_model,
+        inline=inline,
+        nogil=nogil,
+        parallel=parallel,
+    )
     save = compiled._cache.save_overload
 
-    def save_if_possible(signature: Any, data: Any) -> None:
+    def save_if_possible(signature: object, data: object) -> None:
         try:
             save(signature, data)
         except OSError as error:
@@ -38,7 +54,7 @@ def kernel(function: Callable[..., Any] | None = None, **options: Any) -> Any:
     compiled._cache.save_overload = save_if_possible
     choose = compiled.get_call_template
 
-    def choose_any_value(args: Any, kws: Any) -> Any:
+    def choose_any_value(args: Iterable[types.Type], kws: Mapping[str, types.Type]) -> object:
         # Numba compiles anew for a number that stands in the call: 0 is another type than n.
         plain = {name: types.unliteral(kind) for name, kind in kws.items()}
         return choose([types.unliteral(kind) for kind in args], plain)
@@ -86,10 +102,10 @@ def _forgive_lost_classes() -> None:
     Numba's index of a function lists its signatures; one with a packed duct of another package
     could otherwise not be read without that package, nor could any of ours beside it.
     """
-    load: Any = IndexDataCacheFile._load_index
+    load: Callable[[IndexDataCacheFile], object] = IndexDataCacheFile._load_index
 
     @functools.wraps(load)
-    def load_index(self: Any) -> Any:
+    def load_index(self: IndexDataCacheFile) -> object:
         try:
             return load(self)
         except (ImportError, AttributeError):

@@ -1,0 +1,39 @@
+"""Which kernels Bozzini calls from Python, with what types: `doctor --compile` has to know all."""
+
+from __future__ import annotations
+
+import sys
+from collections import defaultdict
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from typing import Any
+
+from numba.core.dispatcher import Dispatcher
+
+from bozzini.numeric.signatures import name_kernel, write_type
+
+Signatures = dict[str, set[str]]
+
+
+@contextmanager
+def recording() -> Iterator[Signatures]:
+    """Give the signatures of kernels, filled while Bozzini's own code calls them."""
+    found: Signatures = defaultdict(set)
+    load: Any = Dispatcher._compile_for_args
+
+    def load_and_record(kernel: Any, *args: Any, **options: Any) -> Any:
+        caller = sys._getframe(1).f_globals["__name__"]
+        before = set(kernel.overloads)
+        answer = load(kernel, *args, **options)
+        if caller.startswith("bozzini.") and kernel.py_func.__module__.startswith("bozzini."):
+            for kinds in set(kernel.overloads) - before:
+                with suppress(ValueError):  # ducts of the tests' own
+                    listed = "".join(f"{write_type(kind)}, " for kind in kinds)
+                    found[name_kernel(kernel)].add(f"({listed})")
+        return answer
+
+    Dispatcher._compile_for_args = load_and_record
+    try:
+        yield found
+    finally:
+        Dispatcher._compile_for_args = load
