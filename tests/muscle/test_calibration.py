@@ -370,6 +370,28 @@ def test_rules_before_the_fit():
         assert (len(never), len(doubts)) == counts, free
 
 
+@pytest.mark.parametrize(
+    ("model", "free", "lost"),
+    [
+        (EnergyMuscle, ("modulus", "dead_length"), "modulus and dead_length have"),
+        (EnergyMuscle, ("modulus", "braid_angle"), "modulus has"),
+        (MODELS["tondu-lopez"], ("kappa1", "kappa2"), "kappa1 and kappa2 have"),
+    ],
+)
+def test_constants_that_the_rows_do_not_touch_are_not_fitted(model, free, lost):
+    """Of a blocked muscle whose tube touches the braid."""
+    data = block()
+    muscle = TRUTH.replace(gap=0.0)
+    with pytest.raises(InputError, match=f"^{lost} no effect at these rows"):
+        calibrate(model, muscle, data=data, free=free)
+    fit = calibrate(model, muscle, data=data, free=free, options=FitOptions(force=True))
+    for name in lost.split()[:-1:2]:
+        assert any(text.startswith(f"{name} has no effect") for text in fit.warnings)
+        assert math.isinf(fit.standard_errors[name])
+    assert "not determined" in fit.format_table() and not fit.trusted
+    assert np.isfinite(fit.covariance).all()
+
+
 def test_too_few_rows_and_rows_that_no_muscle_holds():
     two = Measurements(pressure=[0.4, 0.6], contraction=[7.0, 8.0])
     with pytest.raises(InputError, match="2 row"):

@@ -853,7 +853,10 @@ class Calibration(Result):
             if unit == "rad":  # people read angles in degrees
                 values, unit = [math.degrees(value) for value in values], "deg"
             value, low, high = values
-            lines.append(f"{name:<{wide}}{value:10.4g} {unit:<4} 95 %: {low:.4g} to {high:.4g}")
+            interval = (
+                f"95 %: {low:.4g} to {high:.4g}" if math.isfinite(high - low) else "not determined"
+            )
+            lines.append(f"{name:<{wide}}{value:10.4g} {unit:<4} {interval}")
         lines.append(self.interval_rule)
         lines.append(
             f"residuals {self.sigma:.3g} {self.unit}, condition {self.condition:.1f}; "
@@ -999,7 +1002,7 @@ def _find_best(
     if not problem.constants:
         if problem.task.response == "contraction" or len(problem.unknowns) == 1:
             _demand_answer(problem, begin)
-            _check_effect(problem.unknowns, problem.slope(begin))
+            _check_effect(problem.unknowns, _find_idle(problem.slope(begin)))
             return find_minimum(problem, begin), problem
         starts = find_starts(problem, linear=(), seed=options.seed, count=2)
         return find_constants([problem, *starts])
@@ -1019,10 +1022,17 @@ def _demand_answer(problem: Problem, point: NDArray[np.float64]) -> None:
     raise InputError(reason or "the model has no answer for any row")
 
 
-def _check_effect(names: Sequence[str], jacobian: NDArray[np.float64]) -> None:
-    for name, column in zip(names, np.asarray(jacobian).T, strict=True):
-        if not np.abs(column).max() > 1e-9:
-            raise InputError(f"{name} has no effect at these rows: it cannot be fitted")
+def _find_idle(jacobian: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return which unknowns have no effect, by derivatives (n, k) in their scales."""
+    return np.asarray(~(np.abs(jacobian).max(axis=0) > 1e-9))
+
+
+def _check_effect(names: Sequence[str], idle: NDArray[np.bool_]) -> None:
+    if idle.any():
+        lost = [name for name, none in zip(names, idle, strict=True) if none]
+        what = "it cannot be fitted" if len(lost) == 1 else "they cannot be fitted"
+        verb = "has" if len(lost) == 1 else "have"
+        raise InputError(f"{' and '.join(lost)} {verb} no effect at these rows: {what}")
 
 
 def _explain_end(status: int) -> str:
@@ -1082,7 +1092,12 @@ def conclude(
     squares = float(weighted @ weighted)
     freedom = rows - count
     sigma = float(np.sqrt(residuals @ residuals / freedom))
-    jacobian = np.where(answered[:, None], np.asarray(found.jac), 0.0) / problem.scales
+    scaled = np.where(answered[:, None], np.asarray(found.jac), 0.0)
+    idle = _find_idle(scaled)
+    own = np.array([name not in END_FIELDS for name in problem.names])
+    if (idle & own).any() and not options.force:  # where the search began as well as where it ended
+        _check_effect(unknowns, idle & own & _find_idle(problem.slope(problem.choose_start())))
+    jacobian = scaled / problem.scales
     known_by = determine(jacobian)
     correlations, condition = known_by.correlations, known_by.condition
     blocks = _make_blocks(task)
@@ -1099,7 +1114,7 @@ def conclude(
         covariance = np.atleast_2d(np.cov(np.array(drawn), rowvar=False))
         spread = dataclasses.replace(spread, covariance=covariance)
     covariance, deviations = spread.covariance, spread.deviations
-    spreads = dict(zip(unknowns, deviations.tolist(), strict=True))
+    spreads = dict(zip(unknowns, np.where(idle, np.inf, deviations).tolist(), strict=True))
     scales = np.maximum(deviations, 1e-150)
     shown = np.clip(covariance / np.outer(scales, scales), -1.0, 1.0)
     np.fill_diagonal(shown, 1.0)
@@ -1113,10 +1128,8 @@ def conclude(
     ]
     lost = [
         f"{label} has no effect at these rows: its value means nothing"
-        for label, name, column in zip(
-            unknowns, problem.names, np.asarray(found.jac).T, strict=True
-        )
-        if name in END_FIELDS and not np.abs(column).max() > 1e-9
+        for label, none in zip(unknowns, idle, strict=True)
+        if none
     ]
     gaps = []
     if not answered.all():
