@@ -57,6 +57,8 @@ HALF = 0.5
 """Weight of a coordinate below which its row is reported."""
 LEAST_SCATTER_MM = 1e-4
 """Scatter below which all misfits count alike [mm]."""
+IDLE = 0.01
+"""Share of the scatter: a number that moves points by less, all over its range, has no effect."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -282,7 +284,8 @@ class RobotFit(Result):
         The best of fewer constants, where that predicts rows left out better by more than the
         blocks scatter (`Validation.beats`); None otherwise.
     undetermined : tuple of str
-        Sets of numbers that the data do not determine, a sentence each.
+        Sets of numbers that the data do not determine, a sentence each. One without any effect
+        stays where it was.
     warnings : tuple of str
         What the estimates suffer from.
     outliers : tuple of int
@@ -440,8 +443,10 @@ class RobotFit(Result):
             lines.append(f"{one.name:<{wide}}{value:11.4g} {unit:<7} {interval}")
         lines += [self.interval_rule] if self.interval_rule else []
         rows = len(self.prediction.seen_rows)
+        held = int(self.prediction.answered.sum())
+        share = "" if held == rows else f", {held} of {rows} with a converged shape,"
         lines.append(
-            f"fitted {rows} rows with {len(self.estimates)} constants: {self.rms:.3g} mm rms, "
+            f"fitted {rows} rows{share} with {len(self.estimates)} constants: {self.rms:.3g} mm rms, "
             f"{self.prediction.median:.3g} mm median"
         )
         if self.outliers:
@@ -580,6 +585,31 @@ def _search_all(search: _Search) -> tuple[_Found, _Search]:
     return dataclasses.replace(found, evaluations=evaluations), robust
 
 
+def _leave_idle(search: _Search, found: _Found) -> _Found:
+    """Return the fit with numbers that have no effect where they began, their derivatives 0.
+
+    Such derivatives are round-off of the model: they would be scaled to length 1.
+    """
+    low, high, begin = search.limits
+    width = np.where(np.isfinite(high - low), 0.5 * (high - low), search.observation.data.span)
+    scatter = float(np.sqrt(np.mean(search.miss(found.observed) ** 2)))
+    least = max(IDLE * scatter, LEAST_SCATTER_MM)
+    moved = width * np.sqrt(np.mean(found.jacobian**2, axis=0))
+    idle = moved <= least
+    if not idle.any():
+        return found
+    changes = np.where(idle, begin, found.changes)
+    observed = search.observation.change(search.unknowns, changes)
+    both = observed.answered & found.observed.answered
+    apart = (observed.points - found.observed.points)[search.seen & both[:, None, None]]
+    if np.linalg.norm(apart) > least * np.sqrt(
+        apart.size
+    ):  # it acts elsewhere than where the search ended
+        return found
+    jacobian = np.where(idle, 0.0, found.jacobian)
+    return dataclasses.replace(found, changes=changes, observed=observed, jacobian=jacobian)
+
+
 def _find_outliers(search: _Search, found: _Found) -> tuple[int, ...]:
     """Return the rows of the data with a coordinate of less than half weight."""
     weight, _ = _weigh(search.miss(found.observed) / search.scale, search.loss)
@@ -662,6 +692,7 @@ def fit_robot(
     progress("fitting", 0.1)
     search = _Search(observation, unknowns, options.loss)
     found, search = _search_all(search)
+    found = _leave_idle(search, found) if unknowns else found
 
     def leave_out(done: float) -> None:
         progress("leaving out blocks", 0.5 + 0.3 * done)
