@@ -446,8 +446,8 @@ class RobotFit(Result):
         held = int(self.prediction.answered.sum())
         share = "" if held == rows else f", {held} of {rows} with a converged shape,"
         lines.append(
-            f"fitted {rows} rows{share} with {len(self.estimates)} constants: {self.rms:.3g} mm rms, "
-            f"{self.prediction.median:.3g} mm median"
+            f"fitted {rows} rows{share} with {len(self.estimates)} constants: {self.rms:.3g} mm "
+            f"rms, {self.prediction.median:.3g} mm median"
         )
         if self.outliers:
             lines.append(
