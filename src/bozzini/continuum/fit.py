@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from ..checks import check_integer, check_kind, check_word
+from ..checks import check_integer, check_kind, check_word, show_apart
 from ..errors import BozziniError, InputError
 from ..numeric.estimation import (
     Spread,
@@ -436,11 +436,10 @@ class RobotFit(Result):
             if unit == "rad":
                 values, unit = [math.degrees(value) for value in values], "deg"
             unit = unit or ("times" if one.change == "factor" else "")
-            value, low, high = values
-            interval = f"95 %: {low:.4g} to {high:.4g}" if math.isfinite(high - low) else (
-                "not determined"
-            )  # fmt: skip
-            lines.append(f"{one.name:<{wide}}{value:11.4g} {unit:<7} {interval}")
+            value, low, high = show_apart(*values, digits=4)
+            determined = math.isfinite(values[2] - values[1])
+            interval = f"95 %: {low} to {high}" if determined else "not determined"
+            lines.append(f"{one.name:<{wide}}{value:>11} {unit:<7} {interval}")
         lines += [self.interval_rule] if self.interval_rule else []
         rows = len(self.prediction.seen_rows)
         held = int(self.prediction.answered.sum())

@@ -277,6 +277,9 @@ def _judge(search: tuple[OptimizeResult, Problem]) -> float:
     return problem.measure_cost(found.x)
 
 
+MOST_RESAMPLES = 100_000
+"""Largest number of resamples."""
+
 OUT_OF_TIME = -3
 """Status of a search that used up its time."""
 
@@ -517,7 +520,8 @@ def choose_free(
     for name in names:
         if name not in ALL_UNITS and name not in own:
             why = "given, so it cannot be free" if name in known else "not known"
-            legal = ", ".join((*ALL_UNITS, *own))
+            unused = list_unused(model_class)
+            legal = ", ".join(one for one in (*ALL_UNITS, *own) if one not in unused)
             raise InputError(f"parameter '{name}' is {why}: use {legal}")
     for name in task.each:
         if name not in names:
@@ -597,7 +601,7 @@ class FitOptions:
         Processor time after which the search is stopped [s]; none by default.
     resamples : int
         How many times the fit is repeated with blocks of rows drawn anew, for the covariance; with
-        0, the default, it is the linearised one.
+        0, the default, it is the linearised one. At most `MOST_RESAMPLES`.
     """
 
     response: Response | None = None
@@ -615,7 +619,7 @@ class FitOptions:
         """Return what is fitted to what, checked."""
         _check_names("each", self.each)
         check_integer("seed", self.seed, low=0)
-        if check_integer("resamples", self.resamples, low=0) == 1:
+        if check_integer("resamples", self.resamples, low=0, high=MOST_RESAMPLES) == 1:
             raise InputError("resamples is 1: it must be 2 or more, or 0 for none")
         if self.budget is not None:
             check_number("budget", self.budget, low=0.0, unit="s")
@@ -771,7 +775,7 @@ class Calibration(Result):
                 key: float(values[row]) for key, values in self.task.data.geometry.items()
             }
         for index, name in enumerate(names):
-            own = [x for key, x in self.estimates.items() if key.startswith(f"{name}[")]
+            own = [x for key, x in self.estimates.items() if key.partition("[")[0] == name]
             if len(own) > 1:
                 covariance[index, index] += float(np.var(own, ddof=1)) * (1.0 + 1.0 / len(own))
             for specimen, known in specimens.items():
@@ -852,11 +856,9 @@ class Calibration(Result):
             values, unit = [self.estimates[name], *self.intervals[name]], self.units[name]
             if unit == "rad":  # people read angles in degrees
                 values, unit = [math.degrees(value) for value in values], "deg"
-            value, low, high = values
-            interval = (
-                f"95 %: {low:.4g} to {high:.4g}" if math.isfinite(high - low) else "not determined"
-            )
-            lines.append(f"{name:<{wide}}{value:10.4g} {unit:<4} {interval}")
+            value, low, high = show_apart(*values, digits=4)
+            interval = f"95 %: {low} to {high}" if math.isfinite(values[1]) else "not determined"
+            lines.append(f"{name:<{wide}}{value:>10} {unit:<4} {interval}")
         lines.append(self.interval_rule)
         lines.append(
             f"residuals {self.sigma:.3g} {self.unit}, condition {self.condition:.1f}; "
