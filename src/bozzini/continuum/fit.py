@@ -585,28 +585,26 @@ def _search_all(search: _Search) -> tuple[_Found, _Search]:
 
 
 def _leave_idle(search: _Search, found: _Found) -> _Found:
-    """Return the fit with numbers that have no effect where they began, their derivatives 0.
+    """Return the fit with numbers that have no effect as they were, their derivatives 0.
 
     Such derivatives are round-off of the model: they would be scaled to length 1.
     """
-    low, high, begin = search.limits
+    low, high, _ = search.limits
     width = np.where(np.isfinite(high - low), 0.5 * (high - low), search.observation.data.span)
     scatter = float(np.sqrt(np.mean(search.miss(found.observed) ** 2)))
     least = max(IDLE * scatter, LEAST_SCATTER_MM)
     moved = width * np.sqrt(np.mean(found.jacobian**2, axis=0))
-    idle = moved <= least
-    if not idle.any():
-        return found
-    changes = np.where(idle, begin, found.changes)
-    observed = search.observation.change(search.unknowns, changes)
-    both = observed.answered & found.observed.answered
-    apart = (observed.points - found.observed.points)[search.seen & both[:, None, None]]
-    if np.linalg.norm(apart) > least * np.sqrt(
-        apart.size
-    ):  # it acts elsewhere than where the search ended
-        return found
-    jacobian = np.where(idle, 0.0, found.jacobian)
-    return dataclasses.replace(found, changes=changes, observed=observed, jacobian=jacobian)
+    for index in np.flatnonzero(moved <= least):
+        changes, jacobian = found.changes.copy(), found.jacobian.copy()
+        changes[index], jacobian[:, index] = 0.0, 0.0
+        observed = search.observation.change(search.unknowns, changes)
+        both = observed.answered & found.observed.answered
+        apart = (observed.points - found.observed.points)[search.seen & both[:, None, None]]
+        if np.linalg.norm(apart) <= least * np.sqrt(apart.size):  # else it acts elsewhere
+            found = dataclasses.replace(
+                found, changes=changes, observed=observed, jacobian=jacobian
+            )
+    return found
 
 
 def _find_outliers(search: _Search, found: _Found) -> tuple[int, ...]:
