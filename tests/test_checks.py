@@ -249,6 +249,8 @@ def test_what_reads_apart_keeps_its_digits() -> None:
     assert show_apart(6.0, 6.0 - 1e-9) == ["6", "5.999999999"]
     assert show_apart(6.0, 6.0) == ["6", "6"]
     assert show_apart(math.inf, 6.0) == ["inf", "6"]
+    assert show_apart(-0.001, 0.0, digits=2, form="f") == ["-0.001", "0.000"]
+    assert show_apart(-0.0, 6.0, digits=2, form="f") == ["0.00", "6.00"]
     assert show_beside(6.0 + 1e-9, "it must lie in (0, 6] mm") == "6.000000001"
     with pytest.raises(InputError, match=r"^a\[1\] is 2\.0000001 mm: it must lie in \[0, 2\] mm$"):
         values = np.array([1.0, 2.0000001])

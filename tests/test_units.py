@@ -66,6 +66,16 @@ def test_known_conversions(text: str, kind: str, value: float) -> None:
     assert parse_quantity(text, kind) == pytest.approx(value, rel=1e-12)
 
 
+def test_capitals_are_read_where_they_are_nothing_else() -> None:
+    """Tables of CAD have capitals all through; M in a word of small letters is another thing."""
+    for unit in ("mm", "cm", "km"):
+        small, large = (parse_quantity(f"0.5 {one}", "length") for one in (unit, unit.upper()))
+        assert small == large
+        mixed = unit[0] + "M"
+        with pytest.raises(UnitError, match=f"unknown unit '{mixed}'.*is it {unit}[?]"):
+            parse_quantity(f"0.5 {mixed}", "length")
+
+
 numbers = st.floats(-1e5, 1e5).filter(lambda x: x == 0 or abs(x) > 1e-12)
 
 

@@ -39,7 +39,7 @@ def show_apart(value: float, *limits: float, digits: int = 6, form: str = "g") -
     numbers = [float(value), *map(float, limits)]
     while True:
         form = "g" if digits > _ALL_DIGITS else form
-        shown = [f"{number:.{digits}{form}}" for number in numbers]
+        shown = [f"{number:z.{digits}{form}}" for number in numbers]  # no "-0.00" beside 0.00
         pairs = zip(shown[1:], numbers[1:], strict=True)
         if digits > _ALL_DIGITS or not any(
             text == shown[0] and number != numbers[0] for text, number in pairs

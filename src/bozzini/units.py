@@ -149,9 +149,11 @@ _OTHERS: Mapping[str, tuple[str, Factor]] = {
     "arcmin": ("angle", _DEGREE / 60.0),
     "arcsec": ("angle", _DEGREE / 3600.0),
 }
-_WITH_PREFIX = ("mm", "cm", "kN", "kgf", "kg", "kPa", "hPa", "kHz", "Hz", "bar", "rad")
+_WITH_PREFIX = ("mm", "cm", "km", "kN", "kgf", "kg", "kPa", "hPa", "kHz", "Hz", "bar", "rad")
 _ANY_CASE = {name.lower(): name for name in (*_WITH_PREFIX, *_OTHERS)}
 """Units that mean the same in capitals; of MPa and mPa, for example, the capital decides."""
+_MIXED = ("mM", "cM", "kM")
+"""Such words are neither lengths nor capitals all through, as MM is in a table of capitals."""
 
 _ALSO = {"curvature": ("1/mm",)}
 """Units of a kind whose dimensions are others than those of its own unit."""
@@ -223,7 +225,7 @@ def _find_word(word: str) -> _Unit:
         long, found, rest = low.partition(name)
         if found and rest in ("", "s") and long in _LONG_PREFIXES:
             return _find_word(_LONG_PREFIXES[long] + short)
-    if _ANY_CASE.get(low, word) == word:
+    if _ANY_CASE.get(low, word) == word or word in _MIXED:
         raise _NoUnitError
     return _find_word(_ANY_CASE[low])
 
@@ -274,6 +276,10 @@ def parse_quantity(text: str | float, kind: str) -> float:
 
     A bare number is taken in the internal unit. As text, an angle beyond a full turn needs its
     unit: it is mostly meant in degrees.
+
+    Units in capitals all through are read where they can be nothing else, as tables of CAD have
+    them: MM, CM, KM and KPA are mm, cm, km and kPa. A capital that means another thing is not
+    corrected: Mm is a million metres, and mM, cM, kM, MPA and mPa are refused.
 
     Parameters
     ----------
@@ -397,7 +403,8 @@ def _find_factor(given: str, kind: str, text: str, hint: str, *, weighs: bool = 
         shown = f"{text[:60]}..." if len(text) > 63 else text
         if str(error):
             raise UnitError(f"'{shown}' {error}: {hint}") from None
-        more = "; is it MPa?" if unit.lower() == "mpa" else ""
+        meant = unit.lower() if unit in _MIXED else "MPa" if unit.lower() == "mpa" else ""
+        more = f"; is it {meant}?" if meant else ""
         raise UnitError(f"unknown unit '{unit}' in '{shown}'{more}: {hint}") from None
     if unit == "mPa" and kind == "pressure":
         raise UnitError(f"'{text}' is in thousandths of a Pa: write MPa or kPa; {hint}")

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import json
+import math
+import re
 import signal
 import subprocess
 import sys
@@ -77,6 +80,36 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def fit(*words: str, json_: bool = True) -> int:
     return main(["continuum", "fit", *words, *(["--json"] if json_ else [])])
+
+
+@pytest.mark.parametrize("more", ["", ",commands.scale"])
+def test_a_number_without_effect_stays_and_is_named(folder, capsys, more):
+    """An arc's shape does not ask for its stiffness: the derivatives are round-off."""
+    name = "sections.1.bending_stiffness"
+    options = ("--model", "arc", "--folds", "0", MARKER, "--free", name + more)
+    code = fit("robot.yaml", "rows.csv", "--out", "fitted.yaml", *options)
+    found = json.loads(capsys.readouterr().out)
+    assert code == 1 and found["converged"]
+    assert found["undetermined"] == [f"{name} has no effect at these rows: it is not determined"]
+    assert found["estimates"][name]["value"] == 500.0
+    assert all(found["estimates"][one]["standard_error"] for one in more.split(",")[1:])
+    section = ContinuumRobot.from_yaml("fitted.yaml").sections[0]
+    assert section.bending_stiffness == 500.0
+
+
+def test_rows_without_a_converged_shape_are_counted_apart(folder, capsys):
+    """The tendons of an arc cannot stretch: pulled all at once they have no shape."""
+    rows = (folder / "rows.csv").read_text(encoding="utf-8").splitlines()
+    rows[-1] = ",".join(["2", "2", "2", *rows[-1].split(",")[3:]])
+    (folder / "rows.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
+    robot = make_robot()
+    tendons = tuple(dataclasses.replace(one, stiffness=math.inf) for one in robot.tendons)
+    section = dataclasses.replace(robot.sections[0], tendons=tendons)
+    ContinuumRobot((section,)).to_yaml("rigid.yaml")
+    fit("rigid.yaml", "rows.csv", "--model", "arc", "--folds", "0", MARKER, json_=False)
+    out = capsys.readouterr().out
+    held = re.search(r"(\d+) of 16 rows have no converged shape", out)
+    assert held and f"fitted 16 rows, {16 - int(held[1])} of 16 with a converged shape" in out
 
 
 def test_a_fit_writes_a_robot_a_picture_and_a_table(

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from bozzini.motion import Scope
 from bozzini.motion.plan import write_record
-from bozzini.motion.refusal import REASON_CODES, Refusal, floor_mm
+from bozzini.motion.refusal import REASON_CODES, Refusal, floor_beside, floor_mm
 
 
 @given(st.floats(-50.0, 50.0))
@@ -21,6 +21,13 @@ def test_a_length_offered_is_rounded_down(value):
     assert written <= value + 1e-8
     assert value - written < 0.01 + 1e-8
     assert re.fullmatch(r"-?\d+\.\d\d", floor_mm(value))
+    for shown in (floor_beside(value, value + 1e-9), floor_beside(1e-9 * value, 1e-8)):
+        assert all(re.fullmatch(r"-?\d+\.\d+", one) for one in shown)
+
+
+def test_lengths_near_0_read_apart_as_numbers():
+    one, other = floor_beside(1e-9, 1e-8)
+    assert 0.0 <= float(one) <= 1e-9 and float(other) == 1e-8
 
 
 @given(radius=st.floats(0.5, 6.0), lack=st.floats(0.011, 3.0))

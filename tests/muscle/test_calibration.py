@@ -370,6 +370,56 @@ def test_rules_before_the_fit():
         assert (len(never), len(doubts)) == counts, free
 
 
+@pytest.mark.parametrize(
+    ("model", "free", "lost"),
+    [
+        (EnergyMuscle, ("modulus", "dead_length"), "modulus and dead_length have"),
+        (EnergyMuscle, ("modulus", "braid_angle"), "modulus has"),
+        (MODELS["tondu-lopez"], ("kappa1", "kappa2"), "kappa1 and kappa2 have"),
+    ],
+)
+def test_constants_that_the_rows_do_not_touch_are_not_fitted(model, free, lost):
+    """Of a blocked muscle whose tube touches the braid."""
+    data = block()
+    muscle = TRUTH.replace(gap=0.0)
+    with pytest.raises(InputError, match=f"^{lost} no effect at these rows"):
+        calibrate(model, muscle, data=data, free=free)
+    fit = calibrate(model, muscle, data=data, free=free, options=FitOptions(force=True))
+    for name in lost.split()[:-1:2]:
+        assert any(text.startswith(f"{name} has no effect") for text in fit.warnings)
+        assert math.isinf(fit.standard_errors[name])
+    assert "not determined" in fit.format_table() and not fit.trusted
+    assert np.isfinite(fit.covariance).all()
+
+
+def test_ends_of_an_interval_read_apart_from_the_value():
+    """A good fit has intervals of less than the fourth digit."""
+    fit = calibrate(EnergyMuscle, START, data=measure(noise=1e-6))
+    for line in fit.format_table().splitlines()[: len(fit.free)]:
+        _, value, _, _, _, low, _, high = line.split()
+        assert float(low) < float(value) < float(high)
+
+
+def test_what_one_muscle_has_of_its_own_has_a_plain_name():
+    options = FitOptions(each=("modulus",))
+    fit = calibrate(EnergyMuscle, START, data=measure(), free=["modulus"], options=options)
+    assert fit.free == ("modulus",)
+    shared = calibrate(EnergyMuscle, START, data=measure(), free=["modulus"])
+    assert fit.estimates["modulus"] == pytest.approx(shared.estimates["modulus"])
+    assert fit.to_file().fit.names == ("modulus",)
+
+
+def test_what_is_offered_has_an_effect_and_resamples_have_an_end():
+    model = functools.partial(MODELS["tondu-lopez"], kappa2=1.0)
+    with pytest.raises(InputError, match="'kappa2' is given") as caught:
+        calibrate(model, TRUTH, data=block(), free=["kappa2"])
+    offered = str(caught.value).partition(": use ")[2].split(", ")
+    assert "kappa1" in offered and "braid_angle" in offered
+    assert not {"inner_radius", "modulus", "kappa2"} & {*offered}
+    with pytest.raises(InputError, match=r"resamples is 100000000: .*\[0, 100000\]"):
+        calibrate(EnergyMuscle, TRUTH, data=block(), options=FitOptions(resamples=10**8))
+
+
 def test_too_few_rows_and_rows_that_no_muscle_holds():
     two = Measurements(pressure=[0.4, 0.6], contraction=[7.0, 8.0])
     with pytest.raises(InputError, match="2 row"):

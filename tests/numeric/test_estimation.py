@@ -7,7 +7,14 @@ import pytest
 from scipy.stats import t as student
 
 from bozzini.muscle.terms import fit_creep
-from bozzini.numeric.estimation import Blocks, determine, make_blocks, measure_spread
+from bozzini.numeric.estimation import (
+    CONDITION_LIMIT,
+    Blocks,
+    describe_lost,
+    determine,
+    make_blocks,
+    measure_spread,
+)
 
 DRAWS = 400
 TOLERANCE = 3.0 * np.sqrt(0.95 * 0.05 / DRAWS)
@@ -116,3 +123,13 @@ def test_what_one_block_alone_determines_has_no_interval_by_blocks():
     assert spread.covariance == pytest.approx(inverse * (rest @ rest) / 18.0)
     one = Blocks(np.zeros(20, dtype=np.int64), 0, "one")
     assert measure_spread(table, rest, one).freedom == 18
+
+
+def test_columns_without_effect_are_lost_even_if_all_are():
+    rest = np.random.default_rng(5).normal(size=20)
+    found = determine(np.zeros((20, 2)))
+    assert [text.split()[0] for text in describe_lost(["a", "b"], found)] == ["a", "b"]
+    assert found.condition > CONDITION_LIMIT
+    blocks = make_blocks([""] * 20)
+    assert (measure_spread(np.zeros((20, 2)), rest, blocks, lost=True).deviations > 1e6).all()
+    assert (measure_spread(np.zeros((20, 2)), rest, blocks).deviations == 0.0).all()

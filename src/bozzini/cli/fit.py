@@ -224,8 +224,8 @@ def command(
     Blocks of rows are left out in turn and predicted. Whether fewer constants predict them better
     is reported, and what the data do not determine.
 
-    Exit code 0: fitted; 1: not converged, or poor: off by more than 5 % of the span of the points;
-    2: bad input.
+    Exit code 0: fitted; 1: not converged, not determined, or poor: off by more than 5 % of the span
+    of the points; 2: bad input.
     """
     from ..continuum import ContinuumRobot
     from ..continuum.fit import fit_robot
@@ -258,5 +258,5 @@ def command(
         write_figure(found.plot(), figure)
     result |= {"robot": found.robot.to_dict(), "file": answer.out, "figure": figure}
     answer.give(result, "\n".join(lines))
-    if not found.converged or found.is_poor:
+    if not found.converged or found.undetermined or found.is_poor:
         run_exit(EXIT_NEGATIVE)

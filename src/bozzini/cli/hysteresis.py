@@ -167,8 +167,9 @@ def fit_command(
     The error of a fit is that of the part of --hold-out; without one it is not known how well it
     predicts.
 
-    Exit code 0: fitted; 1: the search for the operator did not converge, or the fit is poor: off by
-    more than 10 % of the span, fitted or held out; 2: bad input.
+    Exit code 0: fitted; 1: the search for the operator did not converge, the record does not tell a
+    drift from it, or the fit is poor: off by more than 10 % of the span, fitted or held out; 2: bad
+    input.
     """
     from ..muscle.loops import fit_loop, save_loop_model
     from ..plot import write_figure
@@ -195,10 +196,12 @@ def fit_command(
         ),
     ]
     lines += [f"offset at the end of what was fitted {found.model.offset:.4g} {unit}"]
-    lines += [f"drift {found.drift:.4g} {unit}, {options.drift}"] if found.drift else []
+    doubtful = "drift" in found.undetermined
+    words = f"drift {found.drift:.4g} {unit}, {options.drift}"
+    lines += [words + (", not determined" if doubtful else "")] if found.drift else []
     lines += [str(path) for path in (answer.out, plot) if path is not None]
     answer.give(result, "\n".join(lines + ([] if found.converged else [found.reason])))
-    if not found.converged or found.is_poor:
+    if not found.converged or doubtful or found.is_poor:
         run_exit(EXIT_NEGATIVE)
 
 

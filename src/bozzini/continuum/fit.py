@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from ..checks import check_integer, check_kind, check_word
+from ..checks import check_integer, check_kind, check_word, show_apart
 from ..errors import BozziniError, InputError
 from ..numeric.estimation import (
     Spread,
@@ -57,6 +57,8 @@ HALF = 0.5
 """Weight of a coordinate below which its row is reported."""
 LEAST_SCATTER_MM = 1e-4
 """Scatter below which all misfits count alike [mm]."""
+IDLE = 0.01
+"""Share of the scatter: a number that moves points by less, all over its range, has no effect."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -282,7 +284,8 @@ class RobotFit(Result):
         The best of fewer constants, where that predicts rows left out better by more than the
         blocks scatter (`Validation.beats`); None otherwise.
     undetermined : tuple of str
-        Sets of numbers that the data do not determine, a sentence each.
+        Sets of numbers that the data do not determine, a sentence each. One without any effect
+        stays where it was.
     warnings : tuple of str
         What the estimates suffer from.
     outliers : tuple of int
@@ -433,16 +436,17 @@ class RobotFit(Result):
             if unit == "rad":
                 values, unit = [math.degrees(value) for value in values], "deg"
             unit = unit or ("times" if one.change == "factor" else "")
-            value, low, high = values
-            interval = f"95 %: {low:.4g} to {high:.4g}" if math.isfinite(high - low) else (
-                "not determined"
-            )  # fmt: skip
-            lines.append(f"{one.name:<{wide}}{value:11.4g} {unit:<7} {interval}")
+            value, low, high = show_apart(*values, digits=4)
+            determined = math.isfinite(values[2] - values[1])
+            interval = f"95 %: {low} to {high}" if determined else "not determined"
+            lines.append(f"{one.name:<{wide}}{value:>11} {unit:<7} {interval}")
         lines += [self.interval_rule] if self.interval_rule else []
         rows = len(self.prediction.seen_rows)
+        held = int(self.prediction.answered.sum())
+        share = "" if held == rows else f", {held} of {rows} with a converged shape,"
         lines.append(
-            f"fitted {rows} rows with {len(self.estimates)} constants: {self.rms:.3g} mm rms, "
-            f"{self.prediction.median:.3g} mm median"
+            f"fitted {rows} rows{share} with {len(self.estimates)} constants: {self.rms:.3g} mm "
+            f"rms, {self.prediction.median:.3g} mm median"
         )
         if self.outliers:
             lines.append(
@@ -580,6 +584,29 @@ def _search_all(search: _Search) -> tuple[_Found, _Search]:
     return dataclasses.replace(found, evaluations=evaluations), robust
 
 
+def _leave_idle(search: _Search, found: _Found) -> _Found:
+    """Return the fit with numbers that have no effect as they were, their derivatives 0.
+
+    Such derivatives are round-off of the model: they would be scaled to length 1.
+    """
+    low, high, _ = search.limits
+    width = np.where(np.isfinite(high - low), 0.5 * (high - low), search.observation.data.span)
+    scatter = float(np.sqrt(np.mean(search.miss(found.observed) ** 2)))
+    least = max(IDLE * scatter, LEAST_SCATTER_MM)
+    moved = width * np.sqrt(np.mean(found.jacobian**2, axis=0))
+    for index in np.flatnonzero(moved <= least):
+        changes, jacobian = found.changes.copy(), found.jacobian.copy()
+        changes[index], jacobian[:, index] = 0.0, 0.0
+        observed = search.observation.change(search.unknowns, changes)
+        both = observed.answered & found.observed.answered
+        apart = (observed.points - found.observed.points)[search.seen & both[:, None, None]]
+        if np.linalg.norm(apart) <= least * np.sqrt(apart.size):  # else it acts elsewhere
+            found = dataclasses.replace(
+                found, changes=changes, observed=observed, jacobian=jacobian
+            )
+    return found
+
+
 def _find_outliers(search: _Search, found: _Found) -> tuple[int, ...]:
     """Return the rows of the data with a coordinate of less than half weight."""
     weight, _ = _weigh(search.miss(found.observed) / search.scale, search.loss)
@@ -662,6 +689,7 @@ def fit_robot(
     progress("fitting", 0.1)
     search = _Search(observation, unknowns, options.loss)
     found, search = _search_all(search)
+    found = _leave_idle(search, found) if unknowns else found
 
     def leave_out(done: float) -> None:
         progress("leaving out blocks", 0.5 + 0.3 * done)

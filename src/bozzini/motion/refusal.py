@@ -40,7 +40,8 @@ def floor_beside(value: float, other: float) -> tuple[str, str]:
     """Write a length rounded down, and another with as many decimals: so many that they differ."""
     for digits in range(2, 12):
         unit = Decimal(1).scaleb(-digits)
-        shown = str(Decimal(value).quantize(unit, rounding=ROUND_FLOOR)), f"{other:.{digits}f}"
+        floor = Decimal(value).quantize(unit, rounding=ROUND_FLOOR)
+        shown = f"{floor:f}", f"{other:z.{digits}f}"
         if shown[0] != shown[1] or value == other:
             break
     return shown

@@ -277,6 +277,9 @@ def _judge(search: tuple[OptimizeResult, Problem]) -> float:
     return problem.measure_cost(found.x)
 
 
+MOST_RESAMPLES = 100_000
+"""Largest number of resamples."""
+
 OUT_OF_TIME = -3
 """Status of a search that used up its time."""
 
@@ -517,7 +520,8 @@ def choose_free(
     for name in names:
         if name not in ALL_UNITS and name not in own:
             why = "given, so it cannot be free" if name in known else "not known"
-            legal = ", ".join((*ALL_UNITS, *own))
+            unused = list_unused(model_class)
+            legal = ", ".join(one for one in (*ALL_UNITS, *own) if one not in unused)
             raise InputError(f"parameter '{name}' is {why}: use {legal}")
     for name in task.each:
         if name not in names:
@@ -597,7 +601,7 @@ class FitOptions:
         Processor time after which the search is stopped [s]; none by default.
     resamples : int
         How many times the fit is repeated with blocks of rows drawn anew, for the covariance; with
-        0, the default, it is the linearised one.
+        0, the default, it is the linearised one. At most `MOST_RESAMPLES`.
     """
 
     response: Response | None = None
@@ -615,7 +619,7 @@ class FitOptions:
         """Return what is fitted to what, checked."""
         _check_names("each", self.each)
         check_integer("seed", self.seed, low=0)
-        if check_integer("resamples", self.resamples, low=0) == 1:
+        if check_integer("resamples", self.resamples, low=0, high=MOST_RESAMPLES) == 1:
             raise InputError("resamples is 1: it must be 2 or more, or 0 for none")
         if self.budget is not None:
             check_number("budget", self.budget, low=0.0, unit="s")
@@ -771,7 +775,7 @@ class Calibration(Result):
                 key: float(values[row]) for key, values in self.task.data.geometry.items()
             }
         for index, name in enumerate(names):
-            own = [x for key, x in self.estimates.items() if key.startswith(f"{name}[")]
+            own = [x for key, x in self.estimates.items() if key.partition("[")[0] == name]
             if len(own) > 1:
                 covariance[index, index] += float(np.var(own, ddof=1)) * (1.0 + 1.0 / len(own))
             for specimen, known in specimens.items():
@@ -852,8 +856,9 @@ class Calibration(Result):
             values, unit = [self.estimates[name], *self.intervals[name]], self.units[name]
             if unit == "rad":  # people read angles in degrees
                 values, unit = [math.degrees(value) for value in values], "deg"
-            value, low, high = values
-            lines.append(f"{name:<{wide}}{value:10.4g} {unit:<4} 95 %: {low:.4g} to {high:.4g}")
+            value, low, high = show_apart(*values, digits=4)
+            interval = f"95 %: {low} to {high}" if math.isfinite(values[1]) else "not determined"
+            lines.append(f"{name:<{wide}}{value:>10} {unit:<4} {interval}")
         lines.append(self.interval_rule)
         lines.append(
             f"residuals {self.sigma:.3g} {self.unit}, condition {self.condition:.1f}; "
@@ -999,7 +1004,7 @@ def _find_best(
     if not problem.constants:
         if problem.task.response == "contraction" or len(problem.unknowns) == 1:
             _demand_answer(problem, begin)
-            _check_effect(problem.unknowns, problem.slope(begin))
+            _check_effect(problem.unknowns, _find_idle(problem.slope(begin)))
             return find_minimum(problem, begin), problem
         starts = find_starts(problem, linear=(), seed=options.seed, count=2)
         return find_constants([problem, *starts])
@@ -1019,10 +1024,17 @@ def _demand_answer(problem: Problem, point: NDArray[np.float64]) -> None:
     raise InputError(reason or "the model has no answer for any row")
 
 
-def _check_effect(names: Sequence[str], jacobian: NDArray[np.float64]) -> None:
-    for name, column in zip(names, np.asarray(jacobian).T, strict=True):
-        if not np.abs(column).max() > 1e-9:
-            raise InputError(f"{name} has no effect at these rows: it cannot be fitted")
+def _find_idle(jacobian: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return which unknowns have no effect, by derivatives (n, k) in their scales."""
+    return np.asarray(~(np.abs(jacobian).max(axis=0) > 1e-9))
+
+
+def _check_effect(names: Sequence[str], idle: NDArray[np.bool_]) -> None:
+    if idle.any():
+        lost = [name for name, none in zip(names, idle, strict=True) if none]
+        what = "it cannot be fitted" if len(lost) == 1 else "they cannot be fitted"
+        verb = "has" if len(lost) == 1 else "have"
+        raise InputError(f"{' and '.join(lost)} {verb} no effect at these rows: {what}")
 
 
 def _explain_end(status: int) -> str:
@@ -1082,7 +1094,12 @@ def conclude(
     squares = float(weighted @ weighted)
     freedom = rows - count
     sigma = float(np.sqrt(residuals @ residuals / freedom))
-    jacobian = np.where(answered[:, None], np.asarray(found.jac), 0.0) / problem.scales
+    scaled = np.where(answered[:, None], np.asarray(found.jac), 0.0)
+    idle = _find_idle(scaled)
+    own = np.array([name not in END_FIELDS for name in problem.names])
+    if (idle & own).any() and not options.force:  # where the search began as well as where it ended
+        _check_effect(unknowns, idle & own & _find_idle(problem.slope(problem.choose_start())))
+    jacobian = scaled / problem.scales
     known_by = determine(jacobian)
     correlations, condition = known_by.correlations, known_by.condition
     blocks = _make_blocks(task)
@@ -1099,7 +1116,7 @@ def conclude(
         covariance = np.atleast_2d(np.cov(np.array(drawn), rowvar=False))
         spread = dataclasses.replace(spread, covariance=covariance)
     covariance, deviations = spread.covariance, spread.deviations
-    spreads = dict(zip(unknowns, deviations.tolist(), strict=True))
+    spreads = dict(zip(unknowns, np.where(idle, np.inf, deviations).tolist(), strict=True))
     scales = np.maximum(deviations, 1e-150)
     shown = np.clip(covariance / np.outer(scales, scales), -1.0, 1.0)
     np.fill_diagonal(shown, 1.0)
@@ -1113,10 +1130,8 @@ def conclude(
     ]
     lost = [
         f"{label} has no effect at these rows: its value means nothing"
-        for label, name, column in zip(
-            unknowns, problem.names, np.asarray(found.jac).T, strict=True
-        )
-        if name in END_FIELDS and not np.abs(column).max() > 1e-9
+        for label, none in zip(unknowns, idle, strict=True)
+        if none
     ]
     gaps = []
     if not answered.all():

@@ -752,7 +752,7 @@ class Problem:
 
 def label_unknown(name: str, specimen: str) -> str:
     """Return the name of an unknown that each specimen has its own value of."""
-    return f"{name}[{specimen}]"
+    return f"{name}[{specimen}]" if specimen else name
 
 
 def assemble(

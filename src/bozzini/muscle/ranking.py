@@ -1067,7 +1067,7 @@ def _refit(unknowns: Unknowns, start: Mapping[str, float], task: Task, clock: Cl
     """Return the fit to all rows from a start alone."""
     problem = _make_problem(unknowns, task, start, clock)
     found = release(find_minimum(problem, problem.choose_start()), problem)
-    return conclude(problem, found, held={}, options=FitOptions())
+    return conclude(problem, found, held={}, options=FitOptions(force=True))
 
 
 def _validate(

@@ -32,7 +32,7 @@ CONDITION_LIMIT = 30.0
 CORRELATION_LIMIT = 0.98
 """Above this correlation of two parameters a warning is given."""
 LOST = 1e-3
-"""Singular value of the scaled Jacobian, as a share of the largest, that counts as none."""
+"""Singular value of the scaled Jacobian that counts as none: a share of the largest, 1 at least."""
 _LEAST = 1e-12  # length of a column, or a singular value, that stands for none
 
 
@@ -62,6 +62,11 @@ class Determination:
     basis: Floats
     lengths: Floats
 
+    @property
+    def kept(self) -> NDArray[np.bool_]:
+        """Which singular values determine something, (k,); columns without effect leave none."""
+        return np.asarray(self.singular >= LOST * max(self.singular[0], 1.0))
+
 
 def determine(jacobian: Floats) -> Determination:
     """Return how far a Jacobian (n, k), n at least k, determines its parameters."""
@@ -73,7 +78,7 @@ def determine(jacobian: Floats) -> Determination:
     return Determination(
         inverse=inverse / np.outer(length, length),
         correlations=np.clip(inverse / np.outer(spread, spread), -1.0, 1.0),
-        condition=float(singular[0] / singular[-1]),
+        condition=float(max(singular[0], 1.0) / singular[-1]),
         singular=singular,
         basis=basis,
         lengths=length,
@@ -196,7 +201,7 @@ def measure_spread(
     weight, rate = (np.ones(len(misfit)),) * 2 if weights is None else weights
     block = blocks.of_row if rows is None else blocks.of_row[rows]
     known = determine(jacobian * np.sqrt(rate)[:, None])
-    kept = known.singular >= LOST * known.singular[0]
+    kept = known.kept
     # In coordinates of which the normal matrix is the identity.
     back = known.basis[kept].T / known.singular[kept] / known.lengths[:, None]
     scores = jacobian @ back
@@ -206,7 +211,7 @@ def measure_spread(
     for part in parts if len(parts) > 1 else ():
         own = scores[part]
         left = np.eye(len(back.T)) - (own.T * rate[part]) @ own
-        if np.linalg.eigvalsh(left)[0] < ALONE:
+        if np.linalg.eigvalsh(left).min(initial=1.0) < ALONE:
             break
         changes.append(np.linalg.solve(left, own.T @ (weight * misfit)[part]))
     freedom = max(len(misfit) - jacobian.shape[1], 1)
@@ -227,7 +232,7 @@ def measure_spread(
 
 def find_lost(found: Determination) -> list[tuple[tuple[int, ...], int]]:
     """Return sets of parameters that are not determined, and how many of each set are."""
-    null = found.basis[found.singular < LOST * found.singular[0]]
+    null = found.basis[~found.kept]
     share = null.T @ null
     members = [int(i) for i in np.flatnonzero(np.diag(share) > 1e-2)]
     groups: list[list[int]] = []

@@ -116,3 +116,30 @@ def test_a_play_that_hardly_moves_is_named_and_left_out(kind):
     short = np.concatenate([[0.0, 10.0], np.tile([4.0, 6.0], 20)])
     fit = kind.identify(short, short, options=LoopOptions(skip=2))
     assert max(getattr(fit.operator, "plays", fit.operator).thresholds) < 1.0
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_pressure_that_never_turns_tells_neither_loops_nor_a_drift(sign):
+    """A rise, or a fall: time and pressure are one."""
+    time = np.linspace(0.0, 120.0, 61)
+    pressure = 1e-3 * (time if sign > 0.0 else 120.0 - time)
+    record = LoopRecord(time=time, pressure=pressure, response=50.0 * pressure)
+    fit = fit_loop(record, "prandtl-ishlinskii")
+    assert "drift" in fit.undetermined and "drift" in fit.to_dict()["undetermined"]
+    assert any("never turns" in one and "nor a drift" in one for one in fit.notes)
+    assert not any("no part of the operator" in one for one in fit.notes)
+    bare = fit_loop(record, "prandtl-ishlinskii", options=LoopFitOptions(drift="none"))
+    assert any("do not tell loops" in one for one in bare.notes)
+    assert "drift" not in bare.undetermined
+    whole = fit_loop(make_record(), "prandtl-ishlinskii")
+    assert whole.turns and "drift" not in whole.undetermined
+
+
+def test_the_command_ends_with_1_if_a_drift_is_not_told_from_the_operator(tmp_path, capsys):
+    table = tmp_path / "rise.csv"
+    rows = "".join(f"{2 * k},{2 * k},{0.1 * k}\n" for k in range(61))
+    table.write_text("time [s],pressure [kPa],contraction [mm]\n" + rows)
+    command = ["muscle", "hysteresis", "fit", str(table), "--operator", "prandtl-ishlinskii"]
+    assert main(command) == 1
+    assert "linear, not determined" in capsys.readouterr().out
+    assert main([*command, "--drift", "none"]) == 0

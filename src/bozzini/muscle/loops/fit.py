@@ -27,6 +27,7 @@ LOG_TIME = 1.0
 
 _ROUNDS = 8  # of the fit through a static model
 _SETTLED = 1e-3  # share of the error by which the last round may change it
+_TURN_SHARE = 0.05  # of the span of the pressure: less than that back is no turn
 _DRIFT_SHARE = 0.01  # of the span of the response: a drift above is worth a warning
 _FLAT_SHARE = 1e-3  # of the steepest: a static curve is taken to be at least so steep
 _FIRST_RATIO = 3.0  # times the error of the rest: the first rise is another then
@@ -135,6 +136,23 @@ class LoopFit(Result):
         """Whether the part held out, or that fitted, is missed by more than a tenth of the span."""
         return max(self.error, self.deviation) > _POOR_SHARE * self.span
 
+    @property
+    def turns(self) -> bool:
+        """Whether the pressure goes up and down over the samples fitted."""
+        pressure = self.samples.pressure[self.skipped : len(self.samples) - self.held_out]
+        fall = float((np.maximum.accumulate(pressure) - pressure).max())
+        rise = float((pressure - np.minimum.accumulate(pressure)).max())
+        return min(fall, rise) > _TURN_SHARE * float(np.ptp(pressure))
+
+    @property
+    def undetermined(self) -> tuple[str, ...]:
+        """Parameters of the operator that the samples do not determine, and such a drift.
+
+        On a pressure that never turns the plays make up any drift, and a drift any of them.
+        """
+        drift = () if self.turns or self.options.drift == "none" else ("drift",)
+        return (*self.fit.undetermined, *drift)
+
     def describe_error(self) -> str:
         """Return how many samples counted, and both errors beside each other."""
         unit, shares = (
@@ -198,7 +216,7 @@ class LoopFit(Result):
             f"offset_{unit}": self.model.offset,
             "drift": self.options.drift,
             f"drift_{unit}": self.drift,
-            "undetermined": self.fit.undetermined,
+            "undetermined": self.undetermined,
             "poor": self.is_poor,
             "converged": self.converged,
             "reason": self.reason,
@@ -415,7 +433,13 @@ def _judge(fit: LoopFit) -> LoopFit:
                 f"the first rise is missed by {rise:.3g} {unit} rms, the rest by {later:.3g}: the "
                 "muscle had not been at rest before the record"
             )
-    if fit.options.drift != "none" and abs(fit.drift) > _DRIFT_SHARE * fit.span:
+    if not fit.turns:
+        alike = "drift" in fit.undetermined
+        notes.append(
+            "the pressure never turns over the samples fitted: they do not tell loops"
+            + (", nor a drift from the operator: record a turn, or fit no drift" if alike else "")
+        )
+    elif fit.options.drift != "none" and abs(fit.drift) > _DRIFT_SHARE * fit.span:
         notes.append(
             f"a drift of {fit.drift:.3g} {unit} over the record, "
             f"{100.0 * abs(fit.drift) / fit.span:.1f} % of the span, {fit.options.drift} in time, "
@@ -433,7 +457,7 @@ def _judge(fit: LoopFit) -> LoopFit:
             f"{fit.error / fit.deviation:.3g} times what is fitted: the rms of the fit is no error "
             "of what it predicts"
         )
-    if lost := fit.fit.undetermined:
+    if lost := fit.fit.undetermined:  # of a drift it was said
         names = ", ".join(lost[:_MOST_NAMES])
         more = f" and {len(lost) - _MOST_NAMES} more" if len(lost) > _MOST_NAMES else ""
         notes.append(
