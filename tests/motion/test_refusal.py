@@ -10,9 +10,10 @@ from dataclasses import replace
 from hypothesis import given
 from hypothesis import strategies as st
 
+from bozzini.checks import floor_mm
 from bozzini.motion import Scope
 from bozzini.motion.plan import write_record
-from bozzini.motion.refusal import REASON_CODES, Refusal, floor_mm
+from bozzini.motion.refusal import REASON_CODES, Refusal
 
 
 @given(st.floats(-50.0, 50.0))

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_points
+from ..checks import ceil_mm, check_points
 from ..errors import GeometryError, InputError
 from ._version import check_version
 from .frame import check_frame, find_axis, measure_shift
@@ -445,7 +445,7 @@ def _check_shear(matrix: Matrix, size: NDArray[np.float64]) -> list[Finding]:
         return []
     message = (
         f"the voxel axes are not quite at right angles: taken as if they were, which moves the "
-        f"wall by up to {shift:.2g} mm"
+        f"wall by up to {ceil_mm(shift)} mm"
     )
     return [Finding("axes-squared", "note", message)]
 

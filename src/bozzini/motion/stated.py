@@ -7,6 +7,7 @@ from dataclasses import fields
 import numpy as np
 from numpy.typing import NDArray
 
+from ..checks import ceil_mm
 from ..duct.base import Duct
 from .measures import measure_angles, measure_step_ratio, summarise_field
 from .plan import ROUND_OFF_MM, Measures, Plan
@@ -77,7 +78,7 @@ def check_errors(plan: Plan) -> str | None:
         )
     total = stated.interpolation_error + stated.sampling_error
     _compare("field.clearance_error_mm", stated.clearance_error, total)
-    return f"clearances are estimated to within {total:.2f} mm, as stated"
+    return f"clearances are estimated to within {ceil_mm(total)} mm, as stated"
 
 
 def check_soft_wall(plan: Plan) -> str | None:
@@ -218,10 +219,11 @@ def compare_passage(plan: Plan, duct: Duct) -> str | None:
     for bound in bounds:
         if bound < passage.bound - STATED_ROUND_OFF_MM:
             raise FaultError(
-                f"the plan states that no way has more than {bound:.3f} mm: {passage.bound:.3f} mm "
+                f"the plan states that no way has more than {ceil_mm(bound, 3)} mm: "
+                f"{ceil_mm(passage.bound, 3)} mm "
                 f"is what is proved"
             )
-    return f"no way through has more than {passage.bound:.2f} mm, proved anew"
+    return f"no way through has more than {ceil_mm(passage.bound)} mm, proved anew"
 
 
 def compare_place(plan: Plan, worst: NDArray[np.float64]) -> None:

@@ -16,6 +16,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from ..checks import ceil_mm, floor_beside, floor_mm
 from ..duct.centreline import find_clear_path
 from ..numeric.polylines import measure_arc_length
 from ..progress import Progress, no_progress
@@ -24,7 +25,7 @@ from .measures import Crossing, find_crossing, measure_angles, measure_step_rati
 from .plan import CandidateMotion
 from .planner import Motion
 from .planners import PlannerOptions
-from .refusal import NEAR_MM, Bind, Refusal, floor_mm, needs_mm
+from .refusal import NEAR_MM, Bind, Refusal, needs_mm
 from .scope import Scope
 from .shape import Band, ShapedPath, cut_path, measure_folds
 from .space import FreeSpace
@@ -373,7 +374,7 @@ class Job:
         behind = max(proof.link - 1, 0) * self.scope.link_length
         what = (
             f"the clearance of link {proof.link}, {behind:g} mm behind the head, could not be "
-            f"proved farther (bound {proof.clearance:.2f} mm)"
+            f"proved farther (bound {floor_mm(proof.clearance)} mm)"
         )
         return Bind(code="CERTIFICATE_UNRESOLVED", what=what)
 
@@ -500,15 +501,15 @@ def explain_stop(job: Job) -> Refusal:
     if passage is not None:
         near_goal = line.length - at <= max(job.scope.diameter, 3.0)
         if passage.bound < radius and not (near_goal and goal < radius):
+            shown = floor_beside(radius, passage.bound)
             return Refusal(
                 code="NO_PASSAGE",
                 at=at,
                 needs=radius,
                 offers=passage.bound,
                 what=f"does not fit at {at:.1f} mm of the centreline: the scope needs "
-                f"{needs_mm(radius, passage.bound)} mm from its axis to the wall, and no way "
-                "through has more than "
-                f"{floor_mm(passage.bound)} mm (proved)",
+                f"{shown[0]} mm from its axis to the wall, and no way through has more than "
+                f"{shown[1]} mm (proved)",
             )
     if goal < radius + slack:
         return Refusal(
@@ -569,7 +570,8 @@ def _mention_grid(job: Job) -> str:
     """Return a remark where the grid, not the lumen, may be what is too narrow."""
     if job.passages.grid is None or job.duct.error < 0.25 * job.scope.radius:
         return ""
-    return f" (not proved: the grid may hide up to {job.duct.error:.2f} mm, try a smaller --voxel)"
+    hidden = ceil_mm(job.duct.error)
+    return f" (not proved: the grid may hide up to {hidden} mm, try a smaller --voxel)"
 
 
 def find_prefix(job: Job, refusal: Refusal, *, progress: Progress = no_progress) -> TubeMotion:
@@ -711,5 +713,5 @@ def _unresolved(job: Job) -> Refusal:
         needs=job.scope.radius,
         offers=job.scope.radius + min(proved, 0.0),
         what=f"a motion was found, but near {at:.1f} mm of the centreline its clearance could not "
-        f"be proved (bound {proved:.2f} mm){remedy}",
+        f"be proved (bound {floor_mm(proved)} mm){remedy}",
     )

@@ -15,7 +15,7 @@ from ..anatomy.names import describe_label
 from ..anatomy.read import hash_input, read_tract
 from ..anatomy.tract import Finding, LabelTract, SurfaceTract, Tract
 from ..anatomy.volumes import is_volume
-from ..checks import check_kind, check_number, show_apart
+from ..checks import ceil_mm, check_kind, check_number, floor_mm, show_apart
 from ..duct.base import Duct
 from ..duct.field import RefinedField, SampledField, build_field, refine_field
 from ..errors import InputError
@@ -583,7 +583,7 @@ def _check_order(plan: Plan) -> str:
             f"the plan is called complete, but its route ends at {end:.1f} mm and the head at "
             f"{heads[-1]:.1f} mm"
         )
-    return f"{plan.steps} along the route, the head up to {largest:.3g} mm each"
+    return f"{plan.steps} along the route, the head up to {ceil_mm(largest, 3)} mm each"
 
 
 def _check_ends(plan: Plan) -> str | None:
@@ -641,7 +641,7 @@ def _check_moves(plan: Plan) -> str:
                 f"neighbouring links turn by {np.degrees(angle):.2f} deg: the plan states at most "
                 f"{limit!r} rad"
             )
-    return f"joints move up to {largest:.3g} mm between two steps"
+    return f"joints move up to {ceil_mm(largest, 3)} mm between two steps"
 
 
 def _check_introducer(plan: Plan) -> str | None:
@@ -778,18 +778,19 @@ def _check_claim(plan: Plan, duct: Duct, certificate: Certificate) -> str:
     if claimed is None:
         if not certificate.certified:
             return "the plan claims no proof, and none is found"
-        return f"the plan claims no proof, but {proof:.3f} mm are proved"
+        return f"the plan claims no proof, but {floor_mm(proof, 3)} mm are proved"
     if claimed > proof + CLAIM_ROUND_OFF_MM:
-        shown = show_apart(claimed, proof, digits=3, form="f")
+        shown = show_apart(claimed, float(floor_mm(proof, 3)), digits=3, form="f")
         anew = f"{shown[1]} mm are proved" if certificate.certified else "nothing is proved"
         raise FaultError(f"the plan claims {shown[0]} mm: anew {anew}")
     found = np.inf if plan.certificate is None else plan.certificate.found
     if proof > found + ROUND_OFF_MM and _is_same_grid(plan, duct):
         raise FaultError(
-            f"the plan states a place of the body with {found:.3f} mm: anew {proof:.3f} mm are "
+            f"the plan states a place of the body with {ceil_mm(found, 3)} mm: anew "
+            f"{floor_mm(proof, 3)} mm are "
             "proved everywhere, so this is another scope, wall or motion"
         )
-    return f"the plan claims {claimed:.3f} mm: anew {proof:.3f} mm are proved"
+    return f"the plan claims {floor_mm(claimed, 3)} mm: anew {floor_mm(proof, 3)} mm are proved"
 
 
 def _compare(certificate: Certificate, second: Recheck) -> str:
@@ -808,4 +809,5 @@ def _compare(certificate: Certificate, second: Recheck) -> str:
         if certificate.certified:
             raise FaultError(message)
         return message
-    return f"by {counted} the clearance lies between {second.lower:.3f} and {second.found:.3f} mm"
+    ends = f"{floor_mm(second.lower, 3)} and {ceil_mm(second.found, 3)} mm"
+    return f"by {counted} the clearance lies between {ends}"

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from ..checks import show_apart
+from ..checks import ceil_mm, floor_beside, floor_mm
 from ..motion.plan import Plan
-from ..motion.refusal import floor_beside, floor_mm
 from ..plot.plan_data import (
     PlanClearance,
     Record,
@@ -105,7 +104,7 @@ def _judge(plan: Plan, summary: Record, known: PlanClearance, scope: str, error:
             f"by {-known.estimate:.2f} mm.",
         )
     if known.estimate < error:
-        shown = show_apart(known.estimate, error, digits=2, form="f")
+        shown = floor_beside(known.estimate, error)
         return Verdict(
             tone="amber",
             label="Too close to call",
@@ -214,13 +213,14 @@ def _add_robot(verdict: Verdict, robot: Record) -> Verdict:
 def _add_wall_error(verdict: Verdict, plan: Plan, known: PlanClearance, summary: Record) -> Verdict:
     """State for which error of the given wall the clearance holds, or that this is not known."""
     error, stated = _read_wall_error(plan, summary), read_number(summary, "label_error_mm")
+    limits = [error or 0.0, *([] if stated is None else [stated])]
     if known.certified and known.proved is not None:
         kept = known.proved
-        shown = floor_beside(kept, error or 0.0)
+        shown = floor_beside(kept, *limits)
         text = f"The proof holds as long as the given wall is wrong by at most {shown[0]} mm"
     elif verdict.label.startswith(REACHES) and not known.soft and known.estimate is not None:
         kept = known.estimate
-        shown = floor_beside(kept, error or 0.0)
+        shown = floor_beside(kept, *limits)
         text = f"The estimate of {shown[0]} mm is for the given wall"
     else:
         return verdict
@@ -306,7 +306,8 @@ def _judge_contact(reaches: str, known: PlanClearance, soft: WallContact) -> Ver
         return Verdict(
             tone="red",
             label="Through the wall",
-            sentence=f"{reaches}, but its body stands up to {soft.contact:.2f} mm beyond the wall"
+            sentence=f"{reaches}, but its body stands up to {ceil_mm(soft.contact)} mm beyond the "
+            "wall"
             f"{_at(soft.place)}, which gives way by at most {soft.used:g} mm.",
         )
     return Verdict(
@@ -318,7 +319,7 @@ def _judge_contact(reaches: str, known: PlanClearance, soft: WallContact) -> Ver
 
 def _describe_contact(known: PlanClearance, soft: WallContact) -> str:
     if soft.contact > 0.0:
-        text = f"it pushes the wall outwards by up to {soft.contact:.2f} mm{_at(soft.place)}"
+        text = f"it pushes the wall outwards by up to {ceil_mm(soft.contact)} mm{_at(soft.place)}"
     else:
         text = "no contact was found at the recorded steps"
     proof = "it is proved" if known.certified else "it is not proved"
