@@ -9,7 +9,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..checks import ceil_mm
 from ..errors import InputError
 
 Matrix = NDArray[np.float64]
@@ -119,7 +118,7 @@ class AffineGap:
 
     def __str__(self) -> str:
         """Return the gap as words."""
-        words = [f"by up to {ceil_mm(self.farthest)} mm"]
+        words = [f"by up to {self.farthest:.3g} mm"]
         if self.turn >= 0.05:
             words.append(f"and {self.turn:.3g} degrees")
         text = " ".join(words)

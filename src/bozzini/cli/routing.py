@@ -14,7 +14,7 @@ from ..continuum.routing import RoutingLimits
 from ..errors import FileFormatError, InputError
 from ..motion.routing.options import InsertionRankOptions, RobotSearch
 from ..study.options import ReadOptions
-from ._tract_options import read_with_options, tract_options
+from ._tract_options import read_with_options, report_findings, tract_options
 from .common import (
     EXIT_NEGATIVE,
     INPUT,
@@ -166,6 +166,8 @@ def rebuild_lumen(plan: Plan, path: Path, answer: Answer) -> Duct:
 def reread_tract(plan: Plan, path: Path, answer: Answer) -> tuple[LabelTract | SurfaceTract, Duct]:
     """Return the tract that a plan was made in, read from its file again, and its lumen.
 
+    Warnings are written at once.
+
     Raises
     ------
     InputError
@@ -178,6 +180,7 @@ def reread_tract(plan: Plan, path: Path, answer: Answer) -> tuple[LabelTract | S
         raise InputError(f"{path} is not the file that the plan was made from")
     with answer.show_progress() as progress:
         tract = read_input(plan, path)
+        report_findings(tract.findings)
         field = rebuild_field(plan, tract, progress=progress)
     if known is None:
         check_lumen(plan, path, field)
