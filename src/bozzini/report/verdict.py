@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -70,7 +71,7 @@ def judge_plan(plan: Plan, summary: Record, *, error: float = 0.0) -> Verdict:
     """
     known = read_clearance(plan, summary)
     radius = find_radius(plan)
-    scope = f"The {2.0 * radius:.1f} mm scope" if radius > 0.0 else "The scope"
+    scope = f"The {2.0 * radius:g} mm scope" if radius > 0.0 else "The scope"
     verdict = _judge(plan, summary, known, scope, error)
     verdict = _add_unreached(verdict, plan, summary)
     verdict = _add_unchecked(verdict, plan, summary)
@@ -101,7 +102,7 @@ def _judge(plan: Plan, summary: Record, known: PlanClearance, scope: str, error:
             tone="red",
             label="Through the wall",
             sentence=f"{reaches}, but its body passes through the wall{where} "
-            f"by {-known.estimate:.2f} mm.",
+            f"by {ceil_mm(-known.estimate)} mm.",
         )
     if known.estimate < error:
         shown = floor_beside(known.estimate, error)
@@ -138,7 +139,7 @@ def _add_unreached(verdict: Verdict, plan: Plan, summary: Record) -> Verdict:
     if rest:
         texts.append(f"not reached: {join_words([str(part['text']) for part in rest])}")
     text = "; ".join(texts)
-    text = f"{text[0].upper()}{text[1:]}."
+    text = f"{_begin_sentence(text)}."
     if plan.status == "stopped":
         return replace(verdict, notes=(*verdict.notes, text))
     label, tone = verdict.label, verdict.tone
@@ -183,7 +184,7 @@ def _add_unchecked(verdict: Verdict, plan: Plan, summary: Record) -> Verdict:
         if words is None:
             continue
         message = str(item.get("message", words)).strip().rstrip(".")
-        text = f"{message[:1].upper()}{message[1:]}."
+        text = f"{_begin_sentence(message)}."
         if plan.status == "stopped":
             verdict = replace(verdict, notes=(*verdict.notes, text))
             continue
@@ -194,6 +195,12 @@ def _add_unchecked(verdict: Verdict, plan: Plan, summary: Record) -> Verdict:
             sentence=f"{verdict.sentence} {text}",
         )
     return verdict
+
+
+def _begin_sentence(text: str) -> str:
+    """Return a text with a capital letter, but where it begins with a label's or a file's name."""
+    is_name = re.match(r"\w*[-:._/0-9]\w", text)
+    return text if is_name else f"{text[:1].upper()}{text[1:]}"
 
 
 def _add_robot(verdict: Verdict, robot: Record) -> Verdict:
@@ -294,7 +301,7 @@ def _judge_stopped(plan: Plan, summary: Record, known: PlanClearance, scope: str
     elif known.certified:
         note = f"Up to there it is proved to {_promise(known)} at all times."
     elif estimate is not None and estimate < 0.0:
-        note = f"Before that its body passes through the wall{where} by {-estimate:.2f} mm."
+        note = f"Before that its body passes through the wall{where} by {ceil_mm(-estimate)} mm."
     elif estimate is not None:
         note = f"Up to there it keeps {estimate:.2f} mm from the wall (nearest{where})."
     notes = (note,) if note else ()
