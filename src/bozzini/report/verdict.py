@@ -71,7 +71,7 @@ def judge_plan(plan: Plan, summary: Record, *, error: float = 0.0) -> Verdict:
     """
     known = read_clearance(plan, summary)
     radius = find_radius(plan)
-    scope = f"The {2.0 * radius:g} mm scope" if radius > 0.0 else "The scope"
+    scope = f"The {round(2.0 * radius, 6)} mm scope" if radius > 0.0 else "The scope"
     verdict = _judge(plan, summary, known, scope, error)
     verdict = _add_unreached(verdict, plan, summary)
     verdict = _add_unchecked(verdict, plan, summary)
