@@ -19,6 +19,7 @@ from .names import (
     find_organ,
     find_version,
     is_digestive,
+    match_name,
     normalise,
     split_version,
 )
@@ -537,9 +538,9 @@ def _find_name(name: str, there: Sequence[int], names: Mapping[int, str], source
     if versioned is not None:
         return [_check_stated(*versioned, there, names, source)]
     text = normalise(name)
-    found = [label for label in there if normalise(names.get(label, "")) == text]
-    if found:
-        return found
+    words = match_name(name, [names[label] for label in there if label in names], source)
+    if words:
+        return [label for label in there if names.get(label) in words]
     known_names = sorted(names[label] for label in there if label in names)
     if known_names:
         shown = sorted(known_names, key=lambda item: not is_digestive(item))[:MOST_LISTED]
