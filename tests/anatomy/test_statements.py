@@ -530,9 +530,7 @@ def test_a_nrrd_that_contradicts_itself_is_refused(tmp_path, fields, words):
 @pytest.mark.parametrize(("most", "centering", "differ"), [
     (40, "cell", False), (38, "node", False), (20, "cell", True), (40, "???", False),
 ])  # fmt: skip
-def test_the_ends_of_a_nrrd_are_compared_with_its_spacings(
-    tmp_path, most, centering, differ
-):
+def test_the_ends_of_a_nrrd_are_compared_with_its_spacings(tmp_path, most, centering, differ):
     nodes = centering == "node"
     maxs = f"axis maxs: {11 if nodes else 12} {9 if nodes else 10} {most}"
     fields = ("spacings: 1 1 2", "axis mins: 0 0 0", maxs, f"centerings:{3 * f' {centering}'}")

@@ -20,7 +20,7 @@ REASON_CODES = {
     "CERTIFICATE_UNRESOLVED": "a motion was found, but its clearance could not be proved",
     "HORIZON": "planned again only as far as was asked for",
     "NOT_CARRIED": "the body could not be moved with the tissue and kept clear",
-    "HEAD_CLEARANCE": "the head's path lacks clearance (method thesis)",
+    "HEAD_CLEARANCE": "no way for the head was found that is wide enough, whatever the links",
     "LINK_INFEASIBLE": "a link has no feasible place (method thesis)",
     "LINK_LOCKED": "a link's next feasible place is a jump away (method thesis)",
 }
@@ -33,6 +33,12 @@ NEAR_MM = 10.0
 def needs_mm(value: float, offers: float) -> str:
     """Write a length that is needed with as many decimals as tell it from what is offered."""
     return show_apart(value, float(floor_mm(offers)), digits=2, form="f")[0]
+
+
+def tell_needs(radius: float, offers: float, margin: float, whose: str = "its") -> str:
+    """Return what a scope needs, and apart from it what the proof does [mm], as words."""
+    more = f" and {margin:g} mm for the proof" if margin else ""
+    return f"{needs_mm(radius, offers)} mm from {whose} axis to the wall{more}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -134,8 +140,8 @@ class Refusal:
             needs=scope.radius + slack,
             offers=clearance,
             what=f"does not fit at the entry: the scope needs "
-            f"{needs_mm(scope.radius + slack, clearance)} mm from "
-            f"its axis to the wall, the lumen is sure to have {floor_mm(clearance)} mm there",
+            f"{tell_needs(scope.radius, clearance, slack)}, the lumen is sure to have "
+            f"{floor_mm(clearance)} mm there",
         )
 
     @classmethod

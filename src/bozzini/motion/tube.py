@@ -25,7 +25,7 @@ from .measures import Crossing, find_crossing, measure_angles, measure_step_rati
 from .plan import CandidateMotion
 from .planner import Motion
 from .planners import PlannerOptions
-from .refusal import NEAR_MM, Bind, Refusal, needs_mm
+from .refusal import NEAR_MM, Bind, Refusal, tell_needs
 from .scope import Scope
 from .shape import Band, ShapedPath, cut_path, measure_folds
 from .space import FreeSpace
@@ -353,7 +353,7 @@ class Job:
     def _bind_link(self, shaped: ShapedPath, margin: float) -> Bind:
         what = (
             f"link 1, that of the head, does not fit there with its {self.scope.link_length:g} "
-            f"mm: it needs {self.scope.radius + margin:.2f} mm from its axis to the wall, the best "
+            f"mm: it needs {tell_needs(self.scope.radius, shaped.lacks, margin)}, the best "
             f"path found has {floor_mm(shaped.lacks)} mm"
         )
         return Bind(code="LINK_TOO_LONG", what=what)
@@ -518,7 +518,7 @@ def explain_stop(job: Job) -> Refusal:
             needs=radius + slack,
             offers=goal,
             what=f"does not fit at the goal, {line.length:.1f} mm of the centreline: the scope "
-            f"needs {needs_mm(radius + slack, goal)} mm from its axis to the wall, the lumen is "
+            f"needs {tell_needs(radius, goal, slack)}, the lumen is "
             f"sure to have "
             f"{floor_mm(goal)} mm there",
         )
@@ -560,8 +560,8 @@ def explain_stop(job: Job) -> Refusal:
             needs=radius + slack,
             offers=job.failed.clearance,
             what=f"links of {job.scope.link_length:g} mm do not fit at {at:.1f} mm of the "
-            f"centreline: they need {radius + slack:.2f} mm from their axis to the wall, the best "
-            f"path found has {floor_mm(job.failed.clearance)} mm{_mention_grid(job)}",
+            f"centreline: they need {tell_needs(radius, job.failed.clearance, slack, 'their')}, "
+            f"the best path found has {floor_mm(job.failed.clearance)} mm{_mention_grid(job)}",
         )
     return _unresolved(job)
 
@@ -688,15 +688,15 @@ def _locate_tightest(job: Job, path: ShapedPath) -> float:
 
 
 def _no_path(job: Job, at: float, level: float, bound: float) -> Refusal:
-    radius = job.scope.radius + MARGINS[-1]
+    radius, margin = job.scope.radius, MARGINS[-1]
     local = float(np.interp(at, job.line.arc_length, job.bound))
     return Refusal(
-        code="LINK_TOO_LONG",
+        code="HEAD_CLEARANCE",
         at=at,
-        needs=radius,
+        needs=radius + margin,
         offers=level,
         what=f"no way for links of any length was found at {at:.1f} mm of the centreline: the "
-        f"scope needs {needs_mm(radius, max(level, local))} mm from its axis to the wall, the "
+        f"scope needs {tell_needs(radius, max(level, local), margin)}, the "
         f"widest way found has "
         f"{floor_mm(max(level, local))} mm{_mention_grid(job)}",
     )

@@ -649,7 +649,13 @@ def run_insertion(
 FINE, CORRIDOR = 0.5, 8.4
 """Spacing of a finer grid, and how far from the centreline it reaches [mm]."""
 
-GRID_CODES = ("LINK_TOO_LONG", "CERTIFICATE_UNRESOLVED", "GOAL_CLEARANCE", "ENTRY_CLEARANCE")
+GRID_CODES = (
+    "LINK_TOO_LONG",
+    "HEAD_CLEARANCE",
+    "CERTIFICATE_UNRESOLVED",
+    "GOAL_CLEARANCE",
+    "ENTRY_CLEARANCE",
+)
 """Refusals that may be the grid's, not the lumen's. A proved one (NO_PASSAGE) is not."""
 
 
