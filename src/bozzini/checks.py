@@ -10,6 +10,7 @@ import reprlib
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import MISSING, dataclass
+from decimal import ROUND_CEILING, ROUND_FLOOR, Decimal
 from numbers import Real
 from pathlib import Path
 from types import MappingProxyType
@@ -46,6 +47,34 @@ def show_apart(value: float, *limits: float, digits: int = 6, form: str = "g") -
         ):
             return shown
         digits += 1
+
+
+def _round_to(value: float, digits: int, rounding: str) -> str:
+    if not math.isfinite(value):
+        return f"{value:g}"
+    exact = Decimal(repr(float(value)))  # as JSON writes it
+    rounded = exact.quantize(Decimal(1).scaleb(-digits), rounding=rounding)
+    return f"{rounded + 0:f}"  # 0.00 is never negative
+
+
+def floor_mm(value: float, digits: int = 2) -> str:
+    """Write a length rounded down, as a lower bound or what is offered must be."""
+    return _round_to(value, digits, ROUND_FLOOR)
+
+
+def ceil_mm(value: float, digits: int = 2) -> str:
+    """Write a length rounded up, as an upper bound must be; 1e-9 of the last place is rounding."""
+    return _round_to(value - 10.0 ** (-digits - 9), digits, ROUND_CEILING)
+
+
+def floor_beside(value: float, *others: float) -> list[str]:
+    """Write a length rounded down, others rounded up: with decimals that show which is larger."""
+    for digits in range(2, 12):
+        shown = [floor_mm(value, digits), *(ceil_mm(other, digits) for other in others)]
+        signs = [np.sign(float(text) - float(shown[0])) for text in shown[1:]]
+        if signs == [np.sign(other - value) for other in others]:
+            break
+    return shown
 
 
 def show_beside(value: float, text: str) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import itertools
 import json
+import re
 
 import nibabel
 import numpy as np
@@ -463,3 +464,105 @@ def test_a_sidecar_is_compared_with_the_header(tmp_path):
     notes.write_text(json.dumps({"Modality": "CT", "SpacingBetweenSlices": 2.0}))
     message = codes(read_tract(path, labels=[57]))["affines-differ"].message
     assert "SpacingBetweenSlices of scan.json (4 x 4 x 2 mm)" in message and "130 mm" in message
+
+
+# What one header states twice.
+
+
+@pytest.mark.parametrize(
+    ("fields", "words"),
+    [
+        (("ElementSpacing = 1 1 4",), "elementspacing is '1 1 2' and '1 1 4'"),
+        (("NDims = 4",), "ndims is '3' and '4'"),
+        (("ElementByteOrderMSB = False", "BinaryDataByteOrderMSB = True"), "contradicts itself"),
+        (("TransformMatrix = 1 0 0 0 0 0 0 0 1",), "an axis of its TransformMatrix is 0"),
+        (("DistanceUnits = kg",), "'kg': it must be a unit of length"),
+    ],
+)
+def test_a_metaimage_that_contradicts_itself_is_refused(tmp_path, fields, words):
+    with pytest.raises(FileFormatError, match=re.escape(words)):
+        read_volume(write_meta(tmp_path / "a.mha", *fields))
+
+
+def test_the_number_of_dimensions_of_a_metaimage_is_that_of_its_sizes(tmp_path):
+    path = write_meta(tmp_path / "a.mha")
+    path.write_bytes(path.read_bytes().replace(b"NDims = 3", b"NDims = 2"))
+    with pytest.raises(FileFormatError, match="ndims is 2, but it has 3 sizes"):
+        read_volume(path)
+
+
+def test_the_unit_of_a_metaimage_is_read(tmp_path):
+    fields = ("ElementSize = 1 1 2", "Offset = 1 2 3")
+    plain = read_volume(write_meta(tmp_path / "a.mha", *fields))
+    for unit, scale in (("mm", 1.0), ("?", 1.0), ("cm", 10.0), ("um", 1e-3)):
+        volume = read_volume(write_meta(tmp_path / "b.mha", *fields, f"DistanceUnits = {unit}"))
+        np.testing.assert_allclose(volume.affine[:3], scale * plain.affine[:3])
+        assert ("unit-converted" in codes(volume)) == (scale != 1.0)
+        assert "affines-differ" not in codes(volume)
+
+
+def test_axes_of_a_metaimage_longer_than_1_are_told_beside_its_spacing(tmp_path):
+    axes = "TransformMatrix = 2 0 0 0 2 0 0 0 2"
+    volume = read_volume(write_meta(tmp_path / "a.mha", axes))
+    assert "2 x 2 x 4 mm" in codes(volume)["affines-differ"].message
+    np.testing.assert_allclose(np.diag(volume.affine), (1, 1, 2, 1))
+
+
+@pytest.mark.parametrize(
+    ("fields", "words"),
+    [
+        (("spacings: 1 1 1", "spacings: 1 1 2"), "spacings is '1 1 1' and '1 1 2'"),
+        (("spacings: 1 1 1", "type: uint8", "type: int8"), "type is 'uint8' and 'int8'"),
+        (("spacings: 1 1 1", "dimension: 4"), "dimension is 4, but it has 3 sizes"),
+        (("spacings: 1 1",), "has 2 spacings: a volume has 3"),
+        (
+            ("spacings: 1 1 1", "Segment0_Name:=aorta", "Segment0_LabelValue:=1",
+             "Segment1_Name:=colon", "Segment1_LabelValue:=1"),
+            "label 1 for two segments, aorta and colon",
+        ),
+    ],
+)  # fmt: skip
+def test_a_nrrd_that_contradicts_itself_is_refused(tmp_path, fields, words):
+    with pytest.raises(FileFormatError, match=re.escape(words)):
+        read_volume(write_nrrd(tmp_path / "a.nrrd", block(), "sizes: 12 10 20", *fields))
+
+
+@pytest.mark.parametrize(("most", "centering", "differ"), [
+    (40, "cell", False), (38, "node", False), (20, "cell", True), (40, "???", False),
+])  # fmt: skip
+def test_the_ends_of_a_nrrd_are_compared_with_its_spacings(tmp_path, most, centering, differ):
+    nodes = centering == "node"
+    maxs = f"axis maxs: {11 if nodes else 12} {9 if nodes else 10} {most}"
+    fields = ("spacings: 1 1 2", "axis mins: 0 0 0", maxs, f"centerings:{3 * f' {centering}'}")
+    volume = read_volume(write_nrrd(tmp_path / "a.nrrd", block(), "sizes: 12 10 20", *fields))
+    assert ("affines-differ" in codes(volume)) == differ
+
+
+@pytest.mark.parametrize("size", [0.0, -1.5])
+def test_a_nifti_without_a_voxel_size_is_refused(tmp_path, size):
+    save_both(tmp_path / "a.nii", np.eye(4), np.eye(4), codes=(0, 0))
+    data = bytearray((tmp_path / "a.nii").read_bytes())
+    data[84:88] = np.float32(size).tobytes()  # pixdim[2]
+    (tmp_path / "a.nii").write_bytes(data)
+    with pytest.raises(FileFormatError, match="states no voxel size: pixdim is 1 x"):
+        read_volume(tmp_path / "a.nii")
+
+
+def test_an_unknown_unit_of_a_nifti_is_named_by_its_code(tmp_path):
+    save_both(tmp_path / "a.nii", np.eye(4), np.eye(4))
+    data = bytearray((tmp_path / "a.nii").read_bytes())
+    data[123] = 7  # xyzt_units
+    (tmp_path / "a.nii").write_bytes(data)
+    with pytest.raises(FileFormatError, match="has the unit of length 7: known are 0"):
+        read_volume(tmp_path / "a.nii")
+
+
+def test_names_that_differ_by_capitals_are_told_apart():
+    array = block()
+    array[3:9, 3:7, 12:17] = 2
+    names = {1: "colon", 2: "Colon"}
+    for name, label in (("colon", 1), ("Colon", 2)):
+        tract = tract_from_labels(array, np.eye(4), labels=name, names=names)
+        assert tract.label_values == (label,)
+    with pytest.raises(InputError, match="'COLON', but array has Colon and colon"):
+        tract_from_labels(array, np.eye(4), labels="COLON", names=names)

@@ -189,12 +189,27 @@ def test_a_plan_that_contradicts_itself_or_its_file_is_not_accepted(
     assert check in failed
 
 
+def alter_more(plan: Plan) -> Plan:
+    first = {**plan.more["ends"][0], "point_mm": [0.0, 0.0, 0.0]}
+    return replace(plan, more={**plan.more, "ends": [first, *plan.more["ends"][1:]]})
+
+
+def bend_less(plan: Plan) -> Plan:
+    return replace(plan, options=replace(plan.options, angle_limit=0.01))
+
+
 def shift_path(plan: Plan) -> Plan:
     return replace(plan, path_radius=plan.path_radius + 1.0)
 
 
 STATEMENTS = {
-    "errors": [change(field={"clearance_error_mm": 100.0})],
+    "errors": [
+        change(field={"clearance_error_mm": 100.0}),
+        change(field={"interpolation_error_mm": 0.0}),
+    ],
+    "ends": [alter_more],
+    "moves": [bend_less],
+    "steps": [lambda plan: replace(plan, options=replace(plan.options, head_step=5.0))],
     "measures": [
         change(measures={"joint_travel_mm": 1.0}),
         change(measures={"joint_angle_max_rad": 0.001}),
@@ -225,6 +240,7 @@ def test_every_statement_of_a_plan_is_compared_with_its_motion(
         failed = [item for item in outcome.result["checks"] if not item["ok"]]
         assert outcome.code == 1 and check in [item["name"] for item in failed]
         assert all("\n" not in item["message"] for item in failed)
+        assert all(" rad" not in item["message"] for item in failed if item["name"] == "moves")
 
 
 def test_an_absurd_error_of_the_clearances_is_one_clear_line(
@@ -233,7 +249,8 @@ def test_an_absurd_error_of_the_clearances_is_one_clear_line(
     plan = change(field={"clearance_error_mm": 100.0})(Plan.load(plans["surface"]))
     outcome = certify(capsys, plan.save(tmp_path / "plan.npz"))
     line = next(line for line in outcome.out.splitlines() if line.startswith("FAILED"))
-    assert line.startswith("FAILED errors: the plan states field.clearance_error_mm 100: it is ")
+    assert line.startswith("FAILED errors: the plan states field.clearance_error_mm 100, but ")
+    assert line.endswith(", whose sum it must be")
     assert outcome.out.splitlines()[-1].startswith("Not consistent.")
 
 
@@ -244,6 +261,9 @@ def test_an_absurd_error_of_the_clearances_is_one_clear_line(
         (change(field={"wall_error_mm": 9.0}), "field"),
         (change(field={"kind": "exact"}), "field"),
         (shift_path, "path"),
+        (lambda plan: replace(plan, wall="faces between lumen voxels and the others"), "wall"),
+        (change(certificate={"resolved": False}), "certificate"),
+        (lambda plan: replace(plan, findings=("note: all is well",)), "findings"),
         (change(measures={"clearance_where_mm": 1.0}), "clearances"),
     ],
 )

@@ -6,13 +6,17 @@ import json
 import math
 import re
 from dataclasses import replace
+from types import SimpleNamespace
 
+import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
+from bozzini.checks import floor_beside, floor_mm
 from bozzini.motion import Scope
 from bozzini.motion.plan import write_record
-from bozzini.motion.refusal import REASON_CODES, Refusal, floor_beside, floor_mm
+from bozzini.motion.refusal import REASON_CODES, Refusal
+from bozzini.motion.tube import _no_path
 
 
 @given(st.floats(-50.0, 50.0))
@@ -27,7 +31,7 @@ def test_a_length_offered_is_rounded_down(value):
 
 def test_lengths_near_0_read_apart_as_numbers():
     one, other = floor_beside(1e-9, 1e-8)
-    assert 0.0 <= float(one) <= 1e-9 and float(other) == 1e-8
+    assert 0.0 <= float(one) <= 1e-9 and float(other) >= 1e-8
 
 
 @given(radius=st.floats(0.5, 6.0), lack=st.floats(0.011, 3.0))
@@ -37,6 +41,28 @@ def test_what_is_offered_never_reads_like_what_is_needed(radius, lack):
     assert offers < needs
     # What would fit is not known before it has been planned.
     assert refusal.inflate is None and refusal.diameter_max is None
+
+
+@given(radius=st.floats(0.5, 6.0), share=st.floats(0.0, 0.99))
+def test_what_the_proof_needs_is_told_apart_from_the_scope(radius, share):
+    scope = Scope(diameter=2.0 * radius, link_length=5.0)
+    refusal = Refusal.at_entry(scope, radius + 0.05 * share, slack=0.05)
+    words = r"needs ([0-9.]+) mm from its axis to the wall and 0.05 mm for the proof"
+    assert abs(float(re.search(words, refusal.what)[1]) - radius) <= 0.005 + 1e-9
+    assert refusal.needs > refusal.offers
+
+
+def test_no_way_for_any_link_is_not_called_too_long_a_link():
+    job = SimpleNamespace(
+        scope=Scope(diameter=12.5, link_length=5.0),
+        line=SimpleNamespace(arc_length=np.array([0.0, 10.0])),
+        bound=np.array([6.27, 6.27]),
+        passages=SimpleNamespace(grid=None),
+    )
+    refusal = _no_path(job, 5.0, 6.0, math.inf)
+    assert "links of any length" in refusal.what
+    assert "LINK" not in refusal.code and "whatever the links" in REASON_CODES[refusal.code]
+    assert "6.25 mm" in refusal.what and "0.05 mm for the proof" in refusal.what
 
 
 def make(**changes):

@@ -165,3 +165,37 @@ def test_a_small_part_not_reached_is_not_rounded_up():
         "; under 1 % of the lumen not reached"
         in judge_plan(plan, {**make_summary(plan), "unreached": [part]}).label
     )
+
+
+@given(kept=st.floats(0.1, 3.9), apart=st.floats(-0.02, 0.02))
+def test_the_error_that_the_proof_covers_reads_as_large_as_the_stated_one(kept, apart):
+    stated = round(kept + apart, 3)
+    plan = make_plan(meta={"certified": True})
+    summary = {**make_summary(plan), "certified": True, "clearance_certified_mm": kept}
+    note = judge_plan(plan, {**summary, "label_error_mm": stated}).notes[-1]
+    shown = float(re.search(r"wrong by at most ([0-9.]+) mm", note)[1])
+    assert shown <= kept
+    assert (shown >= stated) == (kept >= stated) == ("it covers the stated error" in note)
+
+
+@pytest.mark.parametrize("diameter", [5.96, 6.0])
+def test_a_diameter_is_written_as_it_was_given(diameter):
+    plan = make_plan()
+    plan = replace(plan, scope=replace(plan.scope, diameter=diameter))
+    sentence = judge_plan(plan, make_summary(plan)).sentence
+    assert float(re.match(r"The ([0-9.]+) mm scope", sentence)[1]) == diameter
+
+
+@pytest.mark.parametrize("stopped", [False, True])
+def test_a_wall_just_passed_is_not_passed_by_nothing(stopped):
+    plan = make_stopped() if stopped else make_plan()
+    verdict = judge_plan(plan, {**make_summary(plan), "clearance_min_mm": -0.001})
+    depth = re.search(r"by ([0-9.]+) mm", " ".join([verdict.sentence, *verdict.notes]))
+    assert float(depth[1]) >= 0.001
+
+
+def test_an_identifier_keeps_its_small_letters():
+    plan = make_plan()
+    finding = {"code": "version-doubtful", "message": "totalsegmentator-v2:colon is label 20"}
+    sentence = judge_plan(plan, {**make_summary(plan), "findings": [finding]}).sentence
+    assert "totalsegmentator-v2:colon" in sentence

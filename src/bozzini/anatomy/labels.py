@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_points
+from ..checks import ceil_mm, check_points
 from ..errors import GeometryError, InputError
 from ._version import check_version
 from .frame import check_frame, find_axis, measure_shift
@@ -19,6 +19,7 @@ from .names import (
     find_organ,
     find_version,
     is_digestive,
+    match_name,
     normalise,
     split_version,
 )
@@ -445,7 +446,7 @@ def _check_shear(matrix: Matrix, size: NDArray[np.float64]) -> list[Finding]:
         return []
     message = (
         f"the voxel axes are not quite at right angles: taken as if they were, which moves the "
-        f"wall by up to {shift:.2g} mm"
+        f"wall by up to {ceil_mm(shift)} mm"
     )
     return [Finding("axes-squared", "note", message)]
 
@@ -537,9 +538,9 @@ def _find_name(name: str, there: Sequence[int], names: Mapping[int, str], source
     if versioned is not None:
         return [_check_stated(*versioned, there, names, source)]
     text = normalise(name)
-    found = [label for label in there if normalise(names.get(label, "")) == text]
-    if found:
-        return found
+    words = match_name(name, [names[label] for label in there if label in names], source)
+    if words:
+        return [label for label in there if names.get(label) in words]
     known_names = sorted(names[label] for label in there if label in names)
     if known_names:
         shown = sorted(known_names, key=lambda item: not is_digestive(item))[:MOST_LISTED]

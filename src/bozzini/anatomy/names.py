@@ -40,6 +40,23 @@ def normalise(name: str) -> str:
     return re.sub(r"\boesoph", "esoph", words)
 
 
+def match_name(name: str, names: Iterable[str], source: str) -> list[str]:
+    """Return which of the names of labels a name means: itself, else the one alike, else none.
+
+    Raises
+    ------
+    InputError
+        If several names differ by no more than capitals and blanks from it.
+    """
+    alike = sorted({each for each in names if normalise(each) == normalise(name)})
+    exact = [each for each in alike if each.strip() == name.strip()]
+    if len(alike) > 1 and not exact:
+        raise InputError(
+            f"label is '{name}', but {source} has {' and '.join(alike)}: give one as it is written"
+        )
+    return exact or alike
+
+
 def find_organ(names: Iterable[str]) -> Organ | None:
     """Return the organ that names of labels mean, None where they mean none or several.
 

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..checks import ceil_mm
 from ..errors import GeometryError
 from . import _mesh
 from ._mesh import Faces, Integers, Vertices
@@ -184,7 +185,7 @@ def _compare_unrepaired(
                 changes.append(f"{before} {name} became {after}")
         farthest = max(_measure_distance(made, plain), _measure_distance(plain, made))
         if farthest > SAME_SHARE * float(np.ptp(plain.vertices, axis=0).max()):
-            changes.append(f"the wall moved by up to {farthest:.2g} mm")
+            changes.append(f"the wall moved by up to {ceil_mm(farthest)} mm")
     else:
         changes.append("it is voxels without, and a surface with")
     if abs(made.volume - plain.volume) > SAME_SHARE * plain.volume:

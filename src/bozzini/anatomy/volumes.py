@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO, Literal
+from typing import TYPE_CHECKING, Any, BinaryIO, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,7 +47,14 @@ from .labels import (
     tract_from_volume,
     wants_all,
 )
-from .names import find_organ, is_digestive, normalise, read_json, read_sidecar
+from .names import (
+    find_organ,
+    is_digestive,
+    match_name,
+    normalise,
+    read_json,
+    read_sidecar,
+)
 from .tract import Finding, LabelTract, count_noun, show_volume
 
 if TYPE_CHECKING:
@@ -68,7 +75,9 @@ MOST_HEADER_BYTES = 1 << 24
 LARGEST_INFLATION = 1040
 """A deflate stream grows at most by this factor (1032 by its format)."""
 
-_SCALE_TO_MM = {"mm": 1.0, "meter": 1000.0, "micron": 0.001}
+_NIFTI_UNITS = {0: ("unknown", 1.0), 1: ("meter", 1000.0), 2: ("mm", 1.0), 3: ("micron", 0.001)}
+"""Units of length by the lowest three bits of xyzt_units, and each in mm."""
+
 _CODES = {1: "scanner", 2: "aligned", 3: "Talairach", 4: "MNI 152"}
 """What the codes of qform and sform mean."""
 
@@ -80,7 +89,7 @@ def read_nifti(path: PathLike) -> Volume:
         stream = _inflate(handle, compression)
         header, extensions = _read_nifti_header(stream, path)
         with quiet_libraries():
-            unit = header.get_xyzt_units()[0]
+            unit, scale = _read_nifti_unit(header, path)
             framed = int(header["qform_code"]) > 0 or int(header["sform_code"]) > 0
             affine = np.array(header.get_best_affine(), dtype=np.float64)
             by_code = {name: int(header[f"{name}_code"]) for name in ("qform", "sform")}
@@ -95,7 +104,6 @@ def read_nifti(path: PathLike) -> Volume:
         array = _Layout(path, shape, dtype, compression).read(handle, stream)
     if slope not in (None, 1.0) or shift not in (None, 0.0):
         array = array * np.float32(slope) + np.float32(shift)
-    scale = _SCALE_TO_MM.get(unit, 1.0)
     found = report_unit(unit, scale)
     affine[:3] *= scale
     if by_code["sform"] > 0 and by_code["qform"] > 0:
@@ -123,6 +131,27 @@ def read_nifti(path: PathLike) -> Volume:
     )
 
 
+def _read_nifti_unit(header: Nifti1Header, path: PathLike) -> tuple[str, float]:
+    """Return the unit of length, and it in mm."""
+    code = int(header["xyzt_units"]) & 7
+    if code not in _NIFTI_UNITS:
+        raise FileFormatError(
+            f"{path} has the unit of length {code}: known are 0 (none), 1 (m), 2 (mm), 3 (micron)"
+        )
+    return _NIFTI_UNITS[code]
+
+
+def _check_pixdim(header: Nifti1Header, path: PathLike) -> None:
+    """Refuse voxel sizes that are none, where no sform states others; nibabel takes 1 mm for 0."""
+    sizes = np.array(header["pixdim"][1:4], dtype=np.float64)
+    if int(header["sform_code"]) <= 0 and not (sizes > 0.0).all():
+        words = " x ".join(f"{size:g}" for size in sizes)
+        raise FileFormatError(
+            f"{path} states no voxel size: pixdim is {words}, and there is no sform; each must be "
+            "above 0"
+        )
+
+
 def _read_qform(header: Nifti1Header) -> NDArray[np.float64]:
     """Return the qform, NaN where its numbers are none."""
     try:
@@ -143,9 +172,10 @@ def _read_nifti_header(stream: BinaryIO, path: PathLike) -> tuple[Nifti1Header, 
     if not size:
         raise FileFormatError(f"{path} is not a NIfTI volume: its header has no known size")
     block = start + stream.read(size - 4)
+    kind: Any = Nifti1Header if size == 348 else Nifti2Header
     with quiet_libraries():
-        header = Nifti1Header(block) if size == 348 else Nifti2Header(block)
-        header.get_xyzt_units()
+        header = kind(block)
+        _check_pixdim(kind(block, check=False), path)
     if bytes(header["magic"].tobytes())[:3] not in (b"n+1", b"n+2"):
         raise FileFormatError(f"{path} is not a NIfTI volume: it is not of one file (.nii)")
     offset = float(header["vox_offset"])
@@ -188,6 +218,7 @@ def read_nrrd(path: PathLike) -> Volume:
             raise FileFormatError(f"{path} is not a NRRD volume: it does not begin with NRRD000")
         fields, pairs = _read_nrrd_header(handle, path)
         sizes = _split_numbers(fields, "sizes", path, integer=True)
+        _check_count(fields, "dimension", len(sizes), path)
         dtype = _find_type(fields, path)
         encoding = fields.get("encoding", "").lower()
         if encoding not in ("raw", "gzip", "gz"):
@@ -197,12 +228,12 @@ def read_nrrd(path: PathLike) -> Volume:
                 raise FileFormatError(f"{path} asks for a {word}: not read")
         spatial, affine, frame, found = _read_nrrd_space(fields, len(sizes), path)
         shape = tuple(int(size) for size in sizes)
-        detached = fields.get("data file", fields.get("datafile"))
+        detached = fields.get("data file")
         with _open_data(handle, path, detached) as data:
             packed: Compression = None if encoding == "raw" else "gzip"
             array = _Layout(path, shape, dtype, packed).read(data)
     array = np.moveaxis(array, spatial, (0, 1, 2))
-    segments = _list_segments(pairs)
+    segments = _list_segments(pairs, path)
     return Volume(
         array=array,
         affine=affine,
@@ -212,6 +243,29 @@ def read_nrrd(path: PathLike) -> Volume:
         findings=tuple(found),
         segments=segments if array.ndim > 3 and array.shape[3] > 1 else (),
     )
+
+
+_NRRD_ALIASES = {
+    "datafile": "data file", "lineskip": "line skip", "byteskip": "byte skip",
+    "axismins": "axis mins", "axismaxs": "axis maxs", "centers": "centerings",
+}  # fmt: skip
+
+
+def _set_field(fields: dict[str, str], key: str, value: str, path: PathLike) -> None:
+    """Set a field; refuse one that is stated twice, otherwise than before."""
+    if fields.setdefault(key, value) != value:
+        raise FileFormatError(
+            f"{path} contradicts itself: {key} is '{fields[key][:60]}' and '{value[:60]}'"
+        )
+
+
+def _check_count(fields: dict[str, str], key: str, count: int, path: PathLike) -> None:
+    """Refuse a number of dimensions that is not that of the sizes."""
+    stated = fields.get(key, str(count))
+    if stated != str(count):
+        raise FileFormatError(
+            f"{path} contradicts itself: {key} is {stated[:60]}, but it has {count} sizes"
+        )
 
 
 def _read_nrrd_header(handle: BinaryIO, path: PathLike) -> tuple[dict[str, str], dict[str, str]]:
@@ -224,13 +278,14 @@ def _read_nrrd_header(handle: BinaryIO, path: PathLike) -> tuple[dict[str, str],
             return fields, pairs
         key, sign, value = text.partition(":=")
         if sign:
-            pairs[key] = value
+            _set_field(pairs, key, value, path)
         elif not text.startswith("#"):
             key, sign, value = text.partition(":")
             if not sign:
                 raise FileFormatError(f"{path} is not a NRRD volume: header line '{text[:40]}'")
-            fields[key.strip().lower()] = value.strip()
-    if "data file" in fields or "datafile" in fields:
+            key = key.strip().lower()
+            _set_field(fields, _NRRD_ALIASES.get(key, key), value.strip(), path)
+    if "data file" in fields:
         return fields, pairs
     raise FileFormatError(f"{path} is truncated: its NRRD header has no end")
 
@@ -248,8 +303,11 @@ def _read_nrrd_space(
     fields: dict[str, str], dimension: int, path: PathLike
 ) -> tuple[list[int], NDArray[np.float64], str | None, list[Finding]]:
     """Return which axes are those of space, the affine, the frame, and what was found."""
-    found: list[Finding] = []
+    scale, found = _read_nrrd_unit(fields, path)
     affine = np.eye(4)
+    sizes = [int(float(word)) for word in fields["sizes"].split()]
+    spacings = [read_number(word) for word in fields.get("spacings", "").split()]
+    taken = "space directions"
     if "space directions" in fields:
         vectors = re.findall(r"none|\([^)]*\)", fields["space directions"].lower())
         spatial = [at for at, text in enumerate(vectors) if text != "none"]
@@ -261,29 +319,20 @@ def _read_nrrd_space(
         affine[:3, :3] = np.stack(columns, axis=1)
         if "space origin" in fields:
             affine[:3, 3] = _split_vector(fields["space origin"], path)
-        words = fields.get("spacings", "").split()
-        if len(words) == dimension:
-            spacing = np.array([read_number(words[at]) for at in spatial])
-            size = tuple(int(fields["sizes"].split()[at]) for at in spatial)
-            found += compare_spacing("spacings", "space directions", affine, spacing, size)
     else:
         if dimension != 3:
             raise FileFormatError(f"{path} has {dimension} dimensions: a label volume has 3")
-        spatial = [0, 1, 2]
-        affine[:3, :3] = np.diag(_split_numbers(fields, "spacings", path))
-    text = f"{fields.get('space units', '')} {fields.get('units', '')}"
-    stated = set(re.findall(r'"([^"]*)"', text)) - {""}
-    if len(stated) > 1:
-        raise FileFormatError(
-            f"{path} states the units {' and '.join(sorted(stated))}: one is read"
-        )
-    for unit in stated:
-        try:
-            scale = parse_quantity(f"1 {unit}", "length")
-        except UnitError:
-            raise FileFormatError(f"{path} is in '{unit}': it must be a unit of length") from None
-        affine[:3] *= scale
-        found += report_unit(unit, scale)
+        spatial, taken = [0, 1, 2], "spacings"
+        spacing = _split_numbers(fields, "spacings", path)
+        if len(spacing) != 3:
+            raise FileFormatError(f"{path} has {len(spacing)} spacings: a volume has 3")
+        affine[:3, :3] = np.diag(spacing)
+    affine[:3] *= scale
+    size = tuple(sizes[at] for at in spatial)
+    for what, stated in (("spacings", spacings), ("axis mins and maxs", _span_nrrd(fields, sizes))):
+        if len(stated) == dimension and what != taken:
+            each = scale * np.array(stated)[spatial]
+            found += compare_spacing(what, taken, affine, each, size)
     frame = _NRRD_SPACES.get(fields.get("space", "").lower())
     if frame is None:
         message = "the file does not state where its axes point in the patient"
@@ -291,9 +340,41 @@ def _read_nrrd_space(
     return spatial, affine, frame, found
 
 
-def _list_segments(pairs: dict[str, str]) -> tuple[tuple[str, int, int], ...]:
+def _read_nrrd_unit(fields: dict[str, str], path: PathLike) -> tuple[float, list[Finding]]:
+    """Return the unit of length in mm, and a note where it is another."""
+    text = f"{fields.get('space units', '')} {fields.get('units', '')}"
+    stated = set(re.findall(r'"([^"]*)"', text)) - {""}
+    if len(stated) > 1:
+        raise FileFormatError(
+            f"{path} states the units {' and '.join(sorted(stated))}: one is read"
+        )
+    return _scale_unit(stated.pop(), path) if stated else (1.0, [])
+
+
+def _scale_unit(unit: str, path: PathLike) -> tuple[float, list[Finding]]:
+    try:
+        scale = parse_quantity(f"1 {unit}", "length")
+    except UnitError:
+        raise FileFormatError(f"{path} is in '{unit}': it must be a unit of length") from None
+    return scale, report_unit(unit, scale)
+
+
+def _span_nrrd(fields: dict[str, str], sizes: list[int]) -> list[float]:
+    """Return the voxel sizes by the ends of the axes, those of cells unless nodes are stated."""
+    ends = [fields.get(f"axis {word}", "").split() for word in ("mins", "maxs")]
+    centres = fields.get("centerings", "").lower().split()
+    if not len(ends[0]) == len(ends[1]) == len(sizes):
+        return []
+    nodes = [at < len(centres) and centres[at] == "node" for at in range(len(sizes))]
+    return [
+        (read_number(high) - read_number(low)) / max(size - node, 1)
+        for low, high, size, node in zip(*ends, sizes, nodes, strict=True)
+    ]
+
+
+def _list_segments(pairs: dict[str, str], path: PathLike) -> tuple[tuple[str, int, int], ...]:
     """Return name, label and layer of each segment of a Slicer segmentation."""
-    found = []
+    found: list[tuple[str, int, int]] = []
     for number in range(MOST_HEADER_BYTES):
         name = pairs.get(f"Segment{number}_Name", pairs.get(f"Segment{number}_ID"))
         if name is None:
@@ -304,6 +385,12 @@ def _list_segments(pairs: dict[str, str]) -> tuple[tuple[str, int, int], ...]:
         except ValueError:
             continue
         if label > 0 and layer >= 0:
+            same = [other for other, *place in found if place == [label, layer]]
+            if same:
+                raise FileFormatError(
+                    f"{path} has label {label} for two segments, {same[0]} and {name.strip()}: "
+                    "each must have its own"
+                )
             found.append((name.strip(), label, layer))
     return tuple(found)
 
@@ -324,10 +411,11 @@ def read_metaimage(path: PathLike) -> Volume:
             key, sign, value = line.decode("utf-8", "replace").partition("=")
             if not sign:
                 raise FileFormatError(f"{path} is not a MetaImage volume: no ElementDataFile")
-            fields[key.strip().lower()] = value.strip()
+            _set_field(fields, key.strip().lower(), value.strip(), path)
         shape = tuple(int(v) for v in _split_numbers(fields, "dimsize", path, integer=True))
         if fields.get("elementnumberofchannels", "1") != "1" or len(shape) != 3:
             raise FileFormatError(f"{path} has the shape {shape}: a label volume has 3 dimensions")
+        _check_count(fields, "ndims", len(shape), path)
         kind = fields.get("elementtype", "").upper()
         if kind not in _META_TYPES:
             raise FileFormatError(f"{path} holds voxels of type '{kind}': not read")
@@ -335,8 +423,15 @@ def read_metaimage(path: PathLike) -> Volume:
             raise FileFormatError(
                 f"{path} is a MetaImage of text or with a header to skip: not read"
             )
-        big = fields.get("binarydatabyteordermsb", fields.get("elementbyteordermsb", "False"))
-        dtype = np.dtype(_META_TYPES[kind]).newbyteorder(">" if big == "True" else "<")
+        orders = {
+            word: fields[word].lower() == "true"
+            for word in ("binarydatabyteordermsb", "elementbyteordermsb")
+            if word in fields
+        }
+        if len(set(orders.values())) > 1:
+            words = " and ".join(f"{word} is {fields[word]}" for word in orders)
+            raise FileFormatError(f"{path} contradicts itself: {words}")
+        dtype = np.dtype(_META_TYPES[kind]).newbyteorder(">" if any(orders.values()) else "<")
         spacing = _split_numbers(fields, "elementspacing", path)
         packed: Compression = "zlib" if fields.get("compresseddata") == "True" else None
         name = fields["elementdatafile"]
@@ -348,14 +443,22 @@ def read_metaimage(path: PathLike) -> Volume:
     origin = np.zeros(3) if origin is None else origin
     if len(spacing) != 3 or len(turn) != 9 or len(origin) != 3:
         raise FileFormatError(f"{path} is damaged: spacing, axes or offset are not those of 3-D")
+    unit = fields.get("distanceunits", "?")
+    scale, found = (1.0, []) if unit in ("?", "") else _scale_unit(unit, path)
+    axes = np.reshape(turn, (3, 3)).T  # a line of the matrix is an axis
+    lengths = np.linalg.norm(axes, axis=0)
+    if not (lengths > 0.0).all():
+        raise FileFormatError(f"{path} is damaged: an axis of its TransformMatrix is 0")
     affine = np.eye(4)
-    affine[:3, :3] = np.reshape(turn, (3, 3)).T * spacing  # a line of the matrix is an axis
-    affine[:3, 3] = origin
-    found = _compare_anatomy(fields.get("anatomicalorientation", ""), affine, shape)
+    affine[:3, :3] = axes / lengths * spacing * scale
+    affine[:3, 3] = origin * scale
+    what = "TransformMatrix times ElementSpacing"
+    found += compare_spacing(what, "ElementSpacing", affine, lengths * spacing * scale, shape)
+    found += _compare_anatomy(fields.get("anatomicalorientation", ""), affine, shape)
     if "elementsize" in fields:
         size = _split_numbers(fields, "elementsize", path)
         if size.shape == (3,):
-            found += compare_spacing("ElementSize", "ElementSpacing", affine, size, shape)
+            found += compare_spacing("ElementSize", "ElementSpacing", affine, scale * size, shape)
     name = Path(path).name
     return Volume(array=array, affine=affine, source=name, frame="LPS", findings=tuple(found))
 
@@ -696,7 +799,7 @@ def _read_masks(folder: Path, masks: dict[str, Path], labels: Labels | None) -> 
 def _find_masks(folder: Path, names: list[str], labels: Labels) -> list[str]:
     wanted: list[str] = []
     for label in [labels] if isinstance(labels, str) else labels:
-        same = [name for name in names if normalise(name) == normalise(str(label))]
+        same = match_name(str(label), names, str(folder))
         if not same:
             shown = sorted(names, key=lambda name: not is_digestive(name))[:MOST_LISTED]
             raise InputError(

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from ..checks import Quantity, list_quantities, quantity
+from ..checks import Quantity, floor_mm, list_quantities, quantity
 from ..errors import InputError
 from ..study.options import InsertionOptions, PathOptions, ReadOptions
 from .common import Answer, options_of
@@ -156,8 +156,6 @@ def report_study(findings: Sequence[Finding], known: Sequence[Finding], place: s
 
 def format_actuation(actuation: Actuation, out: Path) -> list[str]:
     """Return what people read of a robot's motion."""
-    from ..motion.refusal import floor_mm
-
     summary = actuation.to_dict()
     name, fit, bend = summary["name"], summary["fit"], summary["bend"]
     if actuation.fits:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from ..checks import floor_mm
 from ._tract_options import report_findings
 from .common import (
     EXIT_NEGATIVE,
@@ -90,7 +91,7 @@ def _describe(result: Verification, source: Path | None) -> str:
         )
     elif result.certified:
         lines.append(
-            f"Certified. The {body} stays at least {proof.clearance:.3f} mm from the "
+            f"Certified. The {body} stays at least {floor_mm(proof.clearance, 3)} mm from the "
             f"{_describe_wall(result)} over {way}."
         )
     elif proof.certified:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from ..checks import ceil_mm, floor_mm
 from ..results import Json
 from ..study.options import FITTED_KINDS, PathOptions, ReadOptions, TractFitOptions
 from ._tract_options import (
@@ -129,7 +130,8 @@ def _describe_limits(study: LimitsStudy) -> str:
     if links.link_low > 0.0:
         by = _LIMITED_BY[links.link_low_by].format(place=f"{links.link_low_at:.0f} mm")
         lines.append(
-            f"  links below {_floor(links.link_low)} mm pass with all joints on the centreline; "
+            f"  links below {floor_mm(links.link_low, 1)} mm pass with all joints on the "
+            "centreline; "
             f"{by}"
         )
     else:
@@ -142,18 +144,19 @@ def _describe_limits(study: LimitsStudy) -> str:
             lines.append(f"  no link passes{whose}; there is no clearance at {at:.0f} mm")
         elif math.isfinite(bound):
             lines.append(
-                f"  none above {_round_up(bound)} mm passes{whose}; "
+                f"  none above {ceil_mm(bound, 1)} mm passes{whose}; "
                 f"the bend at {at:.0f} mm limits it"
             )
         else:
             lines.append(f"  no bend was found that limits links{whose}")
-    high = f", none above {_round_up(widths.high)} mm" if math.isfinite(widths.high) else ""
-    lines.append(f"Bodies below {_floor(widths.low)} mm pass by short links{high}.")
+    high = f", none above {ceil_mm(widths.high, 1)} mm" if math.isfinite(widths.high) else ""
+    lines.append(f"Bodies below {floor_mm(widths.low, 1)} mm pass by short links{high}.")
     if study.diameters_of_link is not None:
         narrow = study.diameters_of_link
-        high = f", none above {_round_up(narrow.high)} mm" if math.isfinite(narrow.high) else ""
+        high = f", none above {ceil_mm(narrow.high, 1)} mm" if math.isfinite(narrow.high) else ""
         lines.append(
-            f"With links of {narrow.link:g} mm: bodies below {_floor(narrow.low)} mm pass{high}."
+            f"With links of {narrow.link:g} mm: bodies below {floor_mm(narrow.low, 1)} mm "
+            f"pass{high}."
         )
         verdict = {
             "passes": "pass",
@@ -165,15 +168,6 @@ def _describe_limits(study: LimitsStudy) -> str:
     if study.fit:
         lines.append(_CAVEATS[study.fit])
     return "\n".join(lines)
-
-
-def _floor(value: float) -> str:
-    return f"{math.floor(10.0 * value) / 10.0:.1f}"
-
-
-def _round_up(value: float, digits: int = 1) -> str:
-    """Write a bound rounded up, so that what is written is a bound too."""
-    return f"{math.ceil(10.0**digits * value - 1e-9) / 10.0**digits:.{digits}f}"
 
 
 @command.command("fit")
@@ -290,8 +284,6 @@ def _cut_sections(
 
 
 def _describe_fit(study: FitStudy, out: Path | None) -> str:
-    from ..motion.refusal import floor_mm
-
     fitted, report = study.fitted, study.fitted.report
     share = 100.0 / report.volume_true
     gained = share * report.volume_gained
@@ -299,10 +291,11 @@ def _describe_fit(study: FitStudy, out: Path | None) -> str:
         f"{report.pieces} {fitted.options.kind} keep {share * report.volume_kept:.1f} % of the "
         f"volume ({share * report.volume_lost:.1f} % lost, {gained:.2f} % gained, "
         f"+-{share * report.volume_error:.2f} %)",
-        f"  no point is more than {_round_up(report.outside_bound, 2)} mm outside the wall "
+        f"  no point is more than {ceil_mm(report.outside_bound)} mm outside the wall "
         f"(proved); found {report.outside:.2f} mm",
         f"  clearance lost on the centreline: {report.clearance_loss[3]:.2f} mm in the middle, "
-        f"{report.clearance_loss[-1]:.2f} mm at most, at {report.clearance_loss_place:.0f} mm; "
+        f"{ceil_mm(report.clearance_loss[-1])} mm at most, at {report.clearance_loss_place:.0f} "
+        "mm; "
         f"at least {floor_mm(study.clearance_min)} mm is left",
     ]
     if not fitted.converged:

@@ -114,7 +114,12 @@ loop_options = gather(
         ("linear", "log", "none"),
         default="linear",
     ),
-    option("--samples", "Samples kept, along the way of the pressure.", int, default=2000),
+    option(
+        "--samples",
+        "Samples kept along the way of the pressure; each turn adds one.",
+        int,
+        default=2000,
+    ),
     option("--hold-out", "Last share of the record that is not fitted.", float, default=0.0),
 )
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from ..checks import check_number, quantity
+from ..checks import ceil_mm, check_number, floor_mm, quantity
 from ..errors import InputError
 from ..motion.live import LiveOptions
 from ..study.options import InsertionOptions, PathOptions, ReadOptions
@@ -185,7 +185,8 @@ def _describe(run: LiveRun) -> str:
         f"{found['frames_refused']} were refused.",
         f"Certified clearance in a frame: {_limit(found['clearance_min_mm'], 'none')}; from one to "
         f"the next: {_limit(found['carried_min_mm'], 'contact is not excluded')}. The wall moves "
-        f"by up to {found['margin_mm']:.3g} mm between frames ({run.speed:.1f} mm/s at "
+        f"by up to {ceil_mm(found['margin_mm'], 3)} mm between frames ({ceil_mm(run.speed, 1)} "
+        "mm/s at "
         f"{run.rate:g} Hz).",
         f"Latency {1e3 * found['latency_median_s']:.0f} ms in the median, "
         f"{1e3 * found['latency_p95_s']:.0f} ms at 95 %, "
@@ -198,4 +199,4 @@ def _describe(run: LiveRun) -> str:
 
 
 def _limit(length: float | None, otherwise: str) -> str:
-    return otherwise if length is None or length < 0.0 else f"at least {length:.2f} mm"
+    return otherwise if length is None or length < 0.0 else f"at least {floor_mm(length)} mm"

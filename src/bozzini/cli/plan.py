@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from ..checks import ceil_mm, floor_mm
 from ..study.options import InsertionOptions, ReadOptions
 from ._tract_options import (
     PLAN_OPTIONS,
@@ -119,19 +120,19 @@ def _describe_result(study: InsertionStudy, summary: dict[str, Any], out: Path) 
     lines = [f"{verdict.label}. {verdict.sentence}", *verdict.notes]
     if not summary["certified"] and summary["clearance_min_mm"] is not None:
         lines.append(
-            f"Clearance is estimated to within {summary['clearance_error_mm']:.2f} mm of the "
+            f"Clearance is estimated to within {ceil_mm(summary['clearance_error_mm'])} mm of the "
             f"{summary['wall']}; it is not proved."
         )
     if study.largest is not None:
         found = study.largest
         lines.append(
-            f"Largest found: diameter {found.diameter:.2f} mm with links of "
-            f"{found.link_tested:g} mm; links of {found.link:.2f} mm at diameter "
+            f"Largest found: diameter {floor_mm(found.diameter)} mm with links of "
+            f"{found.link_tested:g} mm; links of {floor_mm(found.link)} mm at diameter "
             f"{found.diameter_tested:g} mm."
         )
     for item in summary.get("comparison", ()):
         proved = item["clearance_certified_mm"]
-        bound = "-" if proved is None else f"{proved:.2f} mm"
+        bound = "-" if proved is None else f"{floor_mm(proved)} mm"
         lines.append(
             f"  {item['method']:<7}{item['status']:<9} at {item['inserted_mm']:6.1f} mm of its "
             f"head path, clearance {bound} proved, joints move up to "

@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING
 
 import click
 
+from ..checks import ceil_mm, floor_mm
 from ..continuum.routing import RoutingLimits
 from ..errors import FileFormatError, InputError
 from ..motion.routing.options import InsertionRankOptions, RobotSearch
 from ..study.options import ReadOptions
-from ._tract_options import read_with_options, tract_options
+from ._tract_options import read_with_options, report_findings, tract_options
 from .common import (
     EXIT_NEGATIVE,
     INPUT,
@@ -165,6 +166,8 @@ def rebuild_lumen(plan: Plan, path: Path, answer: Answer) -> Duct:
 def reread_tract(plan: Plan, path: Path, answer: Answer) -> tuple[LabelTract | SurfaceTract, Duct]:
     """Return the tract that a plan was made in, read from its file again, and its lumen.
 
+    Warnings are written at once.
+
     Raises
     ------
     InputError
@@ -177,6 +180,7 @@ def reread_tract(plan: Plan, path: Path, answer: Answer) -> tuple[LabelTract | S
         raise InputError(f"{path} is not the file that the plan was made from")
     with answer.show_progress() as progress:
         tract = read_input(plan, path)
+        report_findings(tract.findings)
         field = rebuild_field(plan, tract, progress=progress)
     if known is None:
         check_lumen(plan, path, field)
@@ -282,16 +286,19 @@ def _format_design(design: RoutingDesign) -> str:
     gap = f", {design.gap:.2f} mm apart" if math.isfinite(design.gap) else ""
     lines = [
         f"a robot of {design.robot.length:.1f} mm with {len(names)} {design.routing} tendon(s): "
-        f"{design.error_rms:.3f} mm rms and {design.error_max:.3f} mm at most from the curve "
+        f"{design.error_rms:.3f} mm rms and {ceil_mm(design.error_max, 3)} mm at most from the "
+        "curve "
         f"(energy model: {design.energy_error_rms:.3f} and {design.energy_error_max:.3f} mm)",
         f"tendons {design.offset_least:.2f} to {design.offset_most:.2f} mm from the backbone"
-        f"{gap}, slope up to {design.slope:.3f}",
+        f"{gap}, slope up to {ceil_mm(design.slope, 3)}",
         format_rows(head, rows),
         "the last two columns are how far the backbone moves, without a wall, if an input is off",
     ]
     proof = design.certificate
     if proof is not None and proof.certified:
-        lines.append(f"the pose is certified {proof.clearance:.3f} mm clear of the wall")
+        lines.append(
+            f"the pose is certified at least {floor_mm(proof.clearance, 3)} mm clear of the wall"
+        )
     if not design.converged:
         lines.append(f"not within the limits: {design.reason}")
     return "\n".join(lines)
@@ -304,7 +311,7 @@ def _format_search(found: TractRobot) -> str:
             f"{trial.diameter:g}",
             f"{trial.sections}{'' if trial.even else ' uneven'}" if trial.sections else "scope",
             f"{trial.head:.1f}",
-            f"{trial.clearance:.3f}" if trial.passed else "-",
+            floor_mm(trial.clearance, 3) if trial.passed else "-",
         ]
         for trial in found.trials
     ]
@@ -316,8 +323,10 @@ def _format_search(found: TractRobot) -> str:
         for trial in found.trials
         if trial.reason
     ]
-    high = f"{found.limits.high:.2f} mm" if math.isfinite(found.limits.high) else "not known"
-    lines.append(f"bounds: any body below {found.limits.low:.2f} mm passes, none above {high}")
+    high = f"{ceil_mm(found.limits.high)} mm" if math.isfinite(found.limits.high) else "not known"
+    lines.append(
+        f"bounds: any body below {floor_mm(found.limits.low)} mm passes, none above {high}"
+    )
     if found.robot is None:
         return "\n".join([*lines, f"no robot: {found.reason}"])
     bends = [math.degrees(section.max_bend) for section in found.robot.sections]

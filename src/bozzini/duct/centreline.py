@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_number, check_points, check_range, show_value
+from ..checks import check_number, check_points, check_range, floor_mm, show_value
 from ..errors import GeometryError, InputError
 from ..numeric.polylines import interpolate_polyline, measure_arc_length, resample_polyline
 from ..progress import Progress, no_progress
@@ -361,7 +361,7 @@ class LumenGraph:
 def _format_distance(field: SampledField, distance: float) -> str:
     """Name how far outside a point lies; beyond its reach the field only knows "at least"."""
     known = distance < field.reach - field.error
-    return f"{distance:.1f} mm" if known else f"at least {distance - field.error:.1f} mm"
+    return f"{distance:.1f} mm" if known else f"at least {floor_mm(distance - field.error, 1)} mm"
 
 
 def make_key(nodes: NDArray[np.int64]) -> Key:

@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..anatomy.tissue import TissueFrame, TissueMotion
-from ..checks import check_fields, quantity
+from ..checks import check_fields, floor_beside, floor_mm, quantity
 from ..duct.base import SampledField
 from ..duct.deformation import Displacement, carry_tissue
 from ..duct.moving import MovedField, MovingField
@@ -34,7 +34,6 @@ from ..results import Json, Result, take_axes
 from .certify import certify_motion, find_waiting
 from .moving import ReplanOptions, cut_ahead, replan
 from .plan import Plan
-from .refusal import floor_beside, floor_mm
 from .space import FreeSpace
 
 if TYPE_CHECKING:

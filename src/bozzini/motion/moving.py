@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_integer, check_number, check_points
+from ..checks import check_integer, check_number, check_points, floor_beside
 from ..duct.base import Duct
 from ..duct.centreline import Centreline
 from ..duct.field import RefinedField, SampledField
@@ -338,9 +338,10 @@ def _try_path(job: Job) -> _Attempt:
                     return _Attempt(motion=motion, margin=margin, sweeps=sweeps)
                 reason = "the moved path was clear, but no motion along it could be certified"
                 break
+            shown = floor_beside(max(shaped.clearance, 0.0), band.clearance)
             reason = (
-                f"the moved path leaves {max(shaped.clearance, 0.0):.2f} mm after {sweeps} sweeps, "
-                f"{band.clearance:.2f} mm are needed"
+                f"the moved path leaves {shown[0]} mm after {sweeps} sweeps, "
+                f"{shown[1]} mm are needed"
             )
         if shaped.clearance < band.clearance - HOPELESS_MM:
             break

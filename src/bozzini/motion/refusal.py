@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
-from decimal import ROUND_FLOOR, Decimal
 
-from ..checks import quantity, show_apart
+from ..checks import ceil_mm, floor_mm, quantity, show_apart
 from .scope import Scope
 
 REASON_CODES = {
@@ -21,7 +20,7 @@ REASON_CODES = {
     "CERTIFICATE_UNRESOLVED": "a motion was found, but its clearance could not be proved",
     "HORIZON": "planned again only as far as was asked for",
     "NOT_CARRIED": "the body could not be moved with the tissue and kept clear",
-    "HEAD_CLEARANCE": "the head's path lacks clearance (method thesis)",
+    "HEAD_CLEARANCE": "no way for the head was found that is wide enough, whatever the links",
     "LINK_INFEASIBLE": "a link has no feasible place (method thesis)",
     "LINK_LOCKED": "a link's next feasible place is a jump away (method thesis)",
 }
@@ -31,25 +30,15 @@ NEAR_MM = 10.0
 """A motion that ends farther than this from the place that stops it names its end."""
 
 
-def floor_mm(value: float) -> str:
-    """Write a length rounded down, so that what is offered never reads like what is needed."""
-    return str(Decimal(value).quantize(Decimal("0.01"), rounding=ROUND_FLOOR))
-
-
-def floor_beside(value: float, other: float) -> tuple[str, str]:
-    """Write a length rounded down, and another with as many decimals: so many that they differ."""
-    for digits in range(2, 12):
-        unit = Decimal(1).scaleb(-digits)
-        floor = Decimal(value).quantize(unit, rounding=ROUND_FLOOR)
-        shown = f"{floor:f}", f"{other:z.{digits}f}"
-        if shown[0] != shown[1] or value == other:
-            break
-    return shown
-
-
 def needs_mm(value: float, offers: float) -> str:
     """Write a length that is needed with as many decimals as tell it from what is offered."""
     return show_apart(value, float(floor_mm(offers)), digits=2, form="f")[0]
+
+
+def tell_needs(radius: float, offers: float, margin: float, whose: str = "its") -> str:
+    """Return what a scope needs, and apart from it what the proof does [mm], as words."""
+    more = f" and {margin:g} mm for the proof" if margin else ""
+    return f"{needs_mm(radius, offers)} mm from {whose} axis to the wall{more}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -121,18 +110,17 @@ class Refusal:
                 statement += f", {side} that place: {self.ends_what}"
         advice = []
         if self.diameter_max is not None:
-            advice.append(f"a scope of {self.diameter_max:.2f} mm diameter")
+            advice.append(f"a scope of {floor_mm(self.diameter_max)} mm diameter")
         if self.link_max is not None:
-            advice.append(f"links of {self.link_max:.2f} mm")
+            advice.append(f"links of {floor_mm(self.link_max)} mm")
         if self.inflate is not None:
-            advice.append(f"the wall inflated by {self.inflate:.1f} mm")
+            advice.append(f"the wall inflated by {ceil_mm(self.inflate, 1)} mm")
         if advice:
             return f"{statement}. Would fit, planned and certified: {' or '.join(advice)}"
         most = math.inf if self.diameter_bound is None else self.diameter_bound
         if self.needs is not None and most < 2.0 * self.needs:
-            bound = math.ceil(100.0 * most) / 100.0
             return (
-                f"{statement}. A scope of at most {bound:.2f} mm could pass, but no plan was "
+                f"{statement}. A scope of at most {ceil_mm(most)} mm could pass, but no plan was "
                 "found for one"
             )
         return statement
@@ -152,8 +140,8 @@ class Refusal:
             needs=scope.radius + slack,
             offers=clearance,
             what=f"does not fit at the entry: the scope needs "
-            f"{needs_mm(scope.radius + slack, clearance)} mm from "
-            f"its axis to the wall, the lumen is sure to have {floor_mm(clearance)} mm there",
+            f"{tell_needs(scope.radius, clearance, slack)}, the lumen is sure to have "
+            f"{floor_mm(clearance)} mm there",
         )
 
     @classmethod

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .. import __version__
+from ..anatomy.tract import Finding
+from ..checks import ceil_mm
 from ..duct.base import Duct
 from .measures import measure_angles, measure_step_ratio, summarise_field
 from .plan import ROUND_OFF_MM, Measures, Plan
@@ -76,8 +80,13 @@ def check_errors(plan: Plan) -> str | None:
             f"errors that make it"
         )
     total = stated.interpolation_error + stated.sampling_error
-    _compare("field.clearance_error_mm", stated.clearance_error, total)
-    return f"clearances are estimated to within {total:.2f} mm, as stated"
+    if not abs(stated.clearance_error - total) <= ROUND_OFF * max(1.0, total):
+        raise FaultError(
+            f"the plan states field.clearance_error_mm {stated.clearance_error:.6g}, but "
+            f"interpolation_error_mm {stated.interpolation_error:.6g} and sampling_error_mm "
+            f"{stated.sampling_error:.6g}, whose sum it must be"
+        )
+    return f"clearances are estimated to within {ceil_mm(total)} mm, as stated"
 
 
 def check_soft_wall(plan: Plan) -> str | None:
@@ -92,6 +101,34 @@ def check_soft_wall(plan: Plan) -> str | None:
     if soft.contact_where is not None and plan.measures.clearance_where is not None:
         _compare("soft_wall.contact_where_mm", soft.contact_where, plan.measures.clearance_where)
     return f"the wall is touched at {100.0 * share:.0f} % of the steps, as stated"
+
+
+def check_named_ends(plan: Plan) -> None:
+    """Check that the stated entry and goal are where the centreline begins and ends."""
+    ends = plan.more.get("ends")
+    if plan.centreline is None or not isinstance(ends, (list, tuple)):
+        return
+    places = {"entry": plan.centreline.points[0], "goal": plan.centreline.points[-1]}
+    for role, place in places.items():
+        named = [item for item in ends if isinstance(item, Mapping) and item.get("role") == role]
+        given = [item.get("point_mm") for item in named if item.get("kind") == "end"]
+        try:
+            off = float(np.linalg.norm(np.asarray(given, dtype=float) - place))
+        except (TypeError, ValueError):
+            off = np.inf
+        if len(given) != 1 or not off <= STATED_ROUND_OFF_MM:
+            where = ", ".join(f"{value:.2f}" for value in place)
+            raise FaultError(f"the plan states its {role} at {given} mm: it is at [{where}] mm")
+
+
+def check_findings(plan: Plan, found: Sequence[Finding]) -> None:
+    """Check that what is found on reading is stated; another version may find other things."""
+    stated = plan.input is not None and plan.input.sha256 is not None
+    if not stated or plan.versions.get("bozzini") != __version__:
+        return
+    for item in found:
+        if f"{item.severity}: {item.message}" not in plan.findings:
+            raise FaultError(f"the plan does not state what the file gives: {item.message}")
 
 
 def check_scope(plan: Plan) -> str | None:
@@ -190,6 +227,16 @@ def compare_field(plan: Plan, duct: Duct) -> str | None:
     return None
 
 
+def compare_wall(plan: Plan, duct: Duct) -> None:
+    """Compare what the plan says its wall is with what it is anew."""
+    own = plan.certificate
+    stated = [plan.wall, "" if own is None else own.wall]
+    legal = (duct.wall, f"{duct.wall}, displaced by up to {plan.displaced:g} mm")
+    for words in stated:
+        if words and words not in legal:
+            raise FaultError(f"the plan states its wall as '{words}': it is '{duct.wall}'")
+
+
 def compare_path(plan: Plan, duct: Duct) -> str | None:
     """Compare the stated radius of the lumen along the path with that found anew."""
     over = np.abs(plan.path_radius + duct.signed_distance(plan.path))
@@ -218,10 +265,11 @@ def compare_passage(plan: Plan, duct: Duct) -> str | None:
     for bound in bounds:
         if bound < passage.bound - STATED_ROUND_OFF_MM:
             raise FaultError(
-                f"the plan states that no way has more than {bound:.3f} mm: {passage.bound:.3f} mm "
+                f"the plan states that no way has more than {ceil_mm(bound, 3)} mm: "
+                f"{ceil_mm(passage.bound, 3)} mm "
                 f"is what is proved"
             )
-    return f"no way through has more than {passage.bound:.2f} mm, proved anew"
+    return f"no way through has more than {ceil_mm(passage.bound)} mm, proved anew"
 
 
 def compare_place(plan: Plan, worst: NDArray[np.float64]) -> None:

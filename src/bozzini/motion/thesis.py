@@ -15,12 +15,13 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from ..checks import floor_mm
 from ..duct.centreline import Centreline
 from ..progress import Progress, no_progress
 from .link import bound_slope
 from .planner import Motion, Planner
 from .planners import PlannerOptions
-from .refusal import floor_mm, needs_mm
+from .refusal import needs_mm
 from .scope import Scope
 from .space import FreeSpace
 

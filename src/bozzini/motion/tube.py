@@ -16,6 +16,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from ..checks import ceil_mm, floor_beside, floor_mm
 from ..duct.centreline import find_clear_path
 from ..numeric.polylines import measure_arc_length
 from ..progress import Progress, no_progress
@@ -24,7 +25,7 @@ from .measures import Crossing, find_crossing, measure_angles, measure_step_rati
 from .plan import CandidateMotion
 from .planner import Motion
 from .planners import PlannerOptions
-from .refusal import NEAR_MM, Bind, Refusal, floor_mm, needs_mm
+from .refusal import NEAR_MM, Bind, Refusal, tell_needs
 from .scope import Scope
 from .shape import Band, ShapedPath, cut_path, measure_folds
 from .space import FreeSpace
@@ -352,7 +353,7 @@ class Job:
     def _bind_link(self, shaped: ShapedPath, margin: float) -> Bind:
         what = (
             f"link 1, that of the head, does not fit there with its {self.scope.link_length:g} "
-            f"mm: it needs {self.scope.radius + margin:.2f} mm from its axis to the wall, the best "
+            f"mm: it needs {tell_needs(self.scope.radius, shaped.lacks, margin)}, the best "
             f"path found has {floor_mm(shaped.lacks)} mm"
         )
         return Bind(code="LINK_TOO_LONG", what=what)
@@ -373,7 +374,7 @@ class Job:
         behind = max(proof.link - 1, 0) * self.scope.link_length
         what = (
             f"the clearance of link {proof.link}, {behind:g} mm behind the head, could not be "
-            f"proved farther (bound {proof.clearance:.2f} mm)"
+            f"proved farther (bound {floor_mm(proof.clearance)} mm)"
         )
         return Bind(code="CERTIFICATE_UNRESOLVED", what=what)
 
@@ -500,15 +501,15 @@ def explain_stop(job: Job) -> Refusal:
     if passage is not None:
         near_goal = line.length - at <= max(job.scope.diameter, 3.0)
         if passage.bound < radius and not (near_goal and goal < radius):
+            shown = floor_beside(radius, passage.bound)
             return Refusal(
                 code="NO_PASSAGE",
                 at=at,
                 needs=radius,
                 offers=passage.bound,
                 what=f"does not fit at {at:.1f} mm of the centreline: the scope needs "
-                f"{needs_mm(radius, passage.bound)} mm from its axis to the wall, and no way "
-                "through has more than "
-                f"{floor_mm(passage.bound)} mm (proved)",
+                f"{shown[0]} mm from its axis to the wall, and no way through has more than "
+                f"{shown[1]} mm (proved)",
             )
     if goal < radius + slack:
         return Refusal(
@@ -517,7 +518,7 @@ def explain_stop(job: Job) -> Refusal:
             needs=radius + slack,
             offers=goal,
             what=f"does not fit at the goal, {line.length:.1f} mm of the centreline: the scope "
-            f"needs {needs_mm(radius + slack, goal)} mm from its axis to the wall, the lumen is "
+            f"needs {tell_needs(radius, goal, slack)}, the lumen is "
             f"sure to have "
             f"{floor_mm(goal)} mm there",
         )
@@ -559,8 +560,8 @@ def explain_stop(job: Job) -> Refusal:
             needs=radius + slack,
             offers=job.failed.clearance,
             what=f"links of {job.scope.link_length:g} mm do not fit at {at:.1f} mm of the "
-            f"centreline: they need {radius + slack:.2f} mm from their axis to the wall, the best "
-            f"path found has {floor_mm(job.failed.clearance)} mm{_mention_grid(job)}",
+            f"centreline: they need {tell_needs(radius, job.failed.clearance, slack, 'their')}, "
+            f"the best path found has {floor_mm(job.failed.clearance)} mm{_mention_grid(job)}",
         )
     return _unresolved(job)
 
@@ -569,7 +570,8 @@ def _mention_grid(job: Job) -> str:
     """Return a remark where the grid, not the lumen, may be what is too narrow."""
     if job.passages.grid is None or job.duct.error < 0.25 * job.scope.radius:
         return ""
-    return f" (not proved: the grid may hide up to {job.duct.error:.2f} mm, try a smaller --voxel)"
+    hidden = ceil_mm(job.duct.error)
+    return f" (not proved: the grid may hide up to {hidden} mm, try a smaller --voxel)"
 
 
 def find_prefix(job: Job, refusal: Refusal, *, progress: Progress = no_progress) -> TubeMotion:
@@ -686,15 +688,15 @@ def _locate_tightest(job: Job, path: ShapedPath) -> float:
 
 
 def _no_path(job: Job, at: float, level: float, bound: float) -> Refusal:
-    radius = job.scope.radius + MARGINS[-1]
+    radius, margin = job.scope.radius, MARGINS[-1]
     local = float(np.interp(at, job.line.arc_length, job.bound))
     return Refusal(
-        code="LINK_TOO_LONG",
+        code="HEAD_CLEARANCE",
         at=at,
-        needs=radius,
+        needs=radius + margin,
         offers=level,
         what=f"no way for links of any length was found at {at:.1f} mm of the centreline: the "
-        f"scope needs {needs_mm(radius, max(level, local))} mm from its axis to the wall, the "
+        f"scope needs {tell_needs(radius, max(level, local), margin)}, the "
         f"widest way found has "
         f"{floor_mm(max(level, local))} mm{_mention_grid(job)}",
     )
@@ -711,5 +713,5 @@ def _unresolved(job: Job) -> Refusal:
         needs=job.scope.radius,
         offers=job.scope.radius + min(proved, 0.0),
         what=f"a motion was found, but near {at:.1f} mm of the centreline its clearance could not "
-        f"be proved (bound {proved:.2f} mm){remedy}",
+        f"be proved (bound {floor_mm(proved)} mm){remedy}",
     )

@@ -15,7 +15,7 @@ from ..anatomy.names import describe_label
 from ..anatomy.read import hash_input, read_tract
 from ..anatomy.tract import Finding, LabelTract, SurfaceTract, Tract
 from ..anatomy.volumes import is_volume
-from ..checks import check_kind, check_number, show_apart
+from ..checks import ceil_mm, check_kind, check_number, floor_mm, show_apart
 from ..duct.base import Duct
 from ..duct.field import RefinedField, SampledField, build_field, refine_field
 from ..errors import InputError
@@ -32,8 +32,10 @@ from .stated import (
     FaultError,
     check_certificate,
     check_errors,
+    check_findings,
     check_measures,
     check_method,
+    check_named_ends,
     check_refusal,
     check_scope,
     check_soft_wall,
@@ -41,6 +43,7 @@ from .stated import (
     compare_passage,
     compare_path,
     compare_place,
+    compare_wall,
 )
 
 CLAIM_ROUND_OFF_MM = 1e-6
@@ -48,6 +51,9 @@ CLAIM_ROUND_OFF_MM = 1e-6
 
 FINE_SPACING_MIN_MM, FINE_DISTANCE_MAX_MM = 0.25, 20.0
 """Least spacing of a plan's finer grid, and how far from the centreline it may reach."""
+
+SPREADING = ("tube", "follow")
+"""Planners that spread the steps of the head evenly from target to target."""
 
 FINEST_TOLERANCE_MM = 0.005
 """Tolerance of the certificate to which a claim is followed."""
@@ -308,7 +314,8 @@ def verify_file(
     wall = build_wall(tract) if independent else None
     result = verify_plan(plan, field, wall=wall, progress=progress)
     read = Check(name="reading", ok=True, message=str(reading))
-    own = (*source, read, *_run("grid", _check_grid, plan, field))
+    own = (*source, read, *_run("findings", check_findings, plan, tract.findings))
+    own = (*own, *_run("grid", _check_grid, plan, field))
     return Verification(
         plan=plan,
         checks=(*result.checks[:1], *own, *result.checks[1:]),
@@ -568,6 +575,7 @@ def _check_order(plan: Plan) -> str:
         )
     at, met = 0, True
     for target, begin, at, met in _follow_route(plan):  # noqa: B007
+        _check_spread(plan, target, begin, at)
         # All steps go towards this target, until one stands there.
         away = np.diff(np.abs(heads[begin : at + 1] - target))
         if (away > ROUND_OFF_MM).any():
@@ -583,7 +591,22 @@ def _check_order(plan: Plan) -> str:
             f"the plan is called complete, but its route ends at {end:.1f} mm and the head at "
             f"{heads[-1]:.1f} mm"
         )
-    return f"{plan.steps} along the route, the head up to {largest:.3g} mm each"
+    return f"{plan.steps} along the route, the head up to {ceil_mm(largest, 3)} mm each"
+
+
+def _check_spread(plan: Plan, target: float, begin: int, end: int) -> None:
+    """Check that steps towards a target are as many as the stated head step takes."""
+    if plan.options is None or plan.replan is not None or plan.method not in SPREADING:
+        return
+    moves = np.abs(np.diff(plan.head_arc_length[begin : end + 1]))
+    way = abs(target - float(plan.head_arc_length[begin]))
+    each = way / max(1.0, np.ceil(way / plan.options.head_step - 1e-9))
+    if len(moves) and abs(float(moves.max()) - each) > ROUND_OFF_MM:
+        shown = show_apart(float(moves.max()), each, digits=4)
+        raise FaultError(
+            f"the head moves {shown[0]} mm in a step: with the stated head_step_mm of "
+            f"{plan.options.head_step:g} it is {shown[1]} mm"
+        )
 
 
 def _check_ends(plan: Plan) -> str | None:
@@ -604,6 +627,7 @@ def _check_ends(plan: Plan) -> str | None:
         )
     if plan.status == "stopped" and reached and all(met for *_, met in _follow_route(plan)):
         raise FaultError("the plan is called stopped, but its head goes the whole way to the goal")
+    check_named_ends(plan)
     rest = " and ends at its end" if reached else f", and ends {last:.1f} mm short"
     return f"the path begins where the centreline begins{rest}"
 
@@ -637,11 +661,11 @@ def _check_moves(plan: Plan) -> str:
     if limit is not None and plan.links > 1:
         angle = float(measure_angles(plan.joints).max())
         if angle > limit + 1e-6:
+            shown = show_apart(np.degrees(angle), np.degrees(limit), digits=2, form="f")
             raise FaultError(
-                f"neighbouring links turn by {np.degrees(angle):.2f} deg: the plan states at most "
-                f"{limit!r} rad"
+                f"neighbouring links turn by {shown[0]} deg: the plan states at most {shown[1]} deg"
             )
-    return f"joints move up to {largest:.3g} mm between two steps"
+    return f"joints move up to {ceil_mm(largest, 3)} mm between two steps"
 
 
 def _check_introducer(plan: Plan) -> str | None:
@@ -705,6 +729,7 @@ def _list_wall_checks(plan: Plan, duct: Duct) -> tuple[Check, ...]:
     checks = [*_run("wall", _check_wall, plan, duct)]
     if _is_same_field(plan, duct):
         checks += _run("field", compare_field, plan, duct)
+        checks += _run("wall", compare_wall, plan, duct)
         checks += _run("path", compare_path, plan, duct)
         checks += _run("passage", compare_passage, plan, duct)
     if plan.introducer is not None and plan.scope is not None:
@@ -778,18 +803,22 @@ def _check_claim(plan: Plan, duct: Duct, certificate: Certificate) -> str:
     if claimed is None:
         if not certificate.certified:
             return "the plan claims no proof, and none is found"
-        return f"the plan claims no proof, but {proof:.3f} mm are proved"
+        return f"the plan claims no proof, but {floor_mm(proof, 3)} mm are proved"
     if claimed > proof + CLAIM_ROUND_OFF_MM:
-        shown = show_apart(claimed, proof, digits=3, form="f")
+        shown = show_apart(claimed, float(floor_mm(proof, 3)), digits=3, form="f")
         anew = f"{shown[1]} mm are proved" if certificate.certified else "nothing is proved"
         raise FaultError(f"the plan claims {shown[0]} mm: anew {anew}")
-    found = np.inf if plan.certificate is None else plan.certificate.found
+    stated = plan.certificate
+    if stated is not None and certificate.resolved and not stated.resolved:
+        raise FaultError("the plan states that its proof was not settled: anew it is")
+    found = np.inf if stated is None else stated.found
     if proof > found + ROUND_OFF_MM and _is_same_grid(plan, duct):
         raise FaultError(
-            f"the plan states a place of the body with {found:.3f} mm: anew {proof:.3f} mm are "
+            f"the plan states a place of the body with {ceil_mm(found, 3)} mm: anew "
+            f"{floor_mm(proof, 3)} mm are "
             "proved everywhere, so this is another scope, wall or motion"
         )
-    return f"the plan claims {claimed:.3f} mm: anew {proof:.3f} mm are proved"
+    return f"the plan claims {floor_mm(claimed, 3)} mm: anew {floor_mm(proof, 3)} mm are proved"
 
 
 def _compare(certificate: Certificate, second: Recheck) -> str:
@@ -808,4 +837,5 @@ def _compare(certificate: Certificate, second: Recheck) -> str:
         if certificate.certified:
             raise FaultError(message)
         return message
-    return f"by {counted} the clearance lies between {second.lower:.3f} and {second.found:.3f} mm"
+    ends = f"{floor_mm(second.lower, 3)} and {ceil_mm(second.found, 3)} mm"
+    return f"by {counted} the clearance lies between {ends}"

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from ..checks import ceil_mm
 from ..motion.plan import Plan
 from .plan_data import (
     MotionSample,
     PlanCentreline,
     Record,
     RefusalMark,
-    ceil_mm,
     find_radius,
     find_refusal,
     read_centreline,

@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_integer
+from ..checks import check_integer, floor_mm
 from ..errors import InputError
 from ..motion.measures import measure_displacement
 from ..motion.plan import Measures, Plan
-from ..motion.refusal import floor_mm, needs_mm
+from ..motion.refusal import needs_mm
 from ..results import Json
 
 if TYPE_CHECKING:
@@ -27,12 +27,7 @@ if TYPE_CHECKING:
 Record = Mapping[str, object]
 """A summary or a part of it; any number may be missing."""
 
-# Numbers out of records that may lack them, and bounds rounded to the safe side.
-
-
-def ceil_mm(value: float, digits: int = 2) -> str:
-    """Write a length rounded up, as an upper bound must be."""
-    return f"{math.ceil(value * 10**digits - 1e-9) / 10**digits:.{digits}f}"
+# Numbers out of records that may lack them.
 
 
 def read_number(values: Record, key: str) -> float | None:

@@ -7,14 +7,13 @@ from collections.abc import Mapping, Sequence
 from html import escape
 from typing import TYPE_CHECKING
 
+from ..checks import ceil_mm, floor_mm
 from ..motion.plan import Plan
-from ..motion.refusal import floor_mm
 from ..plot.plan_data import (
     METHOD_NAMES,
     PlanClearance,
     Record,
     WallContact,
-    ceil_mm,
     find_link_length,
     find_radius,
     read_centreline,
@@ -69,7 +68,8 @@ def list_limitations(plan: Plan, field: SampledField, summary: Record) -> list[s
         texts.append("How far the true wall of the body lies from the stated one is not known.")
     elif wall_error > 0.0:
         texts.append(
-            f"The true wall of the body may lie up to {wall_error:.2f} mm from the stated one, "
+            f"The true wall of the body may lie up to {ceil_mm(wall_error)} mm from the stated "
+            "one, "
             "by the resolution of the scan alone; how well it was drawn is not known here."
         )
     if plan.method == "thesis":
@@ -111,7 +111,7 @@ def _describe_estimate(field: SampledField) -> list[str]:
     if error > 0.0:
         texts.append(
             f"The distance is sampled on a grid: between its nodes it may be wrong by up to "
-            f"{error:.2f} mm. A clearance smaller than that decides nothing."
+            f"{ceil_mm(error)} mm. A clearance smaller than that decides nothing."
         )
     return texts
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from ..checks import show_apart
+from ..checks import ceil_mm, floor_beside, floor_mm
 from ..motion.plan import Plan
-from ..motion.refusal import floor_beside, floor_mm
 from ..plot.plan_data import (
     PlanClearance,
     Record,
@@ -71,7 +71,7 @@ def judge_plan(plan: Plan, summary: Record, *, error: float = 0.0) -> Verdict:
     """
     known = read_clearance(plan, summary)
     radius = find_radius(plan)
-    scope = f"The {2.0 * radius:.1f} mm scope" if radius > 0.0 else "The scope"
+    scope = f"The {round(2.0 * radius, 6)} mm scope" if radius > 0.0 else "The scope"
     verdict = _judge(plan, summary, known, scope, error)
     verdict = _add_unreached(verdict, plan, summary)
     verdict = _add_unchecked(verdict, plan, summary)
@@ -102,10 +102,10 @@ def _judge(plan: Plan, summary: Record, known: PlanClearance, scope: str, error:
             tone="red",
             label="Through the wall",
             sentence=f"{reaches}, but its body passes through the wall{where} "
-            f"by {-known.estimate:.2f} mm.",
+            f"by {ceil_mm(-known.estimate)} mm.",
         )
     if known.estimate < error:
-        shown = show_apart(known.estimate, error, digits=2, form="f")
+        shown = floor_beside(known.estimate, error)
         return Verdict(
             tone="amber",
             label="Too close to call",
@@ -139,7 +139,7 @@ def _add_unreached(verdict: Verdict, plan: Plan, summary: Record) -> Verdict:
     if rest:
         texts.append(f"not reached: {join_words([str(part['text']) for part in rest])}")
     text = "; ".join(texts)
-    text = f"{text[0].upper()}{text[1:]}."
+    text = f"{_begin_sentence(text)}."
     if plan.status == "stopped":
         return replace(verdict, notes=(*verdict.notes, text))
     label, tone = verdict.label, verdict.tone
@@ -184,7 +184,7 @@ def _add_unchecked(verdict: Verdict, plan: Plan, summary: Record) -> Verdict:
         if words is None:
             continue
         message = str(item.get("message", words)).strip().rstrip(".")
-        text = f"{message[:1].upper()}{message[1:]}."
+        text = f"{_begin_sentence(message)}."
         if plan.status == "stopped":
             verdict = replace(verdict, notes=(*verdict.notes, text))
             continue
@@ -195,6 +195,12 @@ def _add_unchecked(verdict: Verdict, plan: Plan, summary: Record) -> Verdict:
             sentence=f"{verdict.sentence} {text}",
         )
     return verdict
+
+
+def _begin_sentence(text: str) -> str:
+    """Return a text with a capital letter, but where it begins with a label's or a file's name."""
+    is_name = re.match(r"\w*[-:._/0-9]\w", text)
+    return text if is_name else f"{text[:1].upper()}{text[1:]}"
 
 
 def _add_robot(verdict: Verdict, robot: Record) -> Verdict:
@@ -214,13 +220,14 @@ def _add_robot(verdict: Verdict, robot: Record) -> Verdict:
 def _add_wall_error(verdict: Verdict, plan: Plan, known: PlanClearance, summary: Record) -> Verdict:
     """State for which error of the given wall the clearance holds, or that this is not known."""
     error, stated = _read_wall_error(plan, summary), read_number(summary, "label_error_mm")
+    limits = [error or 0.0, *([] if stated is None else [stated])]
     if known.certified and known.proved is not None:
         kept = known.proved
-        shown = floor_beside(kept, error or 0.0)
+        shown = floor_beside(kept, *limits)
         text = f"The proof holds as long as the given wall is wrong by at most {shown[0]} mm"
     elif verdict.label.startswith(REACHES) and not known.soft and known.estimate is not None:
         kept = known.estimate
-        shown = floor_beside(kept, error or 0.0)
+        shown = floor_beside(kept, *limits)
         text = f"The estimate of {shown[0]} mm is for the given wall"
     else:
         return verdict
@@ -294,7 +301,7 @@ def _judge_stopped(plan: Plan, summary: Record, known: PlanClearance, scope: str
     elif known.certified:
         note = f"Up to there it is proved to {_promise(known)} at all times."
     elif estimate is not None and estimate < 0.0:
-        note = f"Before that its body passes through the wall{where} by {-estimate:.2f} mm."
+        note = f"Before that its body passes through the wall{where} by {ceil_mm(-estimate)} mm."
     elif estimate is not None:
         note = f"Up to there it keeps {estimate:.2f} mm from the wall (nearest{where})."
     notes = (note,) if note else ()
@@ -306,7 +313,8 @@ def _judge_contact(reaches: str, known: PlanClearance, soft: WallContact) -> Ver
         return Verdict(
             tone="red",
             label="Through the wall",
-            sentence=f"{reaches}, but its body stands up to {soft.contact:.2f} mm beyond the wall"
+            sentence=f"{reaches}, but its body stands up to {ceil_mm(soft.contact)} mm beyond the "
+            "wall"
             f"{_at(soft.place)}, which gives way by at most {soft.used:g} mm.",
         )
     return Verdict(
@@ -318,7 +326,7 @@ def _judge_contact(reaches: str, known: PlanClearance, soft: WallContact) -> Ver
 
 def _describe_contact(known: PlanClearance, soft: WallContact) -> str:
     if soft.contact > 0.0:
-        text = f"it pushes the wall outwards by up to {soft.contact:.2f} mm{_at(soft.place)}"
+        text = f"it pushes the wall outwards by up to {ceil_mm(soft.contact)} mm{_at(soft.place)}"
     else:
         text = "no contact was found at the recorded steps"
     proof = "it is proved" if known.certified else "it is not proved"

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..anatomy.tract import LabelTract, SurfaceTract
-from ..checks import check_kind
+from ..checks import check_kind, floor_mm
 from ..duct.base import Duct
 from ..duct.field import SampledField, build_field, refine_field
 from ..duct.moving import MovingField
@@ -419,7 +419,7 @@ class ContactRisk(Result):
         rows = [(name, f"{share} ({ends})" if share else ends) for name, share, ends in
                 self.list_answers()]  # fmt: skip
         rows += [
-            ("certified clearance, no error", f"{self.certificate.clearance:.3f} mm"),
+            ("certified clearance, no error", f"{floor_mm(self.certificate.clearance, 3)} mm"),
             ("smallest exact distance of a sample, less the radius", f"{self.nearest:.3f} mm"),
             ("clearance in a draw: 5, 50, 95 %", " / ".join(
                 f"{value:.2f} mm" for value in np.quantile(self.clearance, QUANTILES))),

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from ..anatomy.files import encode_volume
 from ..anatomy.frame import convert_frame
 from ..anatomy.tract import Finding, LabelTract, SurfaceTract
+from ..checks import floor_mm
 from ..continuum import ContinuumRobot
 from ..duct import Centreline, SampledField, build_field
 from ..duct.field import RefinedField, check_tract, refine_field
@@ -40,7 +41,6 @@ from ..motion.actuate.actuate import actuate_plan
 from ..motion.actuate.actuation import Actuation
 from ..motion.measures import measure_displacement
 from ..motion.plan import FieldSummary, Measures, TractInput, write_record
-from ..motion.refusal import floor_mm
 from ..progress import Progress, no_progress
 from ..report.verdict import SHARE_REACHED, Verdict, judge_plan
 from ..results import Json, Result
@@ -649,7 +649,13 @@ def run_insertion(
 FINE, CORRIDOR = 0.5, 8.4
 """Spacing of a finer grid, and how far from the centreline it reaches [mm]."""
 
-GRID_CODES = ("LINK_TOO_LONG", "CERTIFICATE_UNRESOLVED", "GOAL_CLEARANCE", "ENTRY_CLEARANCE")
+GRID_CODES = (
+    "LINK_TOO_LONG",
+    "HEAD_CLEARANCE",
+    "CERTIFICATE_UNRESOLVED",
+    "GOAL_CLEARANCE",
+    "ENTRY_CLEARANCE",
+)
 """Refusals that may be the grid's, not the lumen's. A proved one (NO_PASSAGE) is not."""
 
 

@@ -16,7 +16,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from ...checks import check_number, show_apart
+from ...checks import ceil_mm, check_number, show_apart
 from ...continuum import ContinuumRobot
 from ...continuum.coupling import Coupling, require_arcs
 from ...duct.base import Duct
@@ -414,7 +414,7 @@ def _explain_wall(job: FitJob, fit: Fit, proof: ArcCertificate) -> Shortfall:
         code="CERTIFICATE_UNRESOLVED",
         what=f"it could not be proved that {job.robot.section_label(proof.section)} keeps off the "
         f"wall with the head at {fit.heads[before]:.1f} mm: the bound is "
-        f"{-proof.clearance:.2f} mm through the wall, the estimate at the steps "
+        f"{ceil_mm(-proof.clearance)} mm through the wall, the estimate at the steps "
         f"{clearance[step]:.2f} mm clear of it",
         head=float(fit.heads[before]),
         section=proof.section,

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ...checks import ceil_mm
 from ...continuum import ContinuumRobot, Section, Tendon
 from ...continuum.routing import fit_bend, split_rows
 from ...duct.base import Duct
@@ -333,7 +334,8 @@ def _explain(options: RobotSearch, limits: DiameterLimits, trials: list[Trial]) 
     """Return why no robot came through."""
     if not trials:
         return (
-            f"no body thicker than {limits.high:.2f} mm passes at {limits.high_at:.0f} mm of the "
+            f"no body thicker than {ceil_mm(limits.high)} mm passes at {limits.high_at:.0f} mm of "
+            "the "
             f"centreline (proved): the thinnest that was asked for has {options.diameter_min:g} mm"
         )
     last = trials[-1]

@@ -60,7 +60,11 @@ class LoopFitOptions:
 
     drift: str = quantity("text", "Drift beside the loops.", default="linear", words=DRIFTS)
     samples: int = quantity(
-        help="Samples kept, evenly along the way.", default=2000, low=20, high=100_000, whole=True
+        help="Samples kept, evenly along the way, and one more at each turn.",
+        default=2000,
+        low=20,
+        high=100_000,
+        whole=True,
     )
     hold_out: float = quantity(
         help="Last share of the record that is not fitted.", default=0.0, low=0.0, high=0.9

@@ -123,7 +123,7 @@ class LoopRecord:
         )
 
     def resample(self, count: int = 2000) -> LoopSamples:
-        """Return means of samples that follow each other, at most about `count`.
+        """Return means of samples that follow each other: about `count`, and one more at each turn.
 
         Four fifths are spread evenly over the way of the pressure, up and down, and one fifth over
         time, so that a rest does not count more than a loop. A mean never goes over a turning
