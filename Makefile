@@ -27,7 +27,7 @@ endif
 
 RIG_TOOLS := $(RUN) -c 'from bozzini.rig.firmware import find_missing_tools as f; print(*f().values())'
 
-.PHONY: help demo test test-all rig opencv oldest fuzz bench validate dist docs check format picture figures gallery thesis clean
+.PHONY: help demo test test-all kernels rig opencv oldest fuzz bench validate dist docs check format picture figures gallery thesis clean
 
 help: ## Show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "make %-9s %s\n", $$1, $$2}' Makefile
@@ -36,6 +36,7 @@ demo: $(CORE) ## Plan a scope through a phantom tract; report in bozzini-demo/
 	@$(DEMO)
 
 test: $(DEV) ## Run the tests
+	@$(RUN) -m bozzini doctor --compile --quiet >$(VENV)/doctor.log || { cat $(VENV)/doctor.log >&2; exit 1; }
 	@$(RUN) -m pytest -m "not slow" -n auto --maxprocesses 4 --dist loadfile
 
 test-all: test opencv ## Run all tests, those that take minutes too
@@ -54,6 +55,11 @@ opencv: $(DEV) ## Run the tests of what calls OpenCV with the oldest one, too
 	@$(PIP) --no-deps --upgrade --target build/opencv 'opencv-python-headless==4.10.*'
 	@PYTHONPATH=build/opencv $(RUN) -c 'import cv2; assert cv2.__version__.startswith("4.10."), cv2.__version__'
 	@PYTHONPATH=build/opencv $(RUN) -m pytest -m "not slow" -n auto --maxprocesses 4 --dist loadfile $(CV_TESTS)
+
+kernels: $(DEV) ## Record which kernels are called with what types, by all tests
+	@rm -rf build/signatures && mkdir -p build/signatures
+	@BOZZINI_SIGNATURES=$(CURDIR)/build/signatures $(RUN) -m pytest -n auto --maxprocesses 4 --dist worksteal
+	@$(RUN) -m tests.compiled build/signatures
 
 oldest: $(DEV) ## Run the tests with the lowest versions declared, in .venv-oldest
 	@$(PIP) uv

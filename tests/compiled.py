@@ -1,16 +1,21 @@
-"""Which kernels Bozzini calls from Python, with what types: `doctor --compile` has to know all."""
+"""Which kernels Bozzini calls from Python, with what types: `doctor --compile` has to know all.
+
+``python -m tests.compiled FOLDER`` lists those that test runs recorded in a folder.
+"""
 
 from __future__ import annotations
 
+import json
 import sys
 from collections import defaultdict
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from pathlib import Path
 from typing import Any
 
 from numba.core.dispatcher import Dispatcher
 
-from bozzini.numeric.signatures import name_kernel, write_type
+from bozzini.numeric.signatures import name_kernel, write_signatures, write_type
 
 Signatures = dict[str, set[str]]
 
@@ -37,3 +42,11 @@ def recording() -> Iterator[Signatures]:
         yield found
     finally:
         Dispatcher._compile_for_args = load
+
+
+if __name__ == "__main__":
+    union: Signatures = defaultdict(set)
+    for path in Path(sys.argv[1]).glob("*.json"):
+        for kernel_name, signatures in json.loads(path.read_text(encoding="utf-8")).items():
+            union[kernel_name] |= set(signatures)
+    write_signatures(union)

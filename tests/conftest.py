@@ -34,24 +34,6 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             item.add_marker(pytest.mark.timeout(1800))
 
 
-@pytest.hookimpl(optionalhook=True)
-def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> object:
-    """Let one process run all tests of continuum robots, so that only it compiles their kernels.
-
-    They take the longest to compile, and several processes that need a kernel at the same time
-    each compile it. Being the largest part it comes first; the other files are dealt out meanwhile.
-    """
-    if config.getoption("dist") != "loadfile":
-        return None  # the one that was asked for
-    from xdist.scheduler import LoadFileScheduling
-
-    class Scheduling(LoadFileScheduling):
-        def _split_scope(self, nodeid: str) -> str:
-            return "continuum" if "continuum" in nodeid else super()._split_scope(nodeid)
-
-    return Scheduling(config, log)
-
-
 @pytest.fixture(scope="session", autouse=True)
 def kernels_are_recorded() -> Iterator[None]:
     """Find kernels and types that `doctor --compile` would leave out; `make kernels` adds them."""

@@ -115,7 +115,8 @@ def paint_runs(target, rows, begins, ends, values, ny, shift):
     """Write each run's value into an array whose voxel 0 lies at voxel ``-shift``."""
     for at in range(len(rows)):
         i, j = rows[at] // ny + shift[0], rows[at] % ny + shift[1]
-        target[i, j, begins[at] + shift[2] : ends[at] + shift[2]] = values[at]
+        for k in range(begins[at] + shift[2], ends[at] + shift[2]):
+            target[i, j, k] = values[at]
 
 
 @kernel

@@ -308,8 +308,8 @@ def differentiate_routing(grid, turns, lengths, slopes):
                     )
                     continue
                 for end in range(2):
-                    ends[end] = paths[k, j + end]
-                    moves[end] = ends[end]
+                    copy_vector(paths[k, j + end], ends[end])
+                    copy_vector(ends[end], moves[end])
                     if kind == 1:
                         moves[end, 0], moves[end, 1] = -ends[end, 1], ends[end, 0]
                 copy_vector(step, value)

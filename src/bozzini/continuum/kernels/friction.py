@@ -90,7 +90,7 @@ def measure_tendons(grid, profile, moments, curvatures, rates, give, wraps):
                 _turn_back(mean, tangents[m], turned)
                 if n + stage > 0:
                     wraps[n, stage, m] = _measure_angle(before[m], turned)
-                before[m] = tangents[m]
+                copy_vector(tangents[m], before[m])
                 ways[m, 0], ways[m, 1] = v2 * y / long, -v2 * x / long
                 ways[m, 2] = (v1 * x - v0 * y) / long
                 if not solve_three(matrix, ways[m], least, carried[m]):

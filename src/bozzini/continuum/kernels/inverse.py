@@ -185,13 +185,13 @@ def step_inside(factor, x, limits, rows, low, high):
                 for k in range(n):
                     x[k] += step * rest[k]
             if leaves < 0:
-                active[count] = normal
+                copy_vector(normal, active[count])
                 weight[count] = force
                 count += 1
                 break
             count -= 1
             for j in range(leaves, count):
-                active[j] = active[j + 1]
+                copy_vector(active[j + 1], active[j])
                 weight[j] = weight[j + 1]
                 square = _split(active[j], j, basis, upper, share, rest)
                 _append(rest, square, j, basis, upper)

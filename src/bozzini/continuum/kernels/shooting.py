@@ -54,8 +54,9 @@ def shoot(rod, cuts, unit, share, state, jumps, system, form):
     slopes = np.zeros((BY_LENGTHS + k, free + k) if wants else (0, 0))
     turn = np.empty(3)
     sizes = np.ones(9)
-    sizes[3:6] = unit
-    sizes[6:9] = unit / length
+    for i in range(3):
+        sizes[3 + i] = unit
+        sizes[6 + i] = unit / length
     if wants:
         matrix[:] = 0.0
         by_pull[:] = 0.0

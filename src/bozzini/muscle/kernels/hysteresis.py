@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from ...numeric.compiling import kernel
+from ...numeric.kernels.copies import copy_vector
 
 # Numba kernels of the hysteresis operators: one pass over each history of a batch.
 #
@@ -193,7 +194,7 @@ def trace_relays(history, levels, last, memory):
         for i in range(count):
             switch_relays(history[row, i], before, levels, memory[row])
             before = history[row, i]
-            output[row, i] = memory[row]
+            copy_vector(memory[row], output[row, i])
     return output
 
 

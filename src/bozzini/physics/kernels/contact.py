@@ -13,6 +13,7 @@ import numpy as np
 
 from ...duct.kernels.clearance import clearance_slope
 from ...numeric.compiling import kernel
+from ...numeric.kernels.copies import copy_matrix, copy_vector
 
 SWEEPS, ROUNDS = 200, 10
 SEEN = 0.1  # a ray that is this near to the wall meets it [mm]
@@ -255,17 +256,28 @@ def fill_speeds(axes, anchors, places, owners, normals, rates, speeds):
     count = rates.shape[0]
     turn, shift = np.zeros((count + 1, 3)), np.zeros((count + 1, 3))
     for v in range(count):
-        move = rates[v] * axes[v]
-        turn[v + 1], shift[v + 1] = turn[v], shift[v]
+        copy_vector(turn[v], turn[v + 1])
+        copy_vector(shift[v], shift[v + 1])
         if v == 0:
-            shift[1] += move
-        else:
-            turn[v + 1] += move
-            shift[v + 1] -= np.cross(move, anchors[v])
+            for i in range(3):
+                shift[1, i] += rates[0] * axes[0, i]
+            continue
+        x, y, z = rates[v] * axes[v, 0], rates[v] * axes[v, 1], rates[v] * axes[v, 2]
+        turn[v + 1, 0] += x
+        turn[v + 1, 1] += y
+        turn[v + 1, 2] += z
+        shift[v + 1, 0] -= y * anchors[v, 2] - z * anchors[v, 1]
+        shift[v + 1, 1] -= z * anchors[v, 0] - x * anchors[v, 2]
+        shift[v + 1, 2] -= x * anchors[v, 1] - y * anchors[v, 0]
     for c in range(places.shape[0]):
         k = owners[c]
-        moved = shift[k] + np.cross(turn[k], places[c])
-        speeds[c] = moved[0] * normals[c, 0] + moved[1] * normals[c, 1] + moved[2] * normals[c, 2]
+        x, y, z = turn[k]
+        place, normal = places[c], normals[c]
+        speeds[c] = (
+            (shift[k, 0] + (y * place[2] - z * place[1])) * normal[0]
+            + (shift[k, 1] + (z * place[0] - x * place[2])) * normal[1]
+            + (shift[k, 2] + (x * place[1] - y * place[0])) * normal[2]
+        )
 
 
 @kernel
@@ -325,8 +337,8 @@ def press_contacts(mass, state, joints, contacts, law, force, frames):
         settled = balance_contacts(effect, velocity, depth[which], law, found)
         total = np.dot(found, rows)
         for i in range(which.shape[0]):
-            force[which[i]] = found[3 * i : 3 * i + 3]
-            frames[which[i]] = there[i]
+            copy_vector(found[3 * i : 3 * i + 3], force[which[i]])
+            copy_matrix(there[i], frames[which[i]])
         added = False
         fill_speeds(
             axes, anchors, places, owners, normals, free + step * solve_mass(mass, total), speeds

@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from ...numeric.compiling import kernel
+from ...numeric.kernels.copies import copy_vector
 
 
 @kernel
@@ -35,7 +36,8 @@ def bend_rod(theta, steps):
     points = np.empty((steps + 1, 3))
     tangents = np.empty((steps + 1, 3))
     at = theta[:3].copy()
-    points[0], tangents[0] = at, frame[:, 2]
+    copy_vector(at, points[0])
+    copy_vector(frame[:, 2], tangents[0])
     for i in range(steps):
         x = 2.0 * (i + 0.5) / steps - 1.0
         bases = np.ones(n)
@@ -55,7 +57,8 @@ def bend_rod(theta, steps):
         # The step in the frame at its start: an arc about (wx, wy, 0).
         at = at + h * (frame[:, 0] * (b * wy) - frame[:, 1] * (b * wx) + frame[:, 2] * c)
         frame = _turn(frame, wx, wy, 0.0)
-        points[i + 1], tangents[i + 1] = at, frame[:, 2]
+        copy_vector(at, points[i + 1])
+        copy_vector(frame[:, 2], tangents[i + 1])
     return points, tangents
 
 
