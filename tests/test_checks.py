@@ -46,8 +46,8 @@ def test_number_passes_exactly_when_it_is_in_the_range(
     else:
         with pytest.raises(InputError) as caught:
             check_number("gap", value, low=low, high=high, unit="mm")
-        assert f"gap is {value:g} mm" in str(caught.value)
-        assert f"[{low:g}, {high:g}] mm" in str(caught.value)
+        assert f"gap is {value:zg} mm" in str(caught.value)
+        assert f"[{low:zg}, {high:zg}] mm" in str(caught.value)
 
 
 def test_open_end_is_illegal_and_shown_as_open() -> None:

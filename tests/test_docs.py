@@ -417,7 +417,8 @@ def test_one_version_everywhere() -> None:
 def test_declared_dependencies_are_those_imported() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     declared = {re.split(r"[<>=\[ ]", item)[0] for item in project["dependencies"]}
-    modules = {"fast-simplification": "fast_simplification", "libigl": "igl"} | {
+    modules = {"lazy-loader": "lazy_loader", "fast-simplification": "fast_simplification"} | {
+        "libigl": "igl",
         "PyYAML": "yaml",
         "scikit-image": "skimage",
     }

@@ -327,6 +327,7 @@ class Runs:
         from .kernels.voxels import paint_runs
 
         move = np.asarray(shift, dtype=np.int64)
+        values = values.astype(np.int64, copy=False)
         paint_runs(target, self.rows, self.begins, self.ends, values, self.shape[1], move)
 
     def crop(self, *, turned: bool) -> tuple[Voxels, Integers]:

@@ -1,4 +1,4 @@
-"""Vectors: planar cross products, rotations, directions, orders of points."""
+"""Vectors: planar cross products, rotations, directions, orders of points, layout in memory."""
 
 from __future__ import annotations
 
@@ -45,3 +45,11 @@ def order_points(points: NDArray[np.float64]) -> NDArray[np.int64]:
     row = (cubes[:, 0] << 6) | cubes[:, 1]
     last = np.where(row % 2, 63 - cubes[:, 2], cubes[:, 2])
     return np.argsort((row << 6) | last, kind="stable")
+
+
+def settle_layout(array: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return an array as kernels take it, in C order and writable; where it is not so, a copy.
+
+    Numba compiles anew for another layout, and for an array that must not be written.
+    """
+    return np.require(array, requirements=["C", "W"])

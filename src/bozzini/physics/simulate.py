@@ -472,7 +472,7 @@ class Simulation:
         geoms = np.asarray(contact.geom).reshape(-1, 2)
         bodies = model.geom_bodyid[geoms]
         ahead = np.where(bodies[:, 1] > 0, 1.0, -1.0)  # normals are towards the second body
-        places = np.asarray(contact.pos).reshape(-1, 3)
+        places = np.ascontiguousarray(contact.pos).reshape(-1, 3)
         normals = ahead[:, None] * np.asarray(contact.frame).reshape(-1, 9)[:, :3]
         depths = -np.asarray(contact.dist)
         links = bodies.max(axis=1).astype(np.int64) - 2

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ...errors import GeometryError
 from ...numeric.polylines import carry_frames, interpolate_polyline
+from ...numeric.vectors import settle_layout
 from ...progress import Progress, no_progress
 from ..base import Duct
 from ..centreline import Centreline, find_tangents
@@ -333,7 +334,8 @@ def measure_cone_chain(
     best = np.empty(len(points))
     index = np.zeros(len(points), dtype=np.int64)
     place = np.zeros(len(points))
-    find_balls(np.ascontiguousarray(points), centres, radii, best, index, place)
+    given = (settle_layout(array) for array in (points, centres, radii))
+    find_balls(*given, best, index, place)
     return best, index, place
 
 

@@ -20,6 +20,7 @@ from ...checks import (
     show_apart,
 )
 from ...errors import InputError
+from ...numeric.vectors import settle_layout
 from ...results import Result
 
 if TYPE_CHECKING:
@@ -210,9 +211,10 @@ class Operator(ABC):
         batch = inputs.shape[:-1]
         state = self.rest() if initial is None else self._take_state(initial, batch)
         self._check_history(inputs, None if initial is None else state.last)
-        flat, size = list_rows(inputs), self.memory_size
+        flat, size = settle_layout(list_rows(inputs)), self.memory_size
         last = np.array(np.broadcast_to(state.last, batch)).reshape(len(flat))
-        memory = np.array(np.broadcast_to(state.memory, (*batch, size))).reshape(len(flat), size)
+        memory = np.array(np.broadcast_to(state.memory, (*batch, size)), order="C")
+        memory = memory.reshape(len(flat), size)
         output = self._advance(flat, last, memory).reshape(inputs.shape)
         if inputs.shape[-1]:
             last = flat[:, -1]

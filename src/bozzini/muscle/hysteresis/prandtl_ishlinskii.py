@@ -92,7 +92,7 @@ class PlaySum(InvertibleOperator):
         state = self.rest() if initial is None else self._take_state(initial, batch)
         self._check_history(np.array([low, high]), None if initial is None else state.last)
         flat = list_rows(outputs)
-        memory = np.array(np.broadcast_to(state.memory, (*batch, self.memory_size)))
+        memory = np.array(np.broadcast_to(state.memory, (*batch, self.memory_size)), order="C")
         memory = memory.reshape(len(flat), self.memory_size)
         shift = self._origin
         inputs, row, sample, bottom, top = kernels.invert_plays(

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...checks import check_word, name_at, show_apart
 from ...errors import InputError
+from ...numeric.vectors import settle_layout
 from ..design import PRESSURE_LIMIT, Muscle, check_muscle
 from ..hysteresis import Hysteresis
 from ..kernels import ends as end_kernels
@@ -333,9 +334,9 @@ class EnergyMuscle(MuscleModel):
         code, index = end_kernels.find_ended_stretches(
             self._design,
             self.muscle.active_length,
-            pressures.ravel(),
-            contractions.ravel(),
-            signs.ravel(),
+            settle_layout(pressures.ravel()),
+            settle_layout(contractions.ravel()),
+            settle_layout(signs.ravel()),
             stretches.reshape(-1),
         )
         if code != kernels.CONVERGED:
@@ -383,7 +384,10 @@ class EnergyMuscle(MuscleModel):
         if not self._tapered:
             return out
         code, index = end_kernels.fill_ends(
-            self._design, pressures.ravel(), stretches.ravel(), out.reshape(3, -1)
+            self._design,
+            settle_layout(pressures.ravel()),
+            settle_layout(stretches.ravel()),
+            out.reshape(3, -1),
         )
         if code != kernels.CONVERGED:
             raise InputError(
