@@ -121,11 +121,11 @@ def sort_crossings(first, heights, turns, open_columns):
         open_columns[c] = total != 0
 
 
-@kernel(parallel=True)
+@kernel
 def fill_inside(first, heights, turns, flags, bit):
     """Set a bit of the flags (nx, ny, nz) at all nodes that are wound about at least once."""
     nx, ny, nz = flags.shape
-    for i in prange(nx):
+    for i in range(nx):
         for j in range(ny):
             c = i * ny + j
             winding = 0
@@ -163,7 +163,7 @@ def find_inside(first, heights, turns, shape, corners, inside):
                     inside[b, i, j, k] = winding > 0
 
 
-@kernel(parallel=True)
+@kernel
 def list_faces(lumen, first, boxes):
     """List the faces between voxels of a lumen and others, joined in rows, as flat boxes.
 
@@ -180,7 +180,7 @@ def list_faces(lumen, first, boxes):
     """
     nx, ny, nz = lumen.shape
     counting = boxes.shape[0] == 0
-    for i in prange(nx - 1):
+    for i in range(nx - 1):
         at = np.int64(0) if counting else first[i]
         began = np.full(nz, -1)
         for j in range(ny - 1):
@@ -243,10 +243,10 @@ def _put_box(box, x, y, z, dx, dy, dz):
     box[5] = z + dz
 
 
-@kernel(parallel=True)
+@kernel
 def flag_voxels(lumen, at_x, at_y, at_z, flag, flags):
     """Set a flag at the nodes whose voxel, by its index along each axis, is lumen; -1 is none."""
-    for i in prange(flags.shape[0]):
+    for i in range(flags.shape[0]):
         if at_x[i] < 0:
             continue
         for j in range(flags.shape[1]):
