@@ -77,8 +77,8 @@ def test_long_commands_of_the_core_need_none_of_them(tmp_path: Path) -> None:
     _run(
         RUN,
         "demo --voxel 4mm --diameter 5mm --out demo",
-        "muscle fit data.csv --mean --out fit.json",
-        "muscle predict fit.json data.csv",
+        "muscle fit data.csv --mean --out fit.yaml",
+        "muscle predict fit.yaml data.csv",
         "rig run --duration 0.5s --out log.csv",
         "rig replay log.csv",
         cwd=tmp_path,

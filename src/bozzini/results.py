@@ -94,8 +94,6 @@ class Result:
         MissingExtraError
             If ``pandas`` is not installed.
         """
-        from .io.sheets import make_frame
-
         return make_frame(self.list_table())
 
     def list_table(self) -> Json:
@@ -141,6 +139,21 @@ class Result:
         except MissingExtraError:
             return None
         return f"<p>{escape(': '.join(words))}</p>{table}"
+
+
+def make_frame(columns: Mapping[str, object]) -> pandas.DataFrame:
+    """Return columns as a table of pandas.
+
+    Raises
+    ------
+    MissingExtraError
+        If ``pandas`` is not installed.
+    """
+    try:
+        import pandas
+    except ImportError:
+        raise MissingExtraError("pandas", "tables") from None
+    return pandas.DataFrame(columns)
 
 
 class ClosedForm(Result):

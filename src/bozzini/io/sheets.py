@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..checks import check_path
-from ..errors import FileFormatError, MissingExtraError
+from ..errors import FileFormatError
+from ..results import make_frame
 from ..units import drop_in, is_unit
 from .files import check_parquet, write_parquet, write_text
 from .inputs import note_input
@@ -71,21 +72,6 @@ def take_frame(table: pandas.DataFrame) -> Sheet:
     cells = table.astype(object).where(table.notna(), "").to_numpy().tolist()
     titles = ["" if name is None or name != name else show_cell(name) for name in table.columns]
     return _tidy(Sheet(titles, cells, range(1, len(cells) + 1)))
-
-
-def make_frame(columns: Mapping[str, object]) -> pandas.DataFrame:
-    """Return columns as a table of pandas.
-
-    Raises
-    ------
-    MissingExtraError
-        If ``pandas`` is not installed.
-    """
-    try:
-        import pandas
-    except ImportError:
-        raise MissingExtraError("pandas", "tables") from None
-    return pandas.DataFrame(columns)
 
 
 def format_table(columns: Mapping[str, Any], *, digits: int | None = None) -> str:

@@ -15,8 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_array, check_number, check_word, list_quantities, show_apart
 from ..errors import InputError
-from ..io.sheets import make_frame
-from ..results import Json, show_briefly, take_axes
+from ..results import Json, make_frame, show_briefly, take_axes
 from ..units import parse_quantity
 from .design import PRESSURE_LIMIT, Muscle
 
