@@ -14,7 +14,7 @@ def find_level_set(
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Return vertices (n, 3), in steps of the grid, and triangles (m, 3) of a level set.
 
-    The triangles turn towards larger values. If the level is not between the values both are
+    The triangles turn towards larger values, and none is flat. If the level is not between the values both are
     empty.
 
     Parameters
@@ -37,4 +37,10 @@ def find_level_set(
     nodes = np.column_stack(np.unravel_index(flat, below.shape)).astype(np.float64)
     heights = np.asarray(values).reshape(-1)[flat].astype(np.float64)
     vertices, faces, _ = igl.marching_cubes(heights, nodes, index.reshape(-1, 8), level)
+    if (heights == level).any():  # vertices that meet in a node make flat triangles
+        vertices, index = np.unique(vertices, axis=0, return_inverse=True)
+        faces = index.reshape(-1)[faces]
+        faces = faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
+        used, index = np.unique(faces, return_inverse=True)
+        vertices, faces = vertices[used], index.reshape(-1, 3)
     return np.asarray(vertices, dtype=np.float64), np.asarray(faces, dtype=np.int64)
