@@ -14,8 +14,8 @@ def find_level_set(
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Return vertices (n, 3), in steps of the grid, and triangles (m, 3) of a level set.
 
-    The triangles turn towards larger values, and none is flat. If the level is not between the values both are
-    empty.
+    The triangles turn towards larger values, and none is flat. If the level is not between the
+    values both are empty.
 
     Parameters
     ----------

@@ -301,7 +301,8 @@ def _find_level(values: NDArray[np.float32], level: float) -> tuple[Floats, NDAr
     vertices, faces = find_level_set(values, level)
     if not len(faces):
         raise GeometryError("the duct has no inside: no node of its grid lies within")
-    return vertices, faces
+    # In the order of the grid the triangles of one side would be merged before those of another.
+    return vertices, np.random.default_rng(0).permutation(faces)
 
 
 def _sample_duct(duct: Duct) -> tuple[Floats, NDArray[np.int64], float]:
