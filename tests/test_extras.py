@@ -25,16 +25,21 @@ COMMANDS = {
     "cockpit": [("websockets", "cockpit")],
     "ct": [("SimpleITK", "plan series")],
     "film": [("imageio_ffmpeg", "record plan.npz --out film.mp4")],
-    "parquet": [("pyarrow", "study run study.yaml --out results")],
     "physics": [("mujoco", "execute plan.npz tract.stl")],
     "rig": [
         ("serial", "rig run --port /dev/ttyNone --duration 0.1s"),
         ("pygame", "rig run --board native --stick gamepad --duration 0.1s"),
     ],
     "sweeps": [
+        ("pandas", "study run study.yaml --out results"),
+        ("pyarrow", "study run study.yaml --out results"),
         ("distributed", "study run study.yaml --cluster local --out results"),
         ("pymoo", "study run nsga2.yaml --out results"),
         ("optuna", "study run tpe.yaml --out results"),
+    ],
+    "tables": [
+        ("pandas", "muscle export --model energy --out table.parquet"),
+        ("pyarrow", "muscle export --model energy --out table.parquet"),
     ],
     "vision": [("cv2", "vision board charuco --out board.pdf")],
 }

@@ -11,7 +11,7 @@ import pytest
 
 import bozzini
 
-HEAVY = ("scipy", "numba", "trimesh", "matplotlib", "pint", "skimage", "igl", "nibabel", "networkx")
+HEAVY = ("scipy", "numba", "trimesh", "matplotlib", "pint", "pandas", "skimage", "igl", "nibabel")
 
 
 def _loaded_after(statement: str) -> set[str]:

@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from .checks import show_value
-from .errors import InputError
+from .errors import InputError, MissingExtraError
 from .units import add_unit
 
 if TYPE_CHECKING:
@@ -87,16 +87,26 @@ class Result:
         return {name: to_plain(value) for name, value in values.items()}
 
     def to_frame(self) -> pandas.DataFrame:
-        """Return the result as a table; units are in the names of the columns."""
-        import numpy
-        import pandas
+        """Return the result as a table of pandas; units are in the names of the columns.
 
-        frame = pandas.DataFrame(self.list_columns())
+        Raises
+        ------
+        MissingExtraError
+            If ``pandas`` is not installed.
+        """
+        return make_frame(self.list_table())
+
+    def list_table(self) -> Json:
+        """Return the columns of `to_frame`, with the verdict on each row where there is one."""
+        import numpy
+
+        columns: Json = dict(self.list_columns())
         if self.rows_have_verdict:
+            count = max(map(numpy.size, columns.values()))
             for name in ("converged", "reason"):
                 values = numpy.ravel(getattr(self, name))
-                frame[name] = numpy.repeat(values, len(frame) // max(values.size, 1))
-        return frame
+                columns[name] = numpy.repeat(values, count // max(values.size, 1))
+        return columns
 
     def list_columns(self) -> Mapping[str, object]:
         """Return the columns of `to_frame`: by default one row, of what is a single value."""
@@ -116,16 +126,34 @@ class Result:
             if "unit" in field.metadata
         }
 
-    def _repr_html_(self) -> str:
-        """Return what a notebook shows."""
+    def _repr_html_(self) -> str | None:
+        """Return what a notebook shows; without ``pandas`` it shows the representation."""
         from html import escape
 
         words = [type(self).__name__]
         reasons = [text for text in _flatten(to_plain(self.reason)) if text]
         words += [] if all(_flatten(to_plain(self.converged))) else ["not converged"]
         words += sorted(set(reasons))[:3]
-        table = self.to_frame().to_html(max_rows=SHOWN_ROWS)
+        try:
+            table = self.to_frame().to_html(max_rows=SHOWN_ROWS)
+        except MissingExtraError:
+            return None
         return f"<p>{escape(': '.join(words))}</p>{table}"
+
+
+def make_frame(columns: Mapping[str, object]) -> pandas.DataFrame:
+    """Return columns as a table of pandas.
+
+    Raises
+    ------
+    MissingExtraError
+        If ``pandas`` is not installed.
+    """
+    try:
+        import pandas
+    except ImportError:
+        raise MissingExtraError("pandas", "tables") from None
+    return pandas.DataFrame(columns)
 
 
 class ClosedForm(Result):

@@ -146,7 +146,7 @@ def test_a_bad_table_is_one_clear_line(tmp_path, name):
 def test_files_that_are_no_tables(tmp_path):
     for name in ("nowhere.csv", "nowhere.parquet"):
         if name.endswith("parquet"):
-            pytest.importorskip("pyarrow", reason="the extra 'parquet' is not installed")
+            pytest.importorskip("pyarrow", reason="the extra 'tables' is not installed")
         with pytest.raises(FileFormatError, match=r"cannot read .*: No such file") as caught:
             read_measurements(tmp_path / name)
         assert str(caught.value).count("nowhere") == 1
@@ -193,12 +193,12 @@ def test_a_strand_bounds_the_length(tmp_path):
 
 def test_parquet_without_pyarrow_names_the_extra(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "pyarrow", None)
-    with pytest.raises(MissingExtraError, match=r"bozzini\[parquet\]"):
+    with pytest.raises(MissingExtraError, match=r"bozzini\[tables\]"):
         read_measurements(tmp_path / "data.parquet")
 
 
 def test_parquet_reads_as_csv_does(tmp_path):
-    pyarrow = pytest.importorskip("pyarrow", reason="the extra 'parquet' is not installed")
+    pyarrow = pytest.importorskip("pyarrow", reason="the extra 'tables' is not installed")
     from pyarrow import parquet
 
     table = {"pressure [kPa]": [0.0, 500.0], "length [mm]": [45.0, 40.0], "specimen": ["a", None]}

@@ -216,7 +216,7 @@ def test_a_log_returns_and_its_replay_is_the_run(tmp_path, suffix):
     ("text", "words"),
     [
         ("a,b\n1,2\n", "lacks time_s"),
-        ("", "this is no table"),
+        ("", "is empty: a table has a header and rows"),
         ("time_s,x\n", "lacks setpoint_1_MPa"),
         ("time_s,\n1,2\n", "column 2 has no title and the number 2"),
     ],
@@ -233,7 +233,7 @@ def test_a_log_with_text_for_numbers_is_refused(tmp_path):
     table = run.to_frame().astype({"setpoint_2_MPa": object})
     table.loc[3, "setpoint_2_MPa"] = "much"
     table.to_csv(tmp_path / "log.csv", index=False)
-    with pytest.raises(InputError, match="is no number"):
+    with pytest.raises(InputError, match="is 'much': it must be a finite number"):
         load_log(tmp_path / "log.csv")
 
 

@@ -133,7 +133,8 @@ def test_a_table_gives_files_and_a_reason_for_each_row(bent, tmp_path) -> None:
     frame = found.to_frame()
     assert list(frame["p_r_kpa"]) == ["100", "200"] and np.isnan(frame["tip_x_mm"][1])
     points = found.list_points()
-    assert np.allclose(points[["x_mm", "y_mm", "z_mm"]], found.shapes[0].points)
+    places = np.transpose([points[f"{axis}_mm"] for axis in "xyz"])
+    assert np.allclose(places, found.shapes[0].points)
     assert summary["comparison"]["rms_mm"] < 0.15
     assert {"shape_points.csv", "shape_summary.csv", "comparison.png"} <= set(summary["files"])
 

@@ -87,7 +87,7 @@ def test_a_pair_that_fails_is_a_row_with_its_reason(folder, bent_tube) -> None:
 @pytest.mark.slow
 def test_a_model_is_compared_in_a_figure_and_tables_may_be_parquet(folder) -> None:
     pandas = pytest.importorskip("pandas")
-    pytest.importorskip("pyarrow", reason="the extra 'parquet' is not installed")
+    pytest.importorskip("pyarrow", reason="the extra 'tables' is not installed")
     options = ["--model", str(folder / "model.csv"), "--alignment", "world", "--parquet"]
     table = folder / "table.csv"
     table.write_text("pose,cam0,cam1\nbent,0.png,1.png\n")

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_integer, check_number, check_points, show_apart
 from ..errors import GeometryError, InputError
-from ._mesh import measure_volume
+from ..numeric.level_sets import find_level_set
 from .tract import LabelTract, SurfaceTract
 
 # A smooth line in space from headings, straight pieces and circular bends.
@@ -423,8 +423,6 @@ class Phantom:
         InputError
             If `spacing` is not in [0.5, 4] mm.
         """
-        from skimage.measure import marching_cubes
-
         from .kernels.meshes import fill_distance
 
         spacing = check_number("spacing", spacing, low=0.5, high=4.0, unit="mm")
@@ -433,14 +431,10 @@ class Phantom:
         field, _ = fill_distance(shape, origin, spacing, self.centreline, self.radii, reach)
         tiny = np.float32(1e-3 * spacing)  # a node on the wall would make flat triangles
         field[np.abs(field) < tiny] = tiny
-        index, faces, _, _ = marching_cubes(field, 0.0)
-        vertices = origin + spacing * index.astype(np.float64)
-        triangles = faces.astype(np.int64)
-        if measure_volume(vertices, triangles) < 0:
-            triangles = np.ascontiguousarray(triangles[:, ::-1])
+        index, faces = find_level_set(field)
         return SurfaceTract(
-            vertices=vertices,
-            faces=triangles,
+            vertices=origin + spacing * index,
+            faces=faces,
             source=self._name(),
             organ="upper-tract",
             frame="RAS",

@@ -42,11 +42,15 @@ def check_target(out: Path | None, suffixes: tuple[str, ...], *, force: bool) ->
     OutputError
         If it ends otherwise than in `suffixes`, is a directory, exists and may not be replaced,
         or its place takes no new file.
+    MissingExtraError
+        If it is Parquet, which cannot be written here.
     """
-    from ..io.files import check_new_file
+    from ..io.files import check_new_file, check_parquet
 
     if out is not None:
         check_new_file(out, suffixes, force=force)
+        if out.suffix.lower() == ".parquet":
+            check_parquet()
 
 
 def format_csv(columns: Mapping[str, Any]) -> str:

@@ -602,6 +602,13 @@ def _describe_pose(found: EffectorPose) -> list[str]:
     return [*lines, *([str(found.reason)] if str(found.reason) else [])]
 
 
+def _show_cell(cell: object) -> str:
+    """Return a cell of a table of designs."""
+    if isinstance(cell, float):
+        return f"{cell:.5g}"
+    return "-" if cell is None else str(cell)
+
+
 def _format_table(name: str, pressure: float, found: Balance) -> str:
     rows = [[f"{value:.4f}" for value in row.values()] for row in found.list_steps()]
     if len(rows) > SHOWN_ROWS:
@@ -939,7 +946,9 @@ def sweep_command(
     }
     text = f"{answer.out}: {len(found.feasible)} of {len(found.rows)} designs work"
     if answer.out is None:
-        text = found.to_frame().to_string(index=False, na_rep="-", float_format="%.5g")
+        columns = found.list_columns()
+        rows = [list(map(_show_cell, row)) for row in zip(*columns.values(), strict=True)]
+        text = format_rows(list(columns), rows)
     _give(result, answer=answer, text=text, done=bool(found.feasible))
 
 

@@ -322,11 +322,9 @@ def _give_table(table: Json, result: Json, answer: Answer, text: str) -> None:
     """Write a table to its file or to stdout."""
     shown = format_csv(table).rstrip("\n") if answer.out is None else f"{answer.out}: {text}"
     if answer.out is not None and answer.out.suffix.lower() == ".parquet":
-        import pandas
+        from ..io.sheets import write_table
 
-        from ..io.files import write_parquet
-
-        write_parquet(answer.out, pandas.DataFrame(table))
+        write_table(answer.out, table)
     elif answer.out is not None:
         from ..io.files import write_text
 

@@ -88,9 +88,9 @@ def _open_link(
 
 def _show_table(result: Result) -> str:
     """Return the table of a result for people."""
-    table = result.to_frame()
-    rows = [[_show_cell(cell) for cell in row] for row in table.itertuples(index=False)]
-    return format_rows(list(table.columns), rows)
+    table = result.list_table()
+    rows = [[_show_cell(cell) for cell in row] for row in zip(*table.values(), strict=True)]
+    return format_rows(list(table), rows)
 
 
 def _show_cell(cell: object) -> str:
@@ -117,6 +117,7 @@ def _end(result: Result) -> None:
 def demo_command(board: BoardKind, seed: int, answer: Answer) -> None:
     """Show steps, a stick that goes in circles, and faults, on an emulated rig."""
     from ..io.files import new_directory, write_text
+    from ..io.sheets import write_table
     from ..plot import write_figure
     from ..rig import HostRun, emulate_rig, run_circle, run_faults, run_steps
 
@@ -134,7 +135,7 @@ def demo_command(board: BoardKind, seed: int, answer: Answer) -> None:
             }
         for name, result in found.items():
             write_figure(result.plot(), folder / f"{name}.png")
-            result.to_frame().to_csv(folder / f"{name}.csv", index=False, lineterminator="\n")
+            write_table(folder / f"{name}.csv", result.list_table())
         plain = {name: clean_json(result) for name, result in found.items()}
         files = sorted([*(file.name for file in folder.iterdir()), "summary.json"])
         summary = {"files": files, "board": board, "seed": seed, **plain}

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from ..checks import describe_fields
 from ..io.files import new_directory, write_bytes, write_text
+from ..io.sheets import write_table
 from ..results import Json, to_plain
 from .effector import HolderOptions, build_holders, draw_template
 from .part import Part
@@ -62,8 +63,7 @@ def write_body(
         routing = tabulate_routing(robot)
         figure = Figure(figsize=(8.0, 4.2), layout="constrained")
         routing.plot(figure.add_subplot())
-        table = routing.to_frame().to_csv(index=False, float_format="%.9g", lineterminator="\n")
-        write_text(folder / "routing.csv", table)
+        write_table(folder / "routing.csv", routing.list_table(), digits=9)
         figure.savefig(folder / "routing.png", dpi=150.0)
         described = _write_parts(folder, parts, wall=given.wall, step=step)
         return _write_summary(

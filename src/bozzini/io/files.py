@@ -14,6 +14,7 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext, suppress
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -84,12 +85,19 @@ def _follow_to_file(path: Path) -> Path:
     return target
 
 
-def check_parquet() -> None:
-    """Raise `MissingExtraError` unless ``pyarrow`` is installed."""
-    try:
-        import pyarrow  # noqa: F401
-    except ImportError:
-        raise MissingExtraError("pyarrow", "parquet") from None
+_FOR_PARQUET = ("pyarrow", "pandas")
+
+
+def has_parquet() -> bool:
+    """Return whether Parquet can be read and written."""
+    return all(map(find_spec, _FOR_PARQUET))
+
+
+def check_parquet(extra: str = "tables") -> None:
+    """Raise `MissingExtraError` unless Parquet can be read and written."""
+    for package in _FOR_PARQUET:
+        if find_spec(package) is None:
+            raise MissingExtraError(package, extra)
 
 
 def write_parquet(path: str | os.PathLike[str], table: pandas.DataFrame) -> Path:

@@ -6,17 +6,21 @@ import csv
 import io
 import itertools
 import math
+import os
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import FileFormatError, MissingExtraError
+from ..checks import check_path
+from ..errors import FileFormatError
+from ..results import make_frame
 from ..units import drop_in, is_unit
+from .files import check_parquet, write_parquet, write_text
 from .inputs import note_input
 
 if TYPE_CHECKING:
@@ -68,6 +72,55 @@ def take_frame(table: pandas.DataFrame) -> Sheet:
     cells = table.astype(object).where(table.notna(), "").to_numpy().tolist()
     titles = ["" if name is None or name != name else show_cell(name) for name in table.columns]
     return _tidy(Sheet(titles, cells, range(1, len(cells) + 1)))
+
+
+def format_table(columns: Mapping[str, Any], *, digits: int | None = None) -> str:
+    """Return columns as the text of a CSV file; what is missing, NaN as well, is an empty cell.
+
+    Parameters
+    ----------
+    columns : mapping
+        Values by title, of one length; a single value stands in every row.
+    digits : int, optional
+        Significant ones of a number with a fraction; by default as many as it has.
+    """
+    count = max((np.size(values) for values in columns.values() if np.ndim(values)), default=0)
+    cells = [_list_cells(values, count) for values in columns.values()]
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(columns)
+    for row in zip(*cells, strict=True):
+        writer.writerow([_format_cell(cell, digits) for cell in row])
+    return text.getvalue()
+
+
+def _list_cells(values: Any, count: int) -> Sequence[object]:
+    if isinstance(values, str) or not np.ndim(values):
+        return [values] * count
+    plain = values.tolist() if hasattr(values, "tolist") else values
+    return [cell.item() if hasattr(cell, "item") else cell for cell in plain]
+
+
+def _format_cell(cell: object, digits: int | None) -> object:
+    if cell is None or cell != cell:
+        return ""
+    return f"{cell:.{digits}g}" if isinstance(cell, float) and digits else cell
+
+
+def write_table(
+    path: str | os.PathLike[str], columns: Mapping[str, Any], *, digits: int | None = None
+) -> Path:
+    """Write columns as Parquet if the path ends so, else as `format_table` makes text of them.
+
+    Raises
+    ------
+    MissingExtraError, OutputError
+        As `write_parquet` does.
+    """
+    if check_path("path", path).suffix.lower() in PARQUET_SUFFIXES:
+        check_parquet()
+        return write_parquet(path, make_frame(columns))
+    return write_text(path, format_table(columns, digits=digits))
 
 
 def _tidy(sheet: Sheet) -> Sheet:
@@ -207,10 +260,9 @@ class _Records:
 
 
 def _read_parquet(path: Path) -> Sheet:
-    try:
-        from pyarrow import ArrowException, parquet
-    except ImportError:
-        raise MissingExtraError("pyarrow", "parquet") from None
+    check_parquet()
+    from pyarrow import ArrowException, parquet
+
     try:
         table = parquet.read_table(io.BytesIO(_read_bytes(path)))
     except (ArrowException, OSError) as error:
@@ -227,7 +279,7 @@ def read_sheet(path: Path) -> Sheet:
     FileFormatError
         If it cannot be read as one.
     MissingExtraError
-        If a Parquet file is given and ``pyarrow`` is not installed.
+        If a Parquet file is given and ``pyarrow`` or ``pandas`` is not installed.
     """
     suffix = path.suffix.lower()
     if suffix in PARQUET_SUFFIXES:

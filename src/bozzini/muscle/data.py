@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_array, check_number, check_word, list_quantities, show_apart
 from ..errors import InputError
-from ..results import Json, show_briefly, take_axes
+from ..results import Json, make_frame, show_briefly, take_axes
 from ..units import parse_quantity
 from .design import PRESSURE_LIMIT, Muscle
 
@@ -297,21 +297,27 @@ class Measurements:
             raise InputError(f"specimen {specimen!r}: {error}") from None
 
     def to_frame(self) -> pandas.DataFrame:
-        """Return the table, units in the names of the columns; `take_measurements` goes back."""
-        import pandas
+        """Return the table, units in the names of the columns; `take_measurements` goes back.
 
+        Raises
+        ------
+        MissingExtraError
+            If ``pandas`` is not installed.
+        """
+        return make_frame(self.list_table())
+
+    def list_table(self) -> dict[str, NDArray[np.generic]]:
+        """Return the columns of `to_frame`."""
         units = {name: unit for name, (_, _, unit) in _RANGES.items()}
         units |= {f"{name} error": unit for name, unit in units.items()}
         units |= {name: known.unit for name, known in GEOMETRY.items()}
         units |= {name_free_length(at): "mm" for at in self.free_lengths}
-        return pandas.DataFrame(
-            {
-                f"{describe_field(name)} [{unit}]"
-                if (unit := units.get(name))
-                else describe_field(name): values
-                for name, values in self._list_columns().items()
-            }
-        )
+        return {
+            f"{describe_field(name)} [{unit}]"
+            if (unit := units.get(name))
+            else describe_field(name): values
+            for name, values in self._list_columns().items()
+        }
 
     def _list_columns(self) -> dict[str, NDArray[np.generic]]:
         """Return all columns by name: those of `COLUMNS`, geometry, errors, free lengths."""
@@ -390,21 +396,26 @@ class Measurements:
         InputError
             If a specimen at a load has only one direction, or the two share no pressure.
         """
-        import pandas
-
-        frame, notes = self._list_rows(), list(self.notes)
+        columns, notes = self._list_columns(), list(self.notes)
+        loads = self.load.round(9)  # equal but for round-off
+        columns["load"] = loads
         averaged = ["contraction", *(f"{name} error" for name in self.errors)]
-        constant = [*self.geometry, *map(name_free_length, self.free_lengths)]
-        known = frame["direction"] != ""
-        parts = [frame[~known]]
-        for (load, specimen), rows in frame[known].groupby(["load", "specimen"]):
+        known = self.direction != ""
+        parts = [{name: values[~known] for name, values in columns.items()}]
+        for load, specimen in sorted(set(zip(loads[known], self.specimen[known], strict=True))):
             words = f"specimen {str(specimen)!r} at {load:g} N"
-            branches = rows.groupby(["direction", "pressure"])[averaged].mean()
+            rows = known & (loads == load) & (self.specimen == specimen)
+            branches = []
             for name in ("inflating", "deflating"):
-                if name not in branches.index:
+                own = rows & (self.direction == name)
+                if not own.any():
                     raise InputError(f"{words} has no {name} row: a mean of directions needs both")
-            risen, fallen = branches.loc["inflating"], branches.loc["deflating"]
-            up, down = risen.index.to_numpy(), fallen.index.to_numpy()
+                at, state, count = np.unique(
+                    self.pressure[own], return_inverse=True, return_counts=True
+                )
+                means = {n: np.bincount(state, columns[n][own]) / count for n in averaged}
+                branches.append((at, means))
+            (up, risen), (down, fallen) = branches
             shared = (up >= down[0]) & (up <= down[-1])
             reached = f"deflation at {down[0]:g} to {down[-1]:g} MPa"
             if not shared.any():
@@ -416,26 +427,18 @@ class Measurements:
                 notes.append(
                     f"{words}: inflation at {lost} MPa left out, which the {reached} does not reach"
                 )
-            columns = {"pressure": up[shared], "load": load, "direction": "", "specimen": specimen}
+            part = {name: values[rows][:1].repeat(shared.sum()) for name, values in columns.items()}
+            part |= {"pressure": up[shared], "direction": np.full(shared.sum(), "")}
             for name in averaged:
-                both = risen[name].to_numpy(), np.interp(up, down, fallen[name].to_numpy())
+                both = risen[name], np.interp(up, down, fallen[name])
                 mean = 0.5 * (both[0] + both[1] if name == "contraction" else np.hypot(*both))
-                columns[name] = mean[shared]
-            columns |= {name: rows[name].iloc[0] for name in constant}
-            parts.append(pandas.DataFrame(columns))
-        merged = pandas.concat([part for part in parts if len(part)])
+                part[name] = mean[shared]
+            parts.append(part)
         return Measurements(
-            **sort_columns({name: merged[name].to_numpy() for name in merged}),
+            **sort_columns({n: np.concatenate([part[n] for part in parts]) for n in columns}),
             ignored=self.ignored,
             notes=tuple(notes),
         )
-
-    def _list_rows(self) -> pandas.DataFrame:
-        """Return the rows as a table, loads that are equal but for round-off made equal."""
-        import pandas
-
-        frame = pandas.DataFrame(self._list_columns())
-        return frame.assign(load=frame["load"].round(9))
 
     def repeat_statistics(self, *, tolerance: float = 1e-6) -> RepeatStatistics:
         """Return mean and spread of the rows that repeat a state.

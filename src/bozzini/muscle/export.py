@@ -21,7 +21,8 @@ from numpy.typing import NDArray
 from .. import __version__
 from ..checks import check_integer, check_kind, check_number
 from ..errors import BozziniError, InputError
-from ..io.files import write_parquet, write_text
+from ..io.files import write_text
+from ..io.sheets import write_table
 from .compose import Bundle, find_limits
 from .ends import MARGIN, EndEffects, MountedMuscle
 from .model import DIRECTIONS, LOAD_LIMIT, MuscleModel, parse_direction
@@ -237,14 +238,8 @@ def export_muscle(
         return write_text(path, print_python(model, direction=direction))
     if suffix not in SUFFIXES:
         raise InputError(f"{path} ends in '{suffix}': it must end in one of {', '.join(SUFFIXES)}")
-    import pandas
-
-    table = pandas.DataFrame(
-        tabulate_force(model, pressure=pressure, points=points, direction=direction)
-    )
-    if suffix == ".parquet":
-        return write_parquet(path, table)
-    return write_text(path, table.to_csv(index=False, lineterminator="\n"))
+    table = tabulate_force(model, pressure=pressure, points=points, direction=direction)
+    return write_table(path, table)
 
 
 def tabulate_force(

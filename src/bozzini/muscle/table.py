@@ -21,6 +21,7 @@ from ..io.files import write_text
 from ..io.sheets import (
     DECIMAL_COMMA,
     Sheet,
+    format_table,
     read_sheet,
     show_cell,
     split_title,
@@ -191,7 +192,7 @@ def write_measurements(path: str | os.PathLike[str], data: Measurements) -> Path
     OutputError
         If the file cannot be written.
     """
-    return write_text(path, data.to_frame().to_csv(index=False, lineterminator="\n"))
+    return write_text(path, format_table(data.list_table()))
 
 
 _MEASURED_KINDS = {

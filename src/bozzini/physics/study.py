@@ -18,6 +18,7 @@ from ..checks import check_word
 from ..duct.base import Duct
 from ..errors import InputError
 from ..io.files import write_text
+from ..io.sheets import write_table
 from ..motion.actuate.actuation import Actuation
 from ..motion.plan import Plan
 from ..motion.scope import Scope
@@ -400,8 +401,8 @@ class ExecutionStudy(Result):
         mesh, _ = self.drawn_wall
         for each in self.executions:
             name = each.drive
-            each.to_frame().to_csv(folder / f"{name}.csv", index=False)
-            _write_table(each.list_contacts(), folder / f"{name}_contacts.csv")
+            write_table(folder / f"{name}.csv", each.list_table())
+            write_table(folder / f"{name}_contacts.csv", each.list_contacts())
             write_scene(
                 folder / f"{name}.glb",
                 surface=(mesh.vertices, mesh.faces),
@@ -413,18 +414,12 @@ class ExecutionStudy(Result):
         trimesh.Trimesh(pressed, mesh.faces, process=False).export(folder / "wall.ply")
         plot.write_figure(self.plot(), folder / "force.png")
         plot.write_figure(self.draw_map(), folder / "map.png")
-        self.to_frame().to_csv(folder / "comparison.csv", index=False)
+        write_table(folder / "comparison.csv", self.list_table())
         write_text(folder / "view.html", render_page(self.make_page()))
         names = {path.name for path in folder.iterdir()} | {"summary.json"}
         summary = self.to_dict() | {"files": sorted(names)}
         write_text(folder / "summary.json", json.dumps(summary, indent=2, allow_nan=False))
         return summary
-
-
-def _write_table(columns: Mapping[str, object], path: Path) -> None:
-    import pandas
-
-    pandas.DataFrame(columns).to_csv(path, index=False)
 
 
 def study_execution(

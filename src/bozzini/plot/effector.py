@@ -383,30 +383,31 @@ def draw_sweep(sweep: Sweep) -> Figure:
     first, *others = sweep.parameters
     known = find_quantity(first)
     unit = known.unit.replace("^2", "²") if known else ""
-    frame, labels = sweep.to_frame(), []
-    frame["place"] = frame[name_column(first)]
-    if frame["place"].dtype.kind not in "iuf":
+    columns, labels = sweep.list_columns(), []
+    place = np.array(columns[name_column(first)])
+    if place.dtype.kind not in "iuf":
         words = [_format(row.changes[first]) for row in sweep.rows]
         labels = list(dict.fromkeys(words))
-        frame["place"] = [labels.index(word) for word in words]
-    keys = [name_column(name) for name in others]
-    groups = frame.groupby(keys, sort=False) if keys else [((), frame)]
+        place = np.array([labels.index(word) for word in words])
+    keys = list(zip(*(columns[name_column(name)] for name in others), strict=True))
+    keys = keys or [()] * len(place)
     figure, (left, right) = make_panels(1, 2)
     wanted = sweep.deflection > 0.0
-    failed = frame["place"][~frame["feasible"]].to_numpy()
-    for k, (values, rows) in enumerate(groups):
+    failed = place[~np.array(columns["feasible"], dtype=np.bool_)]
+    for k, values in enumerate(dict.fromkeys(keys)):
         name = ", ".join(f"{key} {_format(v)}" for key, v in zip(others, values, strict=True))
         # A design that only needs more pressure than is legal has all its numbers.
-        built = rows[rows["area_mm2"].notna()]
+        built = [i for i, row in enumerate(sweep.rows) if keys[i] == values and row.built]
         for axes, column, dash in (
             (left, "largest_amplitude_mm", DASHES[0]),
             (left, "inner_radius_mm", DASHES[1]),
             (right, "needed_pressure_MPa" if wanted else "area_mm2", DASHES[0]),
         ):
-            heights = built[column].astype(float) * (1e3 if column.endswith("MPa") else 1.0)
+            heights = np.array([columns[column][i] for i in built], dtype=np.float64)
+            heights *= 1e3 if column.endswith("MPa") else 1.0
             axes.plot(
-                built["place"],
-                heights if axes is left else heights.where(heights > 0.0),
+                place[built],
+                heights if axes is left else np.where(heights > 0.0, heights, np.nan),
                 marker="o",
                 linestyle=dash,
                 markersize=3.5,

@@ -20,7 +20,8 @@ import numpy as np
 
 from ..checks import check_integer, check_number, describe_fields
 from ..errors import InputError, OutputError
-from ..io.files import write_parquet, write_text
+from ..io.files import write_text
+from ..io.sheets import format_table, write_table
 from ..muscle.data import Measurements
 from ..progress import Progress, no_progress
 from ..results import Json, Result, take_axes, to_plain
@@ -30,7 +31,6 @@ from .protocol import SetPoint, State
 from .stairs import Stairs
 
 if TYPE_CHECKING:
-    import pandas
     from matplotlib.axes import Axes
 
 Gauge = Callable[[], float]
@@ -317,13 +317,10 @@ class Characterisation(Result):
         OutputError
             If the file cannot be written.
         """
-        table = self.to_frame()
-        if Path(path).suffix.lower() != ".parquet":
-            return write_text(path, table.to_csv(index=False, lineterminator="\n"))
-        return write_parquet(path, table)
+        return write_table(path, self.list_columns())
 
-    def list_pictures(self, folder: str | os.PathLike[str]) -> pandas.DataFrame:
-        """Return the pictures as ``bozzini vision length`` takes them, paths from a folder.
+    def list_pictures(self, folder: str | os.PathLike[str]) -> Json:
+        """Return columns of the pictures for ``bozzini vision length``, paths from a folder.
 
         Each has the pressure measured at it; that command groups the repeats, and compares the
         directions, by the set-point.
@@ -333,24 +330,20 @@ class Characterisation(Result):
         InputError
             If no picture was taken.
         """
-        import pandas
-
         rows = [row for row in self.rows if row.image]
         if not rows:
             raise InputError("no picture was taken")
         short = {"inflating": "inflate", "deflating": "deflate"}
-        return pandas.DataFrame(
-            {
-                "image": [Path(os.path.relpath(r.image, folder)).as_posix() for r in rows],
-                "specimen": self.stairs.specimen,
-                "pressure_kpa": [1e3 * max(r.pressure, 0.0) for r in rows],
-                "setpoint_kpa": [1e3 * r.setpoint for r in rows],
-                "direction": [short[r.direction] for r in rows],
-                "repeat": [r.repeat for r in rows],
-                "load_n": self.stairs.load,
-                "note": ["; ".join(r.flags) for r in rows],
-            }
-        )
+        return {
+            "image": [Path(os.path.relpath(r.image, folder)).as_posix() for r in rows],
+            "specimen": self.stairs.specimen,
+            "pressure_kpa": [1e3 * max(r.pressure, 0.0) for r in rows],
+            "setpoint_kpa": [1e3 * r.setpoint for r in rows],
+            "direction": [short[r.direction] for r in rows],
+            "repeat": [r.repeat for r in rows],
+            "load_n": self.stairs.load,
+            "note": ["; ".join(r.flags) for r in rows],
+        }
 
     def save_pictures(self, path: str | os.PathLike[str]) -> Path:
         """Write the list of `list_pictures` as a .csv file, paths from its place.
@@ -362,32 +355,26 @@ class Characterisation(Result):
         OutputError
             If the file cannot be written.
         """
-        table = self.list_pictures(Path(path).absolute().parent)
-        return write_text(path, table.to_csv(index=False, lineterminator="\n"))
+        columns = self.list_pictures(Path(path).absolute().parent)
+        return write_text(path, format_table(columns))
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the contraction, or without it the pressure's error, and return the axes.
 
         Bars are two standard deviations of the repeats.
         """
-        import pandas
-
         label = "contraction [mm]" if self.has_contraction else "pressure less set-point [kPa]"
         axes = take_axes(ax, x="pressure [kPa]", y=label)
-        table = pandas.DataFrame(
-            {
-                "direction": [r.direction for r in self.rows],
-                "setpoint": [1e3 * r.setpoint for r in self.rows],
-                "y": [
-                    r.contraction if self.has_contraction else 1e3 * (r.pressure - r.setpoint)
-                    for r in self.rows
-                ],
-            }
-        )
-        for direction, rows in table.groupby("direction", sort=False):
-            steps = rows.groupby("setpoint")["y"]
-            mean, spread = steps.mean(), 2.0 * steps.std().fillna(0.0)
-            axes.errorbar(mean.index, mean, yerr=spread, fmt="o-", capsize=2, label=direction)
+        found: dict[str, dict[float, list[float]]] = {}
+        for r in self.rows:
+            y = r.contraction if self.has_contraction else 1e3 * (r.pressure - r.setpoint)
+            if y is not None:
+                found.setdefault(r.direction, {}).setdefault(1e3 * r.setpoint, []).append(y)
+        for direction, steps in found.items():
+            places = sorted(steps)
+            mean = [np.mean(steps[x]) for x in places]
+            spread = [2.0 * np.std(steps[x], ddof=len(steps[x]) > 1) for x in places]
+            axes.errorbar(places, mean, yerr=spread, fmt="o-", capsize=2, label=direction)
         if self.rows:
             axes.legend(frameon=False)
         return axes

@@ -93,7 +93,7 @@ class StepResponses(Result):
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw pressures in the muscles and set-points over time, and return the axes."""
         axes = take_axes(ax, x="time [s]", y="pressure [kPa]")
-        wanted = self.run.to_frame()
+        wanted = {name: np.array(x) for name, x in self.run.list_columns().items()}
         for k in range(3):
             (line,) = axes.plot(self.time, 1e3 * self.pressures[:, k], label=f"muscle {k + 1}")
             column = 1e3 * wanted[f"setpoint_{k + 1}_MPa"]
@@ -180,7 +180,7 @@ class CircleRun(HostRun):
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw where the tip was wanted and where it was, seen along the axis."""
         axes = take_axes(ax, x="x [mm]", y="y [mm]", equal=True)
-        table = self.to_frame()
+        table = self.list_columns()
         target = table["target_x_mm"], table["target_y_mm"]
         axes.plot(*target, color="0.75", lw=4.0, label="target, within the reach of the muscles")
         axes.plot(table["tip_x_mm"], table["tip_y_mm"], label="tip, from measured pressures")

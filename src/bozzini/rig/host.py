@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_number
 from ..errors import InputError
-from ..io.files import check_parquet, write_parquet, write_text
-from ..io.sheets import take_frame
+from ..io.files import check_parquet, write_parquet
+from ..io.sheets import read_sheet, take_numbers, write_table
 from ..progress import Progress, no_progress
 from ..results import Json, Result, take_axes
 from .link import Link
@@ -165,14 +165,17 @@ class HostRun(Result):
             "tip_error_max_mm": self.tip_error_max if self.tip_errors.size else None,
         }
 
-    def to_frame(self) -> pandas.DataFrame:
-        """Return the log as a table, a row each period, with the time of day."""
-        import pandas
+    def list_columns(self) -> Json:
+        """Return the columns of `to_frame`, a row each period, with the time of day."""
+        if not self.rows:
+            return {}
+        times = [self.start + timedelta(seconds=row["time_s"]) for row in self.rows]
+        names = dict.fromkeys(name for row in self.rows for name in row)
+        return {"utc": times, **{name: [row.get(name) for row in self.rows] for name in names}}
 
-        table = pandas.DataFrame(self.rows)
-        if len(table):
-            spans = pandas.to_timedelta(table["time_s"], unit="s")
-            table.insert(0, "utc", pandas.Timestamp(self.start) + spans)
+    def to_frame(self) -> pandas.DataFrame:
+        """Return the log as a table of pandas, the counters in its attributes."""
+        table = super().to_frame()
         table.attrs = {**self.to_dict(), "log": LOG_VERSION}
         return table
 
@@ -186,15 +189,15 @@ class HostRun(Result):
         OutputError
             If the file cannot be written.
         """
-        table = self.to_frame()
         if Path(path).suffix.lower() == ".csv":
-            return write_text(path, table.to_csv(index=False, lineterminator="\n"))
-        return write_parquet(path, table)
+            return write_table(path, self.list_columns())
+        check_parquet()
+        return write_parquet(path, self.to_frame())
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw set-points and measured pressures over time, and return the axes."""
         axes = take_axes(ax, x="time [s]", y="pressure [kPa]")
-        table = self.to_frame()
+        table = {name: np.array(values) for name, values in self.list_columns().items()}
         for k in range(1, 4):
             (line,) = axes.plot(
                 table["time_s"], 1e3 * table[f"pressure_{k}_MPa"], label=f"muscle {k}"
@@ -214,8 +217,8 @@ LOG_COLUMNS = (
 """Columns that a log must have."""
 
 
-def load_log(path: str | Path) -> pandas.DataFrame:
-    """Read a log that `HostRun.save` has written.
+def load_log(path: str | Path) -> dict[str, Floats]:
+    """Read times, set-points and pressures, see `LOG_COLUMNS`, of a log that `save` has written.
 
     Raises
     ------
@@ -224,29 +227,13 @@ def load_log(path: str | Path) -> pandas.DataFrame:
     MissingExtraError
         If it is Parquet and ``pyarrow`` is not installed.
     """
-    import pandas
-
-    source = Path(path)
-    is_text = source.suffix.lower() == ".csv"
-    if not is_text:
-        check_parquet()
-    try:
-        table = pandas.read_csv(source) if is_text else pandas.read_parquet(source)
-        if any(str(name).startswith("Unnamed: ") for name in table):
-            take_frame(table)  # refuses numbers without a title
-    except OSError as error:
-        raise InputError(f"{source}: it cannot be read: {error.strerror or error}") from None
-    except Exception as error:  # pandas and pyarrow raise errors of many kinds
-        words = (str(error).splitlines() or [type(error).__name__])[0]
-        raise InputError(f"{source}: this is no table: {words}") from None
-    missing = [name for name in LOG_COLUMNS if name not in table]
-    if missing or not len(table):
+    sheet = read_sheet(Path(path))
+    missing = [name for name in LOG_COLUMNS if name not in sheet.titles]
+    if missing or not sheet.rows:
         words = missing[0] if missing else "rows"
-        raise InputError(f"{source}: this is no log of a rig: it lacks {words}")
-    numbers = table[list(LOG_COLUMNS)]
-    if not all(kind.kind in "fiu" for kind in numbers.dtypes) or numbers.isna().any(axis=None):
-        raise InputError(f"{source}: a time, set-point or pressure is no number")
-    return table
+        raise InputError(f"{path}: this is no log of a rig: it lacks {words}")
+    where = f"{path}: "
+    return {n: take_numbers(sheet, sheet.titles.index(n), where=where) for n in LOG_COLUMNS}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -288,12 +275,10 @@ class Replay(Result):
         """Return the differences and the counters of the run as plain values."""
         return {"rms_MPa": self.rms, "largest_MPa": self.residual, **self.run.to_dict()}
 
-    def to_frame(self) -> pandas.DataFrame:
-        """Return the log of the run, with the differences."""
-        table = self.run.to_frame()
-        for k in range(3):
-            table[f"difference_{k + 1}_MPa"] = self.differences[:, k]
-        return table
+    def list_columns(self) -> Json:
+        """Return the columns of `to_frame`: those of the log of the run, and the differences."""
+        more = {f"difference_{k + 1}_MPa": self.differences[:, k] for k in range(3)}
+        return self.run.list_columns() | more
 
     def save(self, path: str | Path) -> Path:
         """Write the log of the run; see `HostRun.save`."""
@@ -304,14 +289,16 @@ class Replay(Result):
         return self.run.plot(ax)
 
 
-def replay_log(link: Link, log: pandas.DataFrame, *, progress: Progress = no_progress) -> Replay:
+def replay_log(
+    link: Link, log: Mapping[str, ArrayLike], *, progress: Progress = no_progress
+) -> Replay:
     """Send the set-points of a log again, each held until the next.
 
     Parameters
     ----------
     link : Link
         To the board.
-    log : DataFrame
+    log : mapping or DataFrame
         As `load_log` returns it.
     progress : callable
         Is called with how far it is.
@@ -322,11 +309,11 @@ def replay_log(link: Link, log: pandas.DataFrame, *, progress: Progress = no_pro
         If the times of the log do not increase, a set-point is not legal, or the board does not
         arm.
     """
-    times = log["time_s"].to_numpy(dtype=np.float64)
+    times = np.asarray(log["time_s"], dtype=np.float64)
     steps = np.diff(times)
     if not np.all(steps > 0.0):
         raise InputError("the times of the log do not increase")
-    wanted = log[[f"setpoint_{k}_MPa" for k in (1, 2, 3)]].to_numpy(dtype=np.float64)
+    wanted = np.transpose([log[f"setpoint_{k}_MPa"] for k in (1, 2, 3)]).astype(np.float64)
     commands = [SetPoint(tuple(row)) for row in wanted.tolist()]
     period = float(np.median(steps)) if steps.size else 0.01
     host = Host(link, period=min(max(period, 1e-3), 0.05))
@@ -338,7 +325,8 @@ def replay_log(link: Link, log: pandas.DataFrame, *, progress: Progress = no_pro
 
     run = host.run(control, times[-1] - times[0] + host.period, progress=progress)
     measured = np.array([[row[f"pressure_{k}_MPa"] for k in (1, 2, 3)] for row in run.rows])
-    before = [np.interp(run.ticks, times - times[0], log[f"pressure_{k}_MPa"]) for k in (1, 2, 3)]
+    known = [np.asarray(log[f"pressure_{k}_MPa"], dtype=np.float64) for k in (1, 2, 3)]
+    before = [np.interp(run.ticks, times - times[0], values) for values in known]
     return Replay(run=run, differences=measured.reshape(-1, 3) - np.transpose(before))
 
 

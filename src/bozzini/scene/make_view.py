@@ -20,6 +20,7 @@ from ..errors import GeometryError, InputError
 from ..motion.actuate.actuation import Actuation
 from ..motion.plan import Plan
 from ..motion.scope import Introducer
+from ..numeric.level_sets import find_level_set
 from ..plot.plan_data import (
     PlanCentreline,
     find_link_length,
@@ -297,15 +298,11 @@ def _view_wall(wall: Wall) -> View:
 
 def _find_level(values: NDArray[np.float32], level: float) -> tuple[Floats, NDArray[np.int64]]:
     """Return the level set of values on a grid, in steps of the grid."""
-    from skimage.measure import marching_cubes
-
-    try:
-        vertices, faces, _, _ = marching_cubes(
-            np.asarray(values), level=level, allow_degenerate=False
-        )
-    except ValueError:
-        raise GeometryError("the duct has no inside: no node of its grid lies within") from None
-    return np.asarray(vertices, dtype=np.float64), np.asarray(faces, dtype=np.int64)
+    vertices, faces = find_level_set(values, level)
+    if not len(faces):
+        raise GeometryError("the duct has no inside: no node of its grid lies within")
+    # In the order of the grid the triangles of one side would be merged before those of another.
+    return vertices, np.random.default_rng(0).permutation(faces)
 
 
 def _sample_duct(duct: Duct) -> tuple[Floats, NDArray[np.int64], float]:

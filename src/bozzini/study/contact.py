@@ -442,18 +442,16 @@ class ContactRisk(Result):
 
     def write(self, folder: Path) -> Json:
         """Write tables, figure and report into a directory, and return the summary."""
-        from importlib.util import find_spec
-
         from .. import plot
-        from ..io.files import write_parquet, write_text
+        from ..io.files import has_parquet, write_text
+        from ..io.sheets import write_table
 
         plot.write_figure(self.draw(), folder / "uncertainty.png")
         tables = {"stations": self.stations.list_columns(), "diameters": self.over_diameters}
         for name, columns in tables.items():
-            _write_table(columns, folder / f"{name}.csv")
-        _write_table(self.list_columns(), folder / "draws.csv")
-        if find_spec("pyarrow") is not None:
-            write_parquet(folder / "draws.parquet", self.to_frame())
+            write_table(folder / f"{name}.csv", columns)
+        for ending in ("csv", "parquet") if has_parquet() else ("csv",):
+            write_table(folder / f"draws.{ending}", self.list_table())
         self.make_page().write(folder / "report.html")
         names = {path.name for path in folder.iterdir()} | {"summary.json"}
         summary = self.to_dict() | {"files": sorted(names)}
@@ -490,12 +488,6 @@ def _show_percent(share: float) -> str:
 
 def _show_interval(ends: Interval) -> str:
     return f"{100.0 * ends[0]:.3g} to {100.0 * ends[1]:.3g} %"
-
-
-def _write_table(columns: Mapping[str, object], path: Path) -> None:
-    import pandas
-
-    pandas.DataFrame(columns).to_csv(path, index=False)
 
 
 def _fill(values: Floats, count: int) -> Floats:

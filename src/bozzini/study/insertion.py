@@ -8,7 +8,6 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -23,7 +22,7 @@ from ..continuum import ContinuumRobot
 from ..duct import Centreline, SampledField, build_field
 from ..duct.field import RefinedField, check_tract, refine_field
 from ..errors import PluginError
-from ..io.files import new_directory, write_bytes, write_text
+from ..io.files import has_parquet, new_directory, write_bytes, write_text
 from ..motion import (
     PLANNERS,
     FreeSpace,
@@ -41,6 +40,7 @@ from ..motion.actuate.actuate import actuate_plan
 from ..motion.actuate.actuation import Actuation
 from ..motion.measures import measure_displacement
 from ..motion.plan import FieldSummary, Measures, TractInput, write_record
+from ..numeric.level_sets import find_level_set
 from ..progress import Progress, no_progress
 from ..report.verdict import SHARE_REACHED, Verdict, judge_plan
 from ..results import Json, Result
@@ -461,13 +461,9 @@ class InsertionStudy(Result):
         """Return the wall to look at: the surface itself, or the level set of the field."""
         if isinstance(self.tract, SurfaceTract) and self.field.inflation == 0.0:
             return self.tract.vertices, self.tract.faces
-        from skimage.measure import marching_cubes
-
-        vertices, faces, _, _ = marching_cubes(
-            self.field.values, level=self.field.inflation, spacing=tuple(self.field.spacing)
-        )
+        index, faces = find_level_set(self.field.values, self.field.inflation)
         outward = faces if np.linalg.det(self.field.rotation) > 0.0 else faces[:, ::-1]
-        return self.field.to_world(vertices), np.asarray(outward, dtype=np.int64)
+        return self.field.to_world(index * self.field.spacing), outward
 
 
 def _write_robot(actuation: Actuation, folder: Path) -> None:
@@ -475,7 +471,7 @@ def _write_robot(actuation: Actuation, folder: Path) -> None:
     from .. import plot
 
     actuation.write_csv(folder / "tendons.csv")
-    if find_spec("pyarrow") is not None:
+    if has_parquet():
         actuation.write_parquet(folder / "tendons.parquet")
     actuation.save(folder / "robot.npz")
     plot.write_figure(plot.draw_robot_motion(actuation), folder / "robot.png")

@@ -313,9 +313,9 @@ def run_study(
     InputError
         If the engine stops; what is written stays, and `run_study` goes on from it.
     MissingExtraError
-        If ``pyarrow``, or for a cluster ``distributed``, is not installed.
+        If ``pyarrow``, ``pandas``, or for a cluster ``distributed``, is not installed.
     """
-    check_parquet()
+    check_parquet("sweeps")
     target = check_path("folder", folder)
     chunk = _check_folder(study, target) or study.chunk
     there = os.path.exists(target)
@@ -573,7 +573,7 @@ def read_status(folder: str | os.PathLike[str]) -> StudyResult:
     FileFormatError
         If it is no directory of a study.
     """
-    check_parquet()
+    check_parquet("sweeps")
     target, manifest = Path(folder), read_manifest(folder)
     parts = _list_parts(target, manifest).values()
     reasons: Counter[str] = Counter()
@@ -611,7 +611,7 @@ def read_rows(folder: str | os.PathLike[str], columns: list[str] | None = None) 
 
 
 def _open_table(folder: str | os.PathLike[str], columns: list[str] | None = None) -> pyarrow.Table:
-    check_parquet()
+    check_parquet("sweeps")
     import pyarrow as pa
 
     parts = _list_parts(Path(folder), read_manifest(folder))

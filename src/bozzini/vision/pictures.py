@@ -20,21 +20,18 @@ from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .. import __version__
 from ..errors import BozziniError, FileFormatError, InputError, MissingExtraError
-from ..io.files import write_atomically, write_bytes, write_parquet, write_text
+from ..io.files import write_atomically, write_bytes, write_text
 from ..io.inputs import note_input
-from ..io.sheets import Sheet, refuse_untitled
+from ..io.sheets import Sheet, refuse_untitled, write_table
 from ..progress import Progress, no_progress
 from ..results import Json, to_plain
-
-if TYPE_CHECKING:
-    import pandas
 
 Grey = NDArray[np.float32]
 Item = TypeVar("Item")
@@ -345,14 +342,11 @@ def write_overlay(
 
 
 def write_tables(
-    folder: Path, tables: Mapping[str, pandas.DataFrame], *, parquet: bool = False
+    folder: Path, tables: Mapping[str, Mapping[str, object]], *, parquet: bool = False
 ) -> None:
     """Write tables into a directory, as text (.csv) or as .parquet."""
-    for name, table in tables.items():
-        if parquet:
-            write_parquet(folder / f"{name}.parquet", table)
-        else:
-            write_text(folder / f"{name}.csv", table.to_csv(index=False, float_format="%.9g"))
+    for name, columns in tables.items():
+        write_table(folder / f"{name}.{'parquet' if parquet else 'csv'}", columns, digits=9)
 
 
 def write_summary(

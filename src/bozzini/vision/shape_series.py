@@ -36,7 +36,6 @@ from .pictures import (
 from .shape import BackboneShape, ShapeOptions, find_plane, measure_shape
 
 if TYPE_CHECKING:
-    import pandas
     from matplotlib.axes import Axes
 
 ALIGNMENTS = ("base", "world")
@@ -291,17 +290,15 @@ class ShapeSeries(Result):
         copied = {name: [row[name] for row in self.manifest.rows] for name in self.manifest.columns}
         return copied | {name: [row.get(name) for row in self.rows] for name in names}
 
-    def list_points(self) -> pandas.DataFrame:
-        """Return a table with a row for each point of each shape that was measured."""
-        import pandas
-
-        frames = []
-        for name, shape in zip(self.names, self.shapes, strict=True):
-            if shape is not None and shape.converged:
-                frame = shape.to_frame()
-                frame.insert(0, "pose", name)
-                frames.append(frame)
-        return pandas.concat(frames) if frames else pandas.DataFrame(columns=["pose", "s_mm"])
+    def list_points(self) -> Json:
+        """Return columns with a row for each point of each shape that was measured."""
+        tables = [
+            {"pose": np.full(len(shape.points), name), **shape.list_columns()}
+            for name, shape in zip(self.names, self.shapes, strict=True)
+            if shape is not None and shape.converged
+        ]
+        names = tables[0] if tables else ("pose", "s_mm")
+        return {name: [cell for table in tables for cell in table[name]] for name in names}
 
 
 def measure_shapes(
@@ -391,10 +388,10 @@ def write_shapes(
     result = found.to_dict()
     options = next((s.options for s in found.shapes if s is not None), None)
     with new_directory(directory, force=force) as folder:
-        tables = {"shape_points": found.list_points(), "shape_summary": found.to_frame()}
+        tables = {"shape_points": found.list_points(), "shape_summary": found.list_table()}
         if comparison is not None:
             result["comparison"] = comparison.to_dict()
-            tables["comparison"] = comparison.to_frame()
+            tables["comparison"] = comparison.list_table()
             if comparison.converged:
                 figure = Figure(figsize=(10.0, 4.5), layout="constrained")
                 for draw, ax in zip(

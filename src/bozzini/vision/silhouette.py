@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import GeometryError
+from ..errors import GeometryError, MissingExtraError
 from ..numeric.polylines import measure_arc_length, resample_polyline
 from .camera import Floats
 from .pictures import Grey, Picture, import_opencv
@@ -100,10 +100,12 @@ def find_silhouette(picture: Picture) -> Silhouette:
         If there is no bright, long thing on a dark ground.
     """
     cv2 = import_opencv()
+    try:
+        from skimage.filters import threshold_otsu
+    except ImportError:
+        raise MissingExtraError("scikit-image", "vision") from None
     values = picture.values
     smooth = cv2.GaussianBlur(values, (0, 0), BLUR)
-    from skimage.filters import threshold_otsu
-
     if np.ptp(smooth) < 4.0 * _QUANTUM:
         raise GeometryError(f"{picture.name}: no silhouette: the picture has no contrast")
     level = float(threshold_otsu(smooth))

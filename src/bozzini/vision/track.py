@@ -22,7 +22,8 @@ from numpy.typing import NDArray
 
 from ..checks import check_fields, quantity
 from ..errors import FileFormatError, GeometryError, InputError
-from ..io.files import new_directory, write_text
+from ..io.files import new_directory
+from ..io.sheets import write_table
 from ..progress import Progress, no_progress
 from ..results import Json, Result, take_axes, to_plain
 from .camera import Camera, CameraSet, Floats, triangulate
@@ -554,7 +555,7 @@ def write_track(
     figure = Figure(figsize=(7.0, 5.5))
     found.plot(figure.add_subplot())
     with new_directory(directory, force=force) as folder:
-        write_text(folder / "points.csv", found.to_frame().to_csv(index=False, float_format="%.9g"))
+        write_table(folder / "points.csv", found.list_table(), digits=9)
         figure.savefig(folder / "picture.png", dpi=150.0)
         names = [name for name in cameras.names if name in found.copied]
         pictures = [

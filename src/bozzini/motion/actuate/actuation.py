@@ -21,9 +21,10 @@ from ...continuum.checks import check_frame
 from ...continuum.coupling import coupling_matrix
 from ...continuum.robot import check_robot
 from ...errors import FileFormatError, InputError
-from ...io.files import write_atomically, write_parquet, write_text
+from ...io.files import check_parquet, write_atomically, write_parquet, write_text
 from ...io.inputs import note_input
 from ...io.records import parse_json
+from ...io.sheets import format_table
 from ...results import Json, Result, take_axes, to_plain
 from .executed import ArcCertificate, place_bodies
 
@@ -329,7 +330,7 @@ class Actuation(Result):
         OutputError
             If the file cannot be written.
         """
-        return write_text(path, self.to_frame().to_csv(index=False, lineterminator="\n"))
+        return write_text(path, format_table(self.list_table()))
 
     def write_parquet(self, path: str | os.PathLike[str]) -> Path:
         """Write the time table as Parquet, the same columns, and return its path.
@@ -341,6 +342,7 @@ class Actuation(Result):
         OutputError
             If the file cannot be written.
         """
+        check_parquet()
         return write_parquet(path, self.to_frame())
 
     def save(self, path: str | os.PathLike[str]) -> Path:
