@@ -16,6 +16,7 @@ from bozzini.anatomy.files import write_tract
 from bozzini.anatomy.labels import tract_from_labels
 from bozzini.anatomy.surface import tract_from_surface
 from bozzini.anatomy.tract import ORGANS, Component, LabelTract, Opening
+from bozzini.checks import ceil_mm
 from bozzini.duct import build_field, find_centreline
 from bozzini.duct.field import INFLATION_MAX
 from bozzini.duct.fitting.fit import KINDS
@@ -481,7 +482,7 @@ def test_the_verdict_states_up_to_which_wall_error_the_proof_holds(both) -> None
         (note,) = verdict.notes
         assert ("does not cover" in note) is not covers
         assert (verdict.tone == "green") is covers
-        assert f"{summary['wall_error_mm']:.2f} mm" in note
+        assert f"{ceil_mm(summary['wall_error_mm'])} mm" in note
 
 
 @pytest.mark.parametrize("frame", ["RAS", "LPS", "LSA"])

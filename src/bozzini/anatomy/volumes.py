@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO, Literal
+from typing import TYPE_CHECKING, BinaryIO, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -172,7 +172,7 @@ def _read_nifti_header(stream: BinaryIO, path: PathLike) -> tuple[Nifti1Header, 
     if not size:
         raise FileFormatError(f"{path} is not a NIfTI volume: its header has no known size")
     block = start + stream.read(size - 4)
-    kind: Any = Nifti1Header if size == 348 else Nifti2Header
+    kind: type = Nifti1Header if size == 348 else Nifti2Header
     with quiet_libraries():
         header = kind(block)
         _check_pixdim(kind(block, check=False), path)

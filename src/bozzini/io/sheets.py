@@ -11,7 +11,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,7 +74,7 @@ def take_frame(table: pandas.DataFrame) -> Sheet:
     return _tidy(Sheet(titles, cells, range(1, len(cells) + 1)))
 
 
-def format_table(columns: Mapping[str, Any], *, digits: int | None = None) -> str:
+def format_table(columns: Mapping[str, object], *, digits: int | None = None) -> str:
     """Return columns as the text of a CSV file; what is missing, NaN as well, is an empty cell.
 
     Parameters
@@ -84,8 +84,9 @@ def format_table(columns: Mapping[str, Any], *, digits: int | None = None) -> st
     digits : int, optional
         Significant ones of a number with a fraction; by default as many as it has.
     """
-    count = max((np.size(values) for values in columns.values() if np.ndim(values)), default=0)
-    cells = [_list_cells(values, count) for values in columns.values()]
+    arrays = [np.asarray(values, dtype=object) for values in columns.values()]
+    count = max((len(values) for values in arrays if values.ndim), default=0)
+    cells = [np.broadcast_to(values, count).tolist() for values in arrays]
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(columns)
@@ -94,21 +95,15 @@ def format_table(columns: Mapping[str, Any], *, digits: int | None = None) -> st
     return text.getvalue()
 
 
-def _list_cells(values: Any, count: int) -> Sequence[object]:
-    if isinstance(values, str) or not np.ndim(values):
-        return [values] * count
-    plain = values.tolist() if hasattr(values, "tolist") else values
-    return [cell.item() if hasattr(cell, "item") else cell for cell in plain]
-
-
 def _format_cell(cell: object, digits: int | None) -> object:
+    cell = cell.item() if isinstance(cell, np.generic) else cell
     if cell is None or cell != cell:
         return ""
     return f"{cell:.{digits}g}" if isinstance(cell, float) and digits else cell
 
 
 def write_table(
-    path: str | os.PathLike[str], columns: Mapping[str, Any], *, digits: int | None = None
+    path: str | os.PathLike[str], columns: Mapping[str, object], *, digits: int | None = None
 ) -> Path:
     """Write columns as Parquet if the path ends so, else as `format_table` makes text of them.
 

@@ -59,7 +59,7 @@ def write_type(kind: types.Type) -> str:
 
 def read_signature(text: str) -> tuple[types.Type, ...]:
     """Return the types that a tuple of expressions of `write_type` makes."""
-    names = {**vars(types), **vars(importlib.import_module(PACKED)), "bool": types.boolean}
+    names = {**vars(importlib.import_module(PACKED)), **vars(types), "bool": types.boolean}
     kinds: tuple[types.Type, ...] = eval(text, {"__builtins__": {}}, names)  # our own file
     return kinds
 

@@ -332,7 +332,7 @@ def differentiate_routing(grid, turns, lengths, slopes):
                     for i in range(3):
                         slope[c] += tilted[i] * matrix[i, c] + way[i] * turned[i, c]
                 lengths[k, kind] += longer
-                slopes[k, kind, j] = slope
+                copy_vector(slope, slopes[k, kind, j])
 
 
 @kernel

@@ -13,7 +13,7 @@ import math
 import numpy as np
 
 from ...numeric.compiling import kernel
-from ...numeric.kernels.copies import copy_vector
+from ...numeric.kernels.copies import copy_matrix, copy_vector
 from ...numeric.kernels.linear_algebra import solve_three
 from .rod import expand_potential, find_curvature
 
@@ -54,7 +54,7 @@ def find_curvatures(stiffness, guides, present, tensions, curvatures, by_guides,
             right[0], right[1], right[2] = -t[2] * y, t[2] * x, t[0] * y - t[1] * x
             if not solve_three(matrix, right, least, solved):
                 return False
-            by_tensions[i, k] = solved
+            copy_vector(solved, by_tensions[i, k])
             # How the tendon's direction, before it is made a unit, depends on x, y and slopes.
             by_component[0] = 0.0, u[2], -u[1]
             by_component[1] = -u[2], 0.0, u[0]
@@ -79,7 +79,7 @@ def find_curvatures(stiffness, guides, present, tensions, curvatures, by_guides,
                     right[n] *= tensions[k]
                 if not solve_three(matrix, right, least, solved):
                     return False
-                by_guides[i, k, c] = solved
+                copy_vector(solved, by_guides[i, k, c])
     return True
 
 
@@ -110,7 +110,7 @@ def trace_backbone(steps, curvatures, start, points, turns, by_turn, by_place):
     hat, move = np.zeros((3, 3)), np.empty(3)
     turned, moved, term_w, term_v = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     unit = np.zeros(3)
-    turns[0] = start
+    copy_matrix(start, turns[0])
     for j in range(len(steps)):
         h = steps[j]
         one, two = curvatures[j, 0], curvatures[j, 1]

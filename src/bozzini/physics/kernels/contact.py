@@ -318,7 +318,7 @@ def press_contacts(mass, state, joints, contacts, law, force, frames):
     fill_speeds(axes, anchors, places, owners, normals, free, speeds)
     active = np.zeros(n, dtype=np.bool_)
     for c in range(n):
-        frames[c, 0] = normals[c]
+        copy_vector(normals[c], frames[c, 0])
         active[c] = force[c, 0] > 0.0 or stiffness * depth[c] > gain * speeds[c]
     total = np.zeros(free.shape[0])
     settled = True
