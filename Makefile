@@ -37,7 +37,7 @@ demo: $(CORE) ## Plan a scope through a phantom tract; report in bozzini-demo/
 
 test: $(DEV) ## Run the tests
 	@$(RUN) -m bozzini doctor --compile --quiet >$(VENV)/doctor.log || { cat $(VENV)/doctor.log >&2; exit 1; }
-	@$(RUN) -m pytest -m "not slow" -n auto --maxprocesses 4 --dist loadfile
+	@BOZZINI_COMPILED=yes $(RUN) -m pytest -m "not slow" -n auto --maxprocesses 4 --dist loadfile
 
 test-all: test opencv ## Run all tests, those that take minutes too
 	@$(RUN) -m pytest -m slow -n auto --maxprocesses 4 --dist worksteal

@@ -21,15 +21,20 @@ Signatures = dict[str, set[str]]
 
 
 @contextmanager
-def recording() -> Iterator[Signatures]:
-    """Give the signatures of kernels, filled while Bozzini's own code calls them."""
+def recording(*, only_compiled: bool = False) -> Iterator[Signatures]:
+    """Give the signatures of kernels, filled while Bozzini's own code calls them.
+
+    Or only those that were compiled for it, and not loaded.
+    """
     found: Signatures = defaultdict(set)
     load: Any = Dispatcher._compile_for_args
 
     def load_and_record(kernel: Any, *args: Any, **options: Any) -> Any:
-        caller = sys._getframe(1).f_globals["__name__"]
-        before = set(kernel.overloads)
+        caller = sys._getframe(1).f_globals.get("__name__", "")
+        before, compiled = set(kernel.overloads), sum(kernel.stats.cache_misses.values())
         answer = load(kernel, *args, **options)
+        if only_compiled and sum(kernel.stats.cache_misses.values()) == compiled:
+            return answer
         if caller.startswith("bozzini.") and kernel.py_func.__module__.startswith("bozzini."):
             for kinds in set(kernel.overloads) - before:
                 with suppress(ValueError):  # ducts of the tests' own

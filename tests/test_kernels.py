@@ -55,11 +55,12 @@ def test_no_array_is_assigned_to_a_part_of_another(path: Path) -> None:
             continue
         axes = _find_axes(path)[function.name]
         for node in ast.walk(function):
-            if not isinstance(node, (ast.Assign, ast.AugAssign)):
+            if not isinstance(node, (ast.Assign, ast.AugAssign, ast.AnnAssign)):
                 continue
-            first = node.targets[0] if isinstance(node, ast.Assign) else node.target
+            first = node.targets[-1] if isinstance(node, ast.Assign) else node.target
             targets = first.elts if isinstance(first, ast.Tuple) else [first]
-            values = node.value.elts if isinstance(node.value, ast.Tuple) else [node.value]
+            several = isinstance(node.value, ast.Tuple) and len(targets) > 1
+            values = node.value.elts if several else [node.value]
             for target, value in zip(targets, values, strict=len(targets) == len(values)):
                 if not isinstance(target, ast.Subscript):
                     continue
@@ -69,7 +70,7 @@ def test_no_array_is_assigned_to_a_part_of_another(path: Path) -> None:
                     constant = ast.unparse(value).lstrip("-")
                     where = f"{path.name}:{node.lineno}: {ast.unparse(node)}"
                     assert constant in ("np.nan", "np.inf", "math.nan", "math.inf") or (
-                        isinstance(value, (ast.Constant, ast.UnaryOp))
+                        isinstance(getattr(value, "operand", value), ast.Constant)
                     ), f"{where}: copy it by a loop, see numeric/kernels/copies.py"
 
 
@@ -93,14 +94,19 @@ def test_few_kernels_are_compiled_for_several_types() -> None:
     }
 
 
-def test_compiled_code_that_cannot_be_kept_is_told_once_and_the_work_goes_on(tmp_path) -> None:
+@pytest.mark.parametrize(
+    "command", ["muscle solve --pressure 100psi", "effector pose --pressure R=300kPa"]
+)
+def test_compiled_code_that_cannot_be_kept_is_told_once_and_the_work_goes_on(
+    tmp_path: Path, command: str
+) -> None:
     code = (
         "import errno\n"
+        "from bozzini.cli.main import main\n"
         "from numba.core.caching import IndexDataCacheFile\n"
         "def full(*_): raise OSError(errno.ENOSPC, 'No space left on device')\n"
-        "IndexDataCacheFile.save = full\n"
-        "from bozzini.cli.main import main\n"
-        "raise SystemExit(main(['muscle', 'solve', '--pressure', '100psi']))\n"
+        "IndexDataCacheFile._save_data = full\n"
+        f"raise SystemExit(main({command.split()}))\n"
     )
     done = subprocess.run(
         [sys.executable, "-c", code],
@@ -111,3 +117,16 @@ def test_compiled_code_that_cannot_be_kept_is_told_once_and_the_work_goes_on(tmp
     )
     assert done.returncode == 0 and done.stdout
     assert done.stderr.count("cannot be kept") == 1 and "No space left" in done.stderr
+
+
+def test_a_place_for_compiled_code_that_cannot_be_is_told(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("", encoding="utf-8")
+    done = subprocess.run(
+        [sys.executable, "-m", "bozzini", "muscle", "presets"],
+        env={**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "file")},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0
+    assert done.stderr.count("note:") == 1 and "cannot be written" in done.stderr

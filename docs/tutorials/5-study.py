@@ -8,7 +8,7 @@
 #
 # Which pressure does a tip need that bends by 12 mm, how far from the backbone should its muscles
 # be, and how stiff may that be? From a file to many thousand designs, and to the best of them.
-# This needs the extra `sweeps`: `pip install 'bozzini[sweeps]'`.
+# This needs the extra `tables`: `pip install 'bozzini[tables]'`.
 
 # %%
 from pathlib import Path

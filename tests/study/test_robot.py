@@ -52,7 +52,7 @@ def test_everything_of_the_robot_is_written(study: InsertionStudy, tmp_path: Pat
 def test_without_parquet_there_is_csv(
     study: InsertionStudy, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("bozzini.study.insertion.find_spec", lambda name: None)
+    monkeypatch.setattr("bozzini.study.insertion.has_parquet", lambda: False)
     study.write(tmp_path / "out")
     names = {path.name for path in (tmp_path / "out").iterdir()}
     assert "tendons.csv" in names and "tendons.parquet" not in names

@@ -296,10 +296,17 @@ class _Run:
         return self._report("Interrupted", "interrupted", EXIT_INTERRUPTED)
 
     def _note_cache(self, arguments: list[str]) -> None:
-        from ..io.files import find_provided_cache
+        from ..io.files import find_compiled_code, find_provided_cache
 
         cache = find_provided_cache()
         works = arguments[0] in COMMANDS and not {"-h", "--help"} & set(arguments)
+        wanted = os.environ.get("NUMBA_CACHE_DIR")
+        if works and wanted and cache is None and find_compiled_code() != wanted:
+            click.echo(
+                f"bozzini: note: NUMBA_CACHE_DIR={wanted} cannot be written: compiled code is kept "
+                f"in {find_compiled_code()}",
+                err=True,
+            )
         if cache is not None and works:
             click.echo(
                 f"bozzini: note: compiled code is kept in {cache}, as neither the installation nor "

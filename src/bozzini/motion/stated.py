@@ -118,7 +118,8 @@ def check_named_ends(plan: Plan) -> None:
             off = np.inf
         if len(given) != 1 or not off <= STATED_ROUND_OFF_MM:
             where = ", ".join(f"{value:.2f}" for value in place)
-            raise FaultError(f"the plan states its {role} at {given} mm: it is at [{where}] mm")
+            said = " and ".join(map(str, given)) or "no place"
+            raise FaultError(f"the plan states its {role} at {said} mm: it is at [{where}] mm")
 
 
 def check_findings(plan: Plan, found: Sequence[Finding]) -> None:

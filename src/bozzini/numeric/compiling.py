@@ -10,6 +10,7 @@ import functools
 import gc
 import time
 from collections.abc import Callable, Iterable, Mapping
+from pickle import UnpicklingError
 from typing import Any, Literal
 
 from numba import njit, types
@@ -17,6 +18,8 @@ from numba.core import event
 from numba.core.caching import IndexDataCacheFile
 
 from ..progress import announce
+
+COMPILING = "compiling (once)"
 
 LONG = 2.0
 """Seconds of compiling from which on the user is told."""
@@ -43,15 +46,8 @@ def kernel(
         nogil=nogil,
         parallel=parallel,
     )
-    save = compiled._cache.save_overload
-
-    def save_if_possible(signature: object, data: object) -> None:
-        try:
-            save(signature, data)
-        except OSError as error:
-            _tell_unsaved(compiled._cache.cache_path, error.strerror or str(error))
-
-    compiled._cache.save_overload = save_if_possible
+    if not hasattr(compiled, "get_call_template"):
+        return compiled  # it is the function itself, by NUMBA_DISABLE_JIT
     choose = compiled.get_call_template
 
     def choose_any_value(args: Iterable[types.Type], kws: Mapping[str, types.Type]) -> object:
@@ -61,11 +57,6 @@ def kernel(
 
     compiled.get_call_template = choose_any_value
     return compiled
-
-
-@functools.cache
-def _tell_unsaved(place: str, why: str) -> None:
-    announce(f"compiled code cannot be kept in {place}: {why}; NUMBA_CACHE_DIR names another place")
 
 
 class _Watch(event.Listener):
@@ -86,7 +77,7 @@ class _Watch(event.Listener):
         now = time.monotonic()
         if not self.told and self.spent + now - self.begin > LONG:
             self.told = True
-            announce("compiling (once)")
+            announce(COMPILING)
         if self.depth == 0:
             self.spent += now - self.begin
             if self.collects:
@@ -96,22 +87,36 @@ class _Watch(event.Listener):
 event.register("numba:compile", _Watch())
 
 
-def _forgive_lost_classes() -> None:
-    """Let an index of compiled code that names a class of a package that is gone count as empty.
+def _forgive_files() -> None:
+    """Let work go on where compiled code cannot be kept, or what was kept cannot be read.
 
-    Numba's index of a function lists its signatures; one with a packed duct of another package
-    could otherwise not be read without that package, nor could any of ours beside it.
+    Numba's index of a function lists its signatures; one with a packed duct of a package that is
+    gone could otherwise not be read, nor could any of ours beside it. It counts as empty then.
     """
     load: Callable[[IndexDataCacheFile], object] = IndexDataCacheFile._load_index
+    save: Callable[..., None] = IndexDataCacheFile.save
 
     @functools.wraps(load)
     def load_index(self: IndexDataCacheFile) -> object:
         try:
             return load(self)
-        except (ImportError, AttributeError):
+        except (ImportError, AttributeError, EOFError, UnpicklingError):
             return {}
 
+    @functools.wraps(save)
+    def save_if_possible(self: IndexDataCacheFile, *given: object) -> None:
+        try:
+            save(self, *given)
+        except OSError as error:
+            _tell_unsaved(error.strerror or str(error))
+
     IndexDataCacheFile._load_index = load_index  # type: ignore[method-assign]
+    IndexDataCacheFile.save = save_if_possible  # type: ignore[method-assign]
 
 
-_forgive_lost_classes()
+@functools.cache
+def _tell_unsaved(why: str) -> None:
+    announce(f"compiled code cannot be kept: {why}; NUMBA_CACHE_DIR names another place")
+
+
+_forgive_files()

@@ -10,14 +10,15 @@ import importlib
 import json
 import multiprocessing
 import os
+import signal
 from collections.abc import Iterable, Mapping
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 
 from numba import types
 from numba.core.dispatcher import Dispatcher
 
-from ..progress import Progress, no_progress
+from ..progress import Progress, announce, announce_by, no_progress
+from .compiling import COMPILING
 
 RECORD = Path(__file__).with_name("signatures.json")
 PACKED = "bozzini.duct.packed"
@@ -107,18 +108,26 @@ def compile_kernels(*, progress: Progress = no_progress) -> int:
         modules.setdefault(name.rpartition(".")[0], []).append((name, signatures))
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     done, total = 0, sum(map(len, modules.values()))
-    # A forked process would inherit the locks of threads.
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(cores, mp_context=context) as pool:
+    # A forked process would inherit the locks of threads. Leaving the block ends the processes.
+    with multiprocessing.get_context("spawn").Pool(cores, _leave_interrupts) as pool:
         ordered = sorted(modules.values(), key=len, reverse=True)
-        waiting = [pool.submit(_compile_module, kernels) for kernels in ordered]
-        for ready in as_completed(waiting):
-            done += ready.result()
+        for count, said in pool.imap_unordered(_compile_module, ordered):
+            for text in said:
+                announce(text)
+            done += count
             progress("compiling", done / total)
     return total
 
 
-def _compile_module(kernels: list[tuple[str, list[str]]]) -> int:
+def _leave_interrupts() -> None:
+    """Let the process that began the work decide what an interrupt does."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def _compile_module(kernels: list[tuple[str, list[str]]]) -> tuple[int, list[str]]:
+    """Return how many kernels were compiled, and what was told of that."""
+    said: list[str] = []
+    announce_by(said.append)
     for name, signatures in kernels:
         compile_kernel(name, signatures)
-    return len(kernels)
+    return len(kernels), [text for text in said if text != COMPILING]

@@ -56,10 +56,10 @@ def find_curvatures(stiffness, guides, present, tensions, curvatures, by_guides,
                 return False
             copy_vector(solved, by_tensions[i, k])
             # How the tendon's direction, before it is made a unit, depends on x, y and slopes.
-            by_component[0] = 0.0, u[2], -u[1]
-            by_component[1] = -u[2], 0.0, u[0]
-            by_component[2] = 1.0, 0.0, 0.0
-            by_component[3] = 0.0, 1.0, 0.0
+            by_component[0, 0], by_component[0, 1], by_component[0, 2] = 0.0, u[2], -u[1]
+            by_component[1, 0], by_component[1, 1], by_component[1, 2] = -u[2], 0.0, u[0]
+            by_component[2, 0], by_component[2, 1], by_component[2, 2] = 1.0, 0.0, 0.0
+            by_component[3, 0], by_component[3, 1], by_component[3, 2] = 0.0, 1.0, 0.0
             for c in range(4):
                 along = 0.0
                 for n in range(3):
