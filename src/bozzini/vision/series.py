@@ -7,9 +7,7 @@ contraction only that share of the contraction is left.
 
 from __future__ import annotations
 
-import csv
 import dataclasses
-import io
 import math
 import os
 from collections.abc import Sequence
@@ -21,7 +19,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import FileFormatError, InputError
-from ..io.files import new_directory, write_text
+from ..io.files import new_directory
+from ..io.sheets import write_table
 from ..muscle.table import BRANCHES
 from ..progress import Progress, no_progress
 from ..results import Json, Result, take_axes
@@ -451,11 +450,11 @@ def write_series(
     found.plot(figure.add_subplot())
     contractions = found.list_contractions()
     with new_directory(directory, force=force) as folder:
-        write_text(folder / "lengths.csv", _format_table(found.list_columns()))
+        write_table(folder / "lengths.csv", found.list_columns(), digits=9)
         columns = {name: [group.get(name) for group in groups] for name in groups[0]}
-        write_text(folder / "summary.csv", _format_table(columns))
+        write_table(folder / "summary.csv", columns, digits=9)
         if contractions["direction"]:
-            write_text(folder / "contractions.csv", _format_table(contractions))
+            write_table(folder / "contractions.csv", contractions, digits=9)
         figure.savefig(folder / "picture.png", dpi=150.0)
         (folder / "overlays").mkdir()
         for k, row in enumerate(found.rows):
@@ -485,16 +484,3 @@ def _write_overlay(target: Path, row: SeriesRow, found: LengthSeries, index: int
     ]
     text = [f"{item.length:.3f} mm, u {item.uncertainty:.3f} mm", *item.flags]
     write_overlay(target, picture, strokes, text)
-
-
-def _format_table(columns: Json) -> str:
-    """Return columns as CSV, numbers with 9 digits, nothing where there is no value."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(columns)
-    for line in zip(*columns.values(), strict=True):
-        writer.writerow(
-            "" if cell is None else f"{cell:.9g}" if isinstance(cell, float) else cell
-            for cell in line
-        )
-    return text.getvalue()
