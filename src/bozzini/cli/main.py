@@ -301,10 +301,10 @@ class _Run:
         cache = find_provided_cache()
         works = arguments[0] in COMMANDS and not {"-h", "--help"} & set(arguments)
         wanted = os.environ.get("NUMBA_CACHE_DIR")
-        if works and wanted and cache is None and find_compiled_code() != wanted:
+        if works and wanted and cache is None and (place := find_compiled_code()) != wanted:
             click.echo(
                 f"bozzini: note: NUMBA_CACHE_DIR={wanted} cannot be written: compiled code is kept "
-                f"in {find_compiled_code()}",
+                f"in {place}",
                 err=True,
             )
         if cache is not None and works:

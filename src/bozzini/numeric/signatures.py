@@ -90,16 +90,8 @@ def write_signatures(found: Mapping[str, Iterable[str]]) -> None:
     RECORD.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
 
 
-def compile_kernel(name: str, signatures: Iterable[str]) -> str:
-    """Compile a kernel, or load what was compiled, for each of the signatures; return its name."""
-    kernel = find_kernel(name)
-    for signature in signatures:
-        kernel.compile(read_signature(signature))
-    return name
-
-
-def compile_kernels(*, progress: Progress = no_progress) -> int:
-    """Compile all kernels that are not yet compiled here, on all cores; return how many there are.
+def compile_kernels(*, progress: Progress = no_progress) -> None:
+    """Compile all kernels that are not yet compiled here, on all cores.
 
     One process takes a module at a time, for its kernels call each other.
     """
@@ -116,7 +108,6 @@ def compile_kernels(*, progress: Progress = no_progress) -> int:
                 announce(text)
             done += count
             progress("compiling", done / total)
-    return total
 
 
 def _leave_interrupts() -> None:
@@ -129,5 +120,7 @@ def _compile_module(kernels: list[tuple[str, list[str]]]) -> tuple[int, list[str
     said: list[str] = []
     announce_by(said.append)
     for name, signatures in kernels:
-        compile_kernel(name, signatures)
+        kernel = find_kernel(name)
+        for signature in signatures:
+            kernel.compile(read_signature(signature))
     return len(kernels), [text for text in said if text != COMPILING]
