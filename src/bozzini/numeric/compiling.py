@@ -45,6 +45,7 @@ def kernel(
         inline=inline,
         nogil=nogil,
         parallel=parallel,
+        no_cfunc_wrapper=True,  # a kernel is called from Python or from kernels, never from C
     )
     if not hasattr(compiled, "get_call_template"):
         return compiled  # it is the function itself, by NUMBA_DISABLE_JIT
