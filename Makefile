@@ -6,6 +6,8 @@ SHELL := /bin/sh
 
 # Matrices are small: threads of BLAS would only wait for each other where several tests run.
 export OPENBLAS_NUM_THREADS ?= 1
+# Tests begin hundreds of processes: each would compile all modules anew.
+unexport PYTHONDONTWRITEBYTECODE
 
 VENV := .venv
 RUN := $(VENV)/bin/python
