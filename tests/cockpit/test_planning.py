@@ -120,7 +120,7 @@ def test_click_on_the_wall_moves_an_end_beside_it_and_leaves_the_other(tracts, r
         (moved,) = plan(bench, **{name: tuple(click.tolist())})
         assert moved.info["status"] == "complete"
         now = {"start": np.array(moved.info["entry_mm"]), "end": np.array(moved.info["goal_mm"])}
-        depth = -float(bench.rest.signed_distance(now[name]))
+        depth = -float(bench.rest.field.signed_distance(now[name]))
         # The tube's radius is 8 mm, in voxels of 1.5 mm: it is about its middle, or in a tip.
         assert depth > 5.0 and np.linalg.norm(now[name] - click) < 2.0 * depth
         (other,) = places.keys() - {name}
@@ -241,7 +241,7 @@ def test_asking_does_not_wait_for_a_process_that_does_not_read(heard) -> None:
 
 
 def test_legal_part_of_a_change_is_planned(bench) -> None:
-    before, line = bench.asked, bench._space.centreline
+    before, line = bench.asked, bench._found.line
     (shown,) = plan(bench, diameter=4.0, link=5000.0, inflate=1.0, end=(1e5, 0.0, 0.0))
     assert (shown.info["diameter_mm"], shown.info["inflate_mm"]) == (4.0, 1.0)
     assert (bench.asked.link, bench.asked.end) == (before.link, before.end)
@@ -251,7 +251,7 @@ def test_legal_part_of_a_change_is_planned(bench) -> None:
     lengths = {}
     for place in line.points[[len(line.points) // 3, -1]]:
         plan(bench, link=8.0, end=tuple(place.tolist()))
-        lengths[bench._space.centreline.length] = bench.asked.end
+        lengths[bench._found.line.length] = bench.asked.end
     plan(bench, end=lengths[min(lengths)])
     link = sum(lengths) / 2
     plan(bench, link=link, end=lengths[max(lengths)], start=(1e5, 0.0, 0.0))

@@ -140,9 +140,8 @@ def read_lumen(
     source: Path, reading: ReadOptions, options: PathOptions, answer: Answer, *, line: bool
 ) -> tuple[Duct, Centreline | None]:
     """Return the lumen in a file of shapes or a tract, and its centreline if it is asked for."""
-    from ..duct.field import build_field
     from ..duct.shape_files import SUFFIXES
-    from ..study.shapes import find_line
+    from ..study.case import Case
     from ..study.traverse import prepare_duct
 
     if source.suffix.lower() in SUFFIXES:
@@ -155,14 +154,11 @@ def read_lumen(
         return duct, found.reverse() if options.reverse else found
     tract = read_with_options(source, reading, answer)
     with answer.show_progress() as progress:
+        case = Case.open(tract, options, progress=progress)
         if not line:
-            field = build_field(
-                tract, voxel=options.voxel, inflate=options.inflate, progress=progress
-            )
-            return field, None
-        field, ends = find_line(tract, options, progress)
-    report_findings(ends.findings)
-    return field, ends.line
+            return case.field, None
+        report_findings(case.centreline.findings)
+    return case.field, case.line
 
 
 def _read_robot(path: Path) -> ContinuumRobot:

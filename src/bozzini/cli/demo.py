@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from dataclasses import replace
 
 import click
 
@@ -36,12 +35,11 @@ def command(seed: int, body: Body, voxel: float, answer: Answer) -> None:
     scope = body.scope
     with answer.show_progress() as progress:
         progress("phantom", 0.0)
-        from ..anatomy.phantom import REGIONS, make_phantom
         from ..study import run_insertion
+        from ..study.case import open_phantom
 
         begin = time.perf_counter()
-        tract = make_phantom(seed=seed).to_labels(voxel=voxel)
-        tract = replace(tract, organ="upper-tract", frame="RAS", label_names=REGIONS)
+        tract = open_phantom(seed=seed, voxel=voxel)
         seconds = {"phantom": time.perf_counter() - begin}
     report_findings(tract.findings)
     inputs = {"file": "phantom", "seed": seed, "voxel_mm": voxel}

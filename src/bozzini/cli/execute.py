@@ -170,7 +170,7 @@ def _find_scenery(
     report_findings(study.findings[len(read.findings) :])
     if _refuse(study.plan, answer):
         return None
-    duct = study.field.inflate(study.plan.displaced)
+    duct = study.duct.inflate(study.plan.displaced)
     return Scenery(plan=study.plan, duct=duct, tract=read, actuation=study.robot)
 
 

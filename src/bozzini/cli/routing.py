@@ -241,13 +241,12 @@ def _search_tract(
     tract: Path, reading: ReadOptions, search: RobotSearch, answer: Answer
 ) -> TractRobot:
     from ..motion.routing import design_robot
-    from ..study.options import PathOptions
-    from ..study.shapes import find_line
+    from ..study.case import Case
 
     read = read_with_options(tract, reading, answer)
     with answer.show_progress() as progress:
-        field, ends = find_line(read, PathOptions(), progress)
-        return design_robot(field, ends.line, options=search, progress=progress)
+        case = Case.open(read, progress=progress)
+        return design_robot(case.field, case.line, options=search, progress=progress)
 
 
 def _give(

@@ -22,10 +22,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..checks import check_number
 from ..errors import BozziniError, InputError
 from ..progress import Progress
 from ..results import Json
-from ..study.options import PathOptions, ReadOptions
+from ..study.options import InsertionOptions, PathOptions, ReadOptions
 from .session import ShownPlan
 from .wire import Change
 
@@ -35,22 +36,20 @@ if TYPE_CHECKING:
     from ..continuum import ContinuumRobot
     from ..duct import Centreline
     from ..duct.field import SampledField
-    from ..motion import FreeSpace, Plan, PlannerOptions, Scope
+    from ..motion import Plan, Scope
     from ..scene.view import View
-    from ..study.ends import OrientedCentreline
+    from ..study.case import Case, CasePlan
 
 Floats = NDArray[np.float64]
 
-HEAD_STEP = 0.5
-"""Of the head, in a plan [mm]; more where the plan would have more than `MOST_JOINTS`."""
 MOST_JOINTS = 1_000_000
-"""Joints of all steps; the view of a plan holds some more."""
+"""Joints of all steps of a plan; beyond that the head steps farther."""
 FRAME_RATE = 5.0
 """Of a tract that moves [Hz]."""
 MOST_INFLATION = 10.0
 """By which the wall may be moved outwards in the page [mm]."""
 MOST_WALLS = 4
-"""Drawings of the wall, differently inflated, that are kept."""
+"""Fields and drawings of the wall, differently inflated, that are kept."""
 PATIENCE = 1.0
 """Time after which the windows are told that planning takes longer [s]."""
 PHANTOM_VOXEL = 1.5
@@ -87,10 +86,9 @@ class Job:
         """Return the tract."""
         if self.source is not None:
             return self.reading.read(self.source)
-        from ..anatomy.phantom import REGIONS, make_phantom
+        from ..study.case import open_phantom
 
-        labels = make_phantom(seed=0).to_labels(voxel=PHANTOM_VOXEL)
-        return replace(labels, organ="upper-tract", frame="RAS", label_names=REGIONS)
+        return open_phantom(seed=0, voxel=PHANTOM_VOXEL)
 
 
 class Superseded(Exception):  # noqa: N818  (no error, but a way out)
@@ -98,7 +96,7 @@ class Superseded(Exception):  # noqa: N818  (no error, but a way out)
 
 
 class Bench:
-    """What plans of one tract share: its distances, its centreline, and how it is drawn.
+    """What plans of one tract share: its case, with what was changed in the page.
 
     Parameters
     ----------
@@ -107,42 +105,43 @@ class Bench:
     """
 
     def __init__(self, job: Job, progress: Progress) -> None:
-        from ..duct import build_field
+        from ..study.case import Case
 
         progress("read", 0.0)
         self.job, self.tract = job, job.read()
         bodies = any(item.code == "cavities" for item in self.tract.findings)
         self.most = 0.0 if bodies else max(MOST_INFLATION, job.options.inflate)
-        self.rest = build_field(
-            self.tract, voxel=job.options.voxel, reach=self.most, progress=progress
-        )
-        options = job.options
+        self._hear = progress
+        options = InsertionOptions(**vars(job.options) | {"inflate": 0.0})
+        self.rest = Case(tract=self.tract, options=options, progress=self._tell)
+        _ = self.rest.field
         self.asked = Change(
-            diameter=job.scope.diameter, link=job.scope.link_length, inflate=options.inflate
+            diameter=job.scope.diameter, link=job.scope.link_length, inflate=job.options.inflate
         )
-        self._line_for: tuple[object, ...] = ()
-        self._space_for: tuple[object, ...] = ()
+        self._case_for: tuple[object, ...] = ()
+        self._case = self.rest
+        self._found: CasePlan | None = None
         self._whole: Centreline | None = None
-        self._line: Centreline | None = None
-        self._ends: OrientedCentreline | None = None
         self._unreached: tuple[Centreline, Json] | None = None
         self._moved: tuple[Floats, Floats] | None = None
-        self._space: FreeSpace | None = None
-        self._last_space: FreeSpace | None = None
         self._beside = ThreadPoolExecutor(1)
         self._number = 0
         self._robot: tuple[Future[Json], Callable[[], ShownPlan]] | None = None
+        self._inflated = {0.0: self.rest}
         self._walls: dict[float, View] = {}
         self._sent: float | None = None
         self.refused: tuple[str, ...] = ()
-        self._last: Plan | None = None
+
+    def _tell(self, stage: str, fraction: float) -> None:
+        """Tell whoever waits for a plan how far it is."""
+        self._hear(stage, fraction)
 
     @property
     def title(self) -> str:
         """What stands over the picture."""
         return f"Cockpit: {self.tract.source}"
 
-    def _keep_legal(self, change: Change, progress: Progress) -> Change:
+    def _keep_legal(self, change: Change) -> Change:
         """Return what is legal of a change; `refused` says why the rest is not.
 
         Raises
@@ -152,7 +151,7 @@ class Bench:
         """
         self.refused = ()
         try:
-            self._prepare(merge(self.asked, change), progress)
+            self._prepare(merge(self.asked, change))
         except BozziniError as error:
             rest, legal, before = _list_given(change), Change(), None
             reasons: dict[str, str] = {"": str(error)}
@@ -161,7 +160,7 @@ class Bench:
                 for name, value in rest.items():
                     tried = replace(legal, **{name: value})
                     try:
-                        self._prepare(merge(self.asked, tried), progress)
+                        self._prepare(merge(self.asked, tried))
                     except BozziniError as reason:
                         reasons[name] = str(reason)
                     else:
@@ -173,11 +172,9 @@ class Bench:
             return legal
         return change
 
-    def _prepare(
-        self, asked: Change, progress: Progress
-    ) -> tuple[FreeSpace, Scope, PlannerOptions]:
+    def _prepare(self, asked: Change) -> tuple[Case, Scope]:
         """Return what is planned with; raise `BozziniError` if something of it is not legal."""
-        from ..motion import PlannerOptions, Scope
+        from ..motion import Scope
         from ..motion.planner import check_link
 
         scope = Scope(
@@ -185,12 +182,11 @@ class Bench:
             link_length=asked.link or 0.0,
             length=self.job.scope.length,
         )
-        space = self._find_space(asked, progress)
-        check_link(scope, space.centreline)
-        joints = scope.count_links(space.centreline.length) + 1
-        step = max(HEAD_STEP, space.centreline.length * joints / MOST_JOINTS)
-        options = PlannerOptions(head_step=min(step, scope.link_length), advise=False)
-        return space, scope, options
+        case = self._find_case(asked)
+        check_link(scope, case.line)
+        joints = scope.count_links(case.line.length) + 1
+        step = max(case.options.head_step, case.line.length * joints / MOST_JOINTS)
+        return case.change(head_step=min(step, scope.link_length)), scope
 
     def plan(self, change: Change, progress: Progress) -> Iterator[ShownPlan]:
         """Plan for what is asked; give the plan, and again once more of it is known.
@@ -202,26 +198,24 @@ class Bench:
         BozziniError
             If nothing of the change is legal.
         """
-        from ..motion import plan_insertion
-
-        begin = time.perf_counter()
-        asked = merge(self.asked, self._keep_legal(self._settle(change, progress), progress))
-        space, scope, options = self._prepare(asked, progress)
+        begin, self._hear = time.perf_counter(), progress
+        asked = merge(self.asked, self._keep_legal(self._settle(change)))
+        case, scope = self._prepare(asked)
         self._number, self._robot = self._number + 1, None
-        make = {"scope": scope, "method": "best", "progress": progress}
-        plan = plan_insertion(space.duct, space.centreline, options=options, **make)  # type: ignore[arg-type]
-        self.asked, self._last, self._last_space = asked, plan, space
-        seconds = time.perf_counter() - begin
-        yield self._show(plan, space, seconds, final=plan.status == "complete")
-        if plan.status != "complete":
-            advised = replace(options, advise=True)
-            found = plan_insertion(space.duct, space.centreline, options=advised, **make)  # type: ignore[arg-type]
-            yield self._show(found, space, seconds, final=True)
-        elif self.job.robot is not None and self.job.moving is None:
-            yield self._show(plan, space, seconds, robot=self._follow(plan, space, progress))
-        elif self.job.robot is not None:  # beside the motion of the tract: see `follow`
-            work = self._beside.submit(self._follow, plan, space, self._make_end())
-            self._robot = work, lambda: self._show(plan, space, seconds, robot=work.result())
+        for found in case.list_plans(scope):
+            self.asked, self._found = asked, found
+            if not (asked.start or asked.end):
+                self._whole = found.line
+            seconds = time.perf_counter() - begin
+            yield self._show(found, seconds, final=found.final)
+        robot, moving = self.job.robot, self.job.moving
+        if robot is None or found.plan.status != "complete":
+            return
+        if moving is None:
+            yield self._show(found, seconds, robot=self._follow(found, progress))
+        else:  # beside the motion of the tract: see `follow`
+            work = self._beside.submit(self._follow, found, self._make_end())
+            self._robot = work, lambda: self._show(found, seconds, robot=work.result())
 
     def _make_end(self) -> Progress:
         """Return a progress for work beside, which ends once another plan is asked for."""
@@ -242,9 +236,13 @@ class Bench:
 
     def explain_rest(self) -> str:
         """Return why a tract that could move does not; empty if it does, or cannot."""
-        if self.job.moving is None or self._last is None or self._last.status == "complete":
+        if self.job.moving is None or self._found is None or self._completes:
             return ""
         return "the tract does not move: the scope does not reach its goal"
+
+    @property
+    def _completes(self) -> bool:
+        return self._found is not None and self._found.plan.status == "complete"
 
     def follow(self) -> Iterator[tuple[ShownPlan, Floats]]:
         """Keep the scope clear while the tissue moves; give the body and the wall's vertices.
@@ -255,17 +253,18 @@ class Bench:
         from ..anatomy.tract import SurfaceTract
         from ..motion.live import LiveOptions, follow_tissue
 
-        plan, space, self._moved = self._last, self._last_space, None
-        if self.job.moving is None or plan is None or space is None or plan.status != "complete":
+        found, self._moved = self._found, None
+        if self.job.moving is None or found is None or not self._completes:
             return
-        motion = make_motion(self.job.moving, space.centreline)
+        plan, field = found.plan, found.field
+        motion = make_motion(self.job.moving, found.line)
         surface = self.tract if isinstance(self.tract, SurfaceTract) else None
-        rest = self.view_wall(space.duct).surfaces[0].vertices  # type: ignore[arg-type]
+        rest = self.view_wall(field).surfaces[0].vertices
         options = LiveOptions(rate=FRAME_RATE, duration=1e5)
         begin = time.monotonic()
         for frame in follow_tissue(
             plan,
-            space.duct,  # type: ignore[arg-type]
+            field,
             motion=motion,
             surface=surface,
             options=options,
@@ -286,47 +285,32 @@ class Bench:
             yield body, self._moved[0]
             time.sleep(max(begin + frame.time - time.monotonic(), 0.0))
 
-    def _find_space(self, asked: Change, progress: Progress) -> FreeSpace:
-        """Return the lumen, with the line from the entry to the goal."""
-        from ..motion import FreeSpace
+    def _find_case(self, asked: Change) -> Case:
+        """Return the case with what is asked for; an end that was not moved stays."""
+        wanted = (asked.inflate, asked.start, asked.end)
+        if self._case_for != wanted:
+            case, options = self._inflate(asked.inflate), self.job.options
+            if asked.start or asked.end:
+                whole = (self._whole or case.line).points
+                case = case.change(
+                    start=asked.start or whole[0],
+                    end=asked.end or whole[-1],
+                    via=options.via[::-1] if options.reverse else options.via,
+                    reverse=False,
+                )
+            self._case, self._case_for = case, wanted
+        return self._case
 
-        inflate = asked.inflate or 0.0
-        wanted = (asked.start, asked.end, inflate)
-        known = self._line_for
-        if self._line is None or known[:2] != wanted[:2] or inflate < known[2]:  # type: ignore[operator]
-            self._line = self._find_line(asked, progress)
-            self._line_for, self._space_for = wanted, ()
-        if self._space is None or self._space_for != wanted:
-            self._space = FreeSpace(self._inflate(inflate), self._line)
-            self._space_for = wanted
-        return self._space
+    def _inflate(self, inflation: float | None) -> Case:
+        """Return the case with the wall moved outwards; the last few are kept."""
+        inflation = check_number("inflation", inflation or 0.0, low=0.0, high=self.most, unit="mm")
+        if inflation not in self._inflated:
+            if len(self._inflated) == MOST_WALLS:
+                del self._inflated[next(iter(self._inflated))]
+            self._inflated[inflation] = self.rest.change(inflate=inflation)
+        return self._inflated[inflation]
 
-    def _inflate(self, inflation: float | None) -> SampledField:
-        return self.rest.inflate(inflation) if inflation else self.rest
-
-    def _find_line(self, asked: Change, progress: Progress) -> Centreline:
-        """Return the line from the entry to the goal; an end that was not moved stays."""
-        from ..study.ends import orient_centreline, resolve_places
-
-        options = self.job.options
-        start, end, via, reverse = options.start, options.end, options.via, options.reverse
-        if asked.start or asked.end:
-            whole = self._find_whole(progress).points
-            start, end = asked.start or whole[0], asked.end or whole[-1]
-            via, reverse = via[::-1] if reverse else via, False
-        places = resolve_places(self.tract, start, end, via)
-        field = self._inflate(asked.inflate)
-        found = orient_centreline(self.tract, field, places, reverse=reverse, progress=progress)
-        if not (asked.start or asked.end):
-            self._whole = found.line
-        self._ends = found
-        return found.line
-
-    def _find_whole(self, progress: Progress) -> Centreline:
-        """Return the line of before an end was moved."""
-        return self._whole or self._find_line(Change(inflate=self.asked.inflate), progress)
-
-    def _settle(self, change: Change, progress: Progress) -> Change:
+    def _settle(self, change: Change) -> Change:
         """Return a change whose ends are in the lumen, beside the wall that was clicked."""
         inflation = self.asked.inflate if change.inflate is None else change.inflate
         inflation = min(inflation or 0.0, self.most)  # more is refused later
@@ -334,24 +318,26 @@ class Bench:
         def settle(place: tuple[float, ...] | None) -> tuple[float, ...] | None:
             if place is None:
                 return None
-            field, click = self._inflate(inflation), np.array(place)
+            case, click = self._inflate(inflation), np.array(place)
+            field = case.field
             if self._moved is not None:  # the wall was seen where the tissue had moved it to
                 seen, shift = self._moved
                 click -= shift[int(np.argmin(np.linalg.norm(seen - click, axis=1)))]
             if abs(float(field.signed_distance(click))) <= CLICK_REACH + field.spacing.max():
-                click = find_beside(field, self._find_whole(progress), click)
+                click = find_beside(field, self._whole or case.line, click)
             return tuple(click.tolist())
 
         return replace(change, start=settle(change.start), end=settle(change.end))
 
-    def _follow(self, plan: Plan, space: FreeSpace, progress: Progress) -> Json:
+    def _follow(self, found: CasePlan, progress: Progress) -> Json:
         """Return what a robot's tendons do along a plan."""
         from ..motion.actuate.actuate import actuate_plan
 
         robot = self.job.robot
         if robot is None:
             return {}
-        moved = actuate_plan(plan, robot, space.duct, progress=progress)
+        plan = found.plan
+        moved = actuate_plan(plan, robot, found.duct, progress=progress)
         moves = [
             np.interp(plan.head_arc_length, moved.head_arc_length, column)
             for column in moved.displacements.T
@@ -366,8 +352,7 @@ class Bench:
 
     def _show(
         self,
-        plan: Plan,
-        space: FreeSpace,
+        found: CasePlan,
         seconds: float,
         *,
         final: bool = True,
@@ -375,24 +360,25 @@ class Bench:
     ) -> ShownPlan:
         """Return a plan as the windows need it."""
         robot = robot or {}
-        plan = replace(plan, centreline=space.centreline)
+        line, field = found.line, found.field
+        plan = replace(found.plan, centreline=line)
         moves = robot.pop("moves", np.zeros((plan.steps, 0)))
-        inflation = space.duct.inflation
-        wall = space.duct if self._sent != inflation else None
+        inflation = field.inflation
+        wall = field if self._sent != inflation else None
         self._sent = inflation
         joints = plan.joints.astype(np.float32)
         known = np.isfinite(plan.clearance)
         info = _describe(plan, self.asked, seconds) | {
             "final": final,
-            "entry_mm": space.centreline.points[0].round(2).tolist(),
-            "goal_mm": space.centreline.points[-1].round(2).tolist(),
-            "centreline_mm": round(space.centreline.length, 1),
+            "entry_mm": line.points[0].round(2).tolist(),
+            "goal_mm": line.points[-1].round(2).tolist(),
+            "centreline_mm": round(line.length, 1),
             "inflate_most_mm": self.most,
             "robot": robot or None,
-            "verdict": self._judge(plan, space) if plan.status == "complete" else {},
+            "verdict": self._judge(found) if plan.status == "complete" else {},
         }
         shown = ShownPlan(
-            view=self._encode(plan, space.duct),  # type: ignore[arg-type]
+            view=self._encode(plan, field),
             joints=joints,
             clearance=np.where(known, plan.clearance, np.nan).astype(np.float32),
             travel=np.r_[0.0, np.cumsum(np.abs(np.diff(plan.head_arc_length)))],
@@ -404,28 +390,26 @@ class Bench:
         _ = shown.frames  # made here, not in the server's event loop
         return shown
 
-    def _judge(self, plan: Plan, space: FreeSpace) -> Json:
+    def _judge(self, found: CasePlan) -> Json:
         """Return the verdict on a plan, as reports and commands state it."""
         from ..report.verdict import judge_plan
         from ..study.reach import find_unreached, measure_unreached
 
-        if self._ends is None or self._ends.line is not space.centreline:
-            return {}
-        if self._unreached is None or self._unreached[0] is not space.centreline:
-            parts = find_unreached(self.tract, space.duct, space.centreline)  # type: ignore[arg-type]
+        ends = found.centreline
+        if self._unreached is None or self._unreached[0] is not found.line:
+            parts = find_unreached(self.tract, found.field, found.line)
             record: Json = {
                 "unreached": [part.describe() for part in parts],
-                "unreached_share": measure_unreached(parts, self._ends),
+                "unreached_share": measure_unreached(parts, ends),
             }
-            self._unreached = space.centreline, record
-        ends = self._ends
+            self._unreached = found.line, record
         summary = {
             **self._unreached[1],
             "goal": {"name": ends.goal, "given": ends.given, "chosen": ends.goal_given},
-            "wall_error_mm": space.duct.wall_error,
+            "wall_error_mm": found.field.wall_error,
             "findings": [asdict(item) for item in self.tract.findings],
         }
-        verdict = judge_plan(plan, summary)
+        verdict = judge_plan(found.plan, summary)
         return {"tone": verdict.tone, "label": verdict.label}
 
     def view_wall(self, field: SampledField | None = None) -> View:
@@ -433,7 +417,7 @@ class Bench:
         from ..anatomy.tract import SurfaceTract
         from ..scene.make_view import make_view
 
-        field = self.rest if field is None else field
+        field = self.rest.field if field is None else field
         inflation = field.inflation
         if inflation not in self._walls:
             is_surface = isinstance(self.tract, SurfaceTract) and inflation == 0.0

@@ -76,6 +76,9 @@ class PlannerOptions:
         ``(1, 0, 1)`` in, out, in.
     advise : bool
         Whether to seek what would fit where the scope does not; that takes seconds.
+    reach : bool
+        Whether to seek how far a scope gets that does not come through; else it stays at the
+        entry, with the reason.
 
     Raises
     ------
@@ -108,10 +111,12 @@ class PlannerOptions:
         default=(1.0,), metadata={"help": "Advance only, or also retract, or go in again."}
     )
     advise: bool = True
+    reach: bool = True
 
     def __post_init__(self) -> None:
         check_fields(self)
         check_kind("advise", self.advise, bool)
+        check_kind("reach", self.reach, bool)
         object.__setattr__(self, "route", check_route(self.route))
 
 

@@ -140,6 +140,8 @@ def plan_in_tube(job: Job, *, progress: Progress = no_progress) -> TubeMotion:
     progress("plan", 0.4)
     if motion is None:
         refusal = explain_stop(job)
+        if not job.options.reach:
+            return job.stand_still(refusal)
         progress("plan", 0.5)
         motion = find_prefix(
             job, refusal, progress=lambda _, share: progress("plan", 0.5 + 0.4 * share)

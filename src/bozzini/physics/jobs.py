@@ -53,10 +53,10 @@ class ExecutionJob(RowJob):
         options = _take(ExecuteOptions, row)
         if options.drive == "tendons":
             raise InputError("drive is tendons: a study has no motion of a tendon robot")
-        space, plan = plan_row(row)
+        made = plan_row(row)
         scenery = Scenery(
-            plan=plan,
-            duct=space.duct,
+            plan=made.plan,
+            duct=made.duct,
             scope=_take(ScopeOptions, row),
             wall=_take(WallOptions, row),
         )

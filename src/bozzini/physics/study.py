@@ -588,11 +588,9 @@ PHANTOM_VOXEL_MM = 1.5
 
 def plan_phantom(seed: int, scope: Scope) -> tuple[Plan, Duct]:
     """Plan an insertion through the phantom of a seed; return the plan and the lumen."""
-    from ..anatomy.phantom import make_phantom
     from ..study import run_insertion
+    from ..study.case import open_phantom
 
-    tract = make_phantom(seed=seed).to_labels(voxel=PHANTOM_VOXEL_MM)
-    tract = dataclasses.replace(tract, organ="upper-tract", frame="RAS")
     inputs = {"file": "phantom", "seed": seed, "voxel_mm": PHANTOM_VOXEL_MM}
-    study = run_insertion(tract, scope, inputs=inputs)
-    return study.plan, study.field.inflate(study.plan.displaced)
+    study = run_insertion(open_phantom(seed=seed, voxel=PHANTOM_VOXEL_MM), scope, inputs=inputs)
+    return study.plan, study.duct.inflate(study.plan.displaced)

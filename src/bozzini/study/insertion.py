@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -17,41 +17,35 @@ from numpy.typing import NDArray
 from ..anatomy.files import encode_volume
 from ..anatomy.frame import convert_frame
 from ..anatomy.tract import Finding, LabelTract, SurfaceTract
-from ..checks import floor_mm
 from ..continuum import ContinuumRobot
-from ..duct import Centreline, SampledField, build_field
-from ..duct.field import RefinedField, check_tract, refine_field
+from ..duct import Centreline, SampledField
+from ..duct.field import RefinedField
 from ..errors import PluginError
 from ..io.files import has_parquet, new_directory, write_bytes, write_text
 from ..motion import (
     PLANNERS,
-    FreeSpace,
     Largest,
     Passage,
     Plan,
     PlannerOptions,
     Scope,
-    find_largest,
     find_passage,
     plan_insertion,
-    plan_with_soft_wall,
 )
 from ..motion.actuate.actuate import actuate_plan
 from ..motion.actuate.actuation import Actuation
 from ..motion.measures import measure_displacement
-from ..motion.plan import FieldSummary, Measures, TractInput, write_record
+from ..motion.plan import FieldSummary, Measures, write_record
 from ..numeric.level_sets import find_level_set
 from ..progress import Progress, no_progress
 from ..report.verdict import SHARE_REACHED, Verdict, judge_plan
 from ..results import Json, Result
+from .case import Case
 from .ends import (
     OrientedCentreline,
     find_introducer_crossing,
-    orient_centreline,
-    resolve_places,
-    turn_centreline,
 )
-from .options import InsertionOptions, explain_scale
+from .options import InsertionOptions
 from .reach import Unreached, find_unreached, measure_unreached
 
 if TYPE_CHECKING:
@@ -240,7 +234,9 @@ class InsertionStudy(Result):
     ----------
     tract : LabelTract or SurfaceTract
     field : SampledField
-        The lumen.
+        The lumen on the first grid.
+    duct : SampledField or RefinedField
+        The lumen that the plan is proved in: the same, or with finer nodes about the centreline.
     centreline : OrientedCentreline
         The centreline that is planned along, and how its ends were chosen.
     plan : Plan
@@ -267,6 +263,7 @@ class InsertionStudy(Result):
 
     tract: LabelTract | SurfaceTract
     field: SampledField
+    duct: SampledField | RefinedField
     centreline: OrientedCentreline
     plan: Plan
     seconds: dict[str, float]
@@ -506,97 +503,33 @@ def run_insertion(
         If an input is not legal; a scope that does not fit is a result, not an error.
     """
     options = InsertionOptions() if options is None else options
-    check_tract("tract", tract)
-    options.check(scope)
-    times: dict[str, float] = {}
-    places = resolve_places(tract, options.start, options.end, options.via)
-    given: Json = {"source": tract.source, **(inputs or {})}
-    for name, place in (("start", places[0]), ("end", places[1])):
-        if place is not None:
-            given[name] = place.given
-    if places[2]:
-        given["via"] = [place.given for place in places[2]]
-    stated = TractInput.read(given)
-    with explain_scale(tract):
-        with _clock(times, "distance"):
-            field = build_field(
-                tract,
-                voxel=options.voxel,
-                inflate=options.inflate,
-                reach=options.inflate + options.soft_wall,
-                progress=progress,
-            )
-        with _clock(times, "centreline"):
-            ends = orient_centreline(
-                tract, field, places, reverse=options.reverse, progress=progress
-            )
+    case = Case(tract=tract, options=options, inputs=inputs or {}, progress=progress)
+    return run_case(case, scope, robot=robot)
 
-        def make_plan(along: Centreline, duct: SampledField | RefinedField = field) -> Plan:
-            return plan_with_soft_wall(
-                FreeSpace(duct, along),
-                scope,
-                soft_wall=options.soft_wall,
-                method=options.method,
-                options=options.motion,
-                progress=progress,
-            )
 
-        entries: tuple[Json, ...] = ()
-        with _clock(times, "plan"):
-            if ends.decided:
-                plan = make_plan(ends.line)
-            else:
-                ends, plan, entries = _try_both_ends(
-                    tract, ends, make_plan, reverse=options.reverse
-                )
-        line = ends.line
-        finer: tuple[Finding, ...] = ()
-        if _may_profit(plan, field):
-            with _clock(times, "refine"):
-                # About the points that the plan states, so that the same nodes can be made again.
-                points = _round(line.points)
-                fine = refine_field(
-                    field,
-                    tract,
-                    line_points_world=points,
-                    voxel=FINE,
-                    distance=CORRIDOR,
-                    progress=progress,
-                )
-                plan, finer = _choose_finer(plan, make_plan(line, fine))
-            if entries:
-                entries = (_describe_entry(line, plan), *entries[1:])
+def run_case(case: Case, scope: Scope, *, robot: ContinuumRobot | None = None) -> InsertionStudy:
+    """Run the main job in a case; see `run_insertion`."""
+    found, options, progress = case.plan(scope), case.options, case.progress
+    plan, field, line, times = found.plan, case.field, found.line, case.seconds
     with _clock(times, "unreached"):
-        unreached = find_unreached(tract, field, line)
-    crossing = find_introducer_crossing(field, plan, places[1] if options.reverse else places[0])
+        unreached = find_unreached(case.tract, field, line)
+    entry = case.end if options.reverse else case.start
     findings = (
-        *tract.findings,
-        *ends.findings,
-        *_find_other_entry(entries, plan),
-        *finer,
-        *crossing,
+        *case.tract.findings,
+        *found.centreline.findings,
+        *found.findings,
+        *find_introducer_crossing(field, plan, entry),
     )
     moved = None
     if robot is not None:
         with _clock(times, "robot"):
-            moved = actuate_plan(plan, robot, field.inflate(plan.displaced), progress=progress)
+            moved = actuate_plan(plan, robot, found.duct.inflate(plan.displaced), progress=progress)
         if moved.status != "complete":
             message = f"the robot '{robot.name}' does not get there: {moved.reason}"
             findings = (*findings, Finding("robot", "warning", message))
     with _clock(times, "passage"):
         passage = find_passage(field, line.points[0], goal=line.points[-1])
-    found = None
-    if options.largest:
-        with _clock(times, "largest"):
-            freedom = 0.0 if options.method == "follow" else 1.0
-            found = find_largest(
-                field,
-                line,
-                scope=scope,
-                options=options.motion,
-                freedom=freedom,
-                progress=progress,
-            )
+    largest = case.find_largest(scope, line) if options.largest else None
     comparison: list[Plan] = []
     if options.compare:
         with _clock(times, "compare"):
@@ -612,164 +545,26 @@ def run_insertion(
                 except PluginError as error:
                     findings = (*findings, Finding("plugin", "warning", str(error)))
                 progress("compare", len(comparison) / len(others))
-    rounded = Centreline(
-        points=_round(line.points), arc_length=_round(line.arc_length), radius=_round(line.radius)
-    )
 
     def state(each: Plan) -> Plan:
-        return replace(
-            each,
-            input=stated,
-            centreline=rounded,
-            findings=tuple(f"{item.severity}: {item.message}" for item in findings),
-            more={"ends": [candidate.describe() for candidate in ends.candidates]},
-        )
+        return case.state(each, found.centreline, findings)
 
     return InsertionStudy(
-        tract=tract,
+        tract=case.tract,
         field=field,
-        centreline=ends,
+        duct=found.duct,
+        centreline=found.centreline,
         plan=state(plan),
         seconds=times,
         passage=passage,
-        largest=found,
+        largest=largest,
         comparison=tuple(map(state, comparison)),
         robot=moved,
         findings=findings,
         unreached=unreached,
-        entries=entries,
+        entries=found.entries,
         label_error=options.label_error,
     )
-
-
-FINE, CORRIDOR = 0.5, 8.4
-"""Spacing of a finer grid, and how far from the centreline it reaches [mm]."""
-
-GRID_CODES = (
-    "LINK_TOO_LONG",
-    "HEAD_CLEARANCE",
-    "CERTIFICATE_UNRESOLVED",
-    "GOAL_CLEARANCE",
-    "ENTRY_CLEARANCE",
-)
-"""Refusals that may be the grid's, not the lumen's. A proved one (NO_PASSAGE) is not."""
-
-
-def _round(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.round(points, 3)
-
-
-def _may_profit(plan: Plan, field: SampledField) -> bool:
-    """Whether a plan fails by so little that a finer grid may show that it fits."""
-    if plan.status == "complete" or plan.method == "thesis" or field.spacing.max() <= FINE:
-        return False
-    if plan.reason_code not in GRID_CODES:
-        return False
-    if plan.reason_code == "CERTIFICATE_UNRESOLVED" or plan.refusal is None:
-        return True
-    needs, offers = plan.refusal.needs, plan.refusal.offers
-    return needs is None or offers is None or needs - offers <= field.error
-
-
-def _choose_finer(plan: Plan, fine: Plan) -> tuple[Plan, tuple[Finding, ...]]:
-    """Return the better of a plan and its repetition on a finer grid, and a note on that."""
-    near = f"a grid of {FINE:g} mm within {CORRIDOR:g} mm of the centreline"
-    if _is_better(fine, plan):
-        note = f"planned and proved on {near}: on the coarser one it ended: {plan.reason}"
-        if fine.field is not None:
-            grid = replace(fine.field, fine_spacing=FINE, fine_distance=CORRIDOR)
-            fine = replace(fine, field=grid)
-        return fine, (Finding("finer-grid", "note", note),)
-    note = f"tried again on {near}, which did not help"
-    return plan, (Finding("finer-grid", "note", note),)
-
-
-def _try_both_ends(
-    tract: LabelTract | SurfaceTract,
-    ends: OrientedCentreline,
-    make_plan: Callable[[Centreline], Plan],
-    *,
-    reverse: bool,
-) -> tuple[OrientedCentreline, Plan, tuple[Json, ...]]:
-    """Plan from either end of a centreline; the better result, and both in short.
-
-    Better is: fits, proved; else gets farther; else the larger certified clearance. Of equal
-    results that of the higher end is taken, which comes first. With `reverse` it is the other one.
-    """
-    turned = turn_centreline(tract, ends)
-    pair = [(ends, make_plan(ends.line)), (turned, make_plan(turned.line))]
-    if reverse:
-        pair.reverse()  # the line came reversed: the higher end first again
-    (first, plan), (second, other) = pair
-    if _is_better(other, plan):
-        basis = "the organ is not known: the end from which the scope gets farther"
-        pair = [(second, other), (first, plan)]
-        if _judge(other)[:2] == _judge(plan)[:2]:
-            basis = "the organ is not known: the end from which more clearance is proved"
-    else:
-        basis = "the organ is not known: both ends do alike, and this is the higher one"
-        if _is_better(plan, other):
-            basis = "the organ is not known: the end from which the scope does better"
-    if reverse:
-        pair.reverse()
-        basis = f"reversed ({basis}, was the other one)"
-    entries = tuple(_describe_entry(each.line, result) for each, result in pair)
-    chosen, plan = pair[0]
-    return replace(chosen, basis=basis), plan, entries
-
-
-def _describe_entry(line: Centreline, plan: Plan) -> Json:
-    return {
-        "point_mm": _round(line.points[0]).tolist(),
-        "status": plan.status,
-        "certified": plan.certified,
-        "clearance_certified_mm": plan.proved,
-        "inserted_mm": plan.inserted,
-        "reason": plan.reason,
-    }
-
-
-def _judge(plan: Plan) -> tuple[bool, float, float]:
-    # A path along which links pass is a few mm longer or shorter from the one end or the other.
-    inserted = np.inf if plan.status == "complete" else 10.0 * round(0.1 * plan.inserted)
-    return (
-        plan.status == "complete" and plan.certified,
-        inserted,
-        round(-1.0 if plan.proved is None else plan.proved, 1),
-    )
-
-
-def _is_better(plan: Plan, other: Plan) -> bool:
-    return _judge(plan) > _judge(other)
-
-
-def _find_other_entry(entries: Sequence[Json], plan: Plan) -> tuple[Finding, ...]:
-    """Return a warning that names both results where both ends were tried."""
-    if not entries:
-        return ()
-    places, results = [], []
-    for entry in entries:
-        places.append(f"({', '.join(f'{value:.0f}' for value in entry['point_mm'])}) mm")
-        proved = entry["clearance_certified_mm"]
-        result = "reaches the other end" if entry["status"] == "complete" else "stops"
-        result += f" after {entry['inserted_mm']:.0f} mm of the head's path"
-        if proved is not None:
-            result += f", {floor_mm(proved)} mm of clearance proved"
-        elif entry["status"] == "complete":
-            result += ", not proved"
-        results.append(result)
-    if results[0] == results[1]:
-        text = f"the same from either end, {' or '.join(places)}: the scope {results[0]}"
-    else:
-        pairs = zip(places, results, strict=True)
-        text = "; ".join(f"entered at {place} the scope {result}" for place, result in pairs)
-    if plan.field is not None and plan.field.fine_spacing is not None:
-        text += " (tried on the coarser grid alone)"
-    message = (
-        f"the organ is not known, so both ends were tried: {text}. The first is reported here: "
-        "give --organ, --start or --reverse to choose"
-    )
-    return (Finding("organ-unknown", "warning", message),)
 
 
 @contextmanager
@@ -777,3 +572,7 @@ def _clock(times: dict[str, float], stage: str) -> Iterator[None]:
     begin = time.perf_counter()
     yield
     times[stage] = time.perf_counter() - begin
+
+
+def _round(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.round(points, 3)

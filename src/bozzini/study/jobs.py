@@ -27,10 +27,10 @@ from ..muscle import preset as muscle_preset
 from ..muscle.design import PRESETS, PRESSURE_LIMIT
 from ..registry import Registry
 from .factors import FREE, Value
-from .options import INFLATION_MAX, ORGANS
+from .options import INFLATION_MAX, ORGANS, InsertionOptions
 
 if TYPE_CHECKING:
-    from ..motion import FreeSpace, Plan
+    from .case import Case, CasePlan
 
 Columns = Mapping[str, NDArray[np.generic]]
 Floats = NDArray[np.float64]
@@ -268,19 +268,13 @@ def list_tract_inputs() -> dict[str, Quantity]:
         "diameter": scope["diameter"],
         "link_length": scope["link_length"],
         "head_step": list_quantities(PlannerOptions)["head_step"],
+        "method": list_quantities(InsertionOptions)["method"],
     }
 
 
-def open_row(row: Mapping[str, Value]) -> tuple[FreeSpace, Scope, PlannerOptions]:
-    """Return the tract of a row of `list_tract_inputs`, its scope and the planner's options."""
-    space = open_tract(*_list_tract(row))
-    scope = Scope(diameter=float(row["diameter"]), link_length=float(row["link_length"]))
-    return space, scope, PlannerOptions(head_step=float(row.get("head_step", 1.0)), advise=False)
-
-
-def _list_tract(row: Mapping[str, Value]) -> tuple[str, float, str, str, float, float]:
-    """Return the arguments of `open_tract` in a row."""
-    return (
+def open_row(row: Mapping[str, Value]) -> tuple[Case, Scope]:
+    """Return the case of a row of `list_tract_inputs`, and its scope."""
+    case = open_tract(
         str(row.get("tract", "")),
         float(row.get("phantom", -1.0)),
         str(row.get("labels", "")),
@@ -288,10 +282,31 @@ def _list_tract(row: Mapping[str, Value]) -> tuple[str, float, str, str, float, 
         float(row.get("voxel", 0.0)),
         float(row.get("inflate", 0.0)),
     )
+    scope = Scope(diameter=float(row["diameter"]), link_length=float(row["link_length"]))
+    given = {name: row[name] for name in ("method", "head_step") if name in row}
+    return case.change(**given) if given else case, scope
 
 
-def plan_row(row: Mapping[str, Value]) -> tuple[FreeSpace, Plan]:
-    """Return the tract of a row and the certified motion through it; the last few are kept.
+@lru_cache(maxsize=4)
+def open_tract(
+    source: str, phantom: float, labels: str, organ: str, voxel: float, inflate: float
+) -> Case:
+    """Return the case of a tract; the last few are kept."""
+    from .case import Case, open_phantom
+    from .options import ReadOptions
+
+    options = InsertionOptions(voxel=voxel or None, inflate=inflate)
+    if not source:
+        size = {"voxel": max(voxel, 1.0)} if voxel else {}
+        return Case.open(open_phantom(seed=int(phantom), **size), options)
+    parts = tuple(part.strip() for part in labels.split(",") if part.strip())
+    listed = tuple(int(part) if part.isdigit() else part for part in parts)
+    reading = ReadOptions(labels=listed or None, organ=organ or None)
+    return Case.open(source, options, reading=reading)
+
+
+def plan_row(row: Mapping[str, Value]) -> CasePlan:
+    """Return the certified motion through the tract of a row; the last few are kept.
 
     Raises
     ------
@@ -303,14 +318,12 @@ def plan_row(row: Mapping[str, Value]) -> tuple[FreeSpace, Plan]:
 
 
 @lru_cache(maxsize=4)
-def _plan(given: tuple[tuple[str, Value], ...]) -> tuple[FreeSpace, Plan]:
-    from ..motion import plan_insertion
-
-    space, scope, options = open_row(dict(given))
-    plan = plan_insertion(space.duct, space.centreline, scope=scope, options=options)
-    if plan.status != "complete" or not plan.certified:
+def _plan(given: tuple[tuple[str, Value], ...]) -> CasePlan:
+    case, scope = open_row(dict(given))
+    found = case.plan(scope, advise=False)
+    if found.plan.status != "complete" or not found.plan.certified:
         raise InputError("no certified motion of the whole way was found")
-    return space, plan
+    return found
 
 
 class InsertionJob(RowJob):
@@ -338,20 +351,19 @@ class InsertionJob(RowJob):
 
     def measure(self, row: Mapping[str, Value]) -> Mapping[str, float]:
         """Return what is known of a scope in a tract."""
-        from ..motion.largest import certify_scope
+        from ..motion import find_passage
 
-        space, scope, options = open_row(row)
-        bound = space.passages.passage.bound
-        found = {
-            "passage": 2.0 * bound,
-            "way": space.centreline.length,
-            "clearance": math.nan,
-            "unreached": measure_tract(*_list_tract(row)),
+        case, scope = open_row(row)
+        found = case.judge(scope)
+        plan = found.plan
+        passage = find_passage(case.field, found.line.points[0], goal=found.line.points[-1])
+        proved = plan.proved if plan.status == "complete" else None
+        return {
+            "passage": 2.0 * passage.bound,
+            "way": found.line.length,
+            "clearance": math.nan if proved is None else proved,
+            "unreached": case.unreached_share,
         }
-        if scope.radius <= bound:
-            clearance = certify_scope(space, scope, options=options)
-            found["clearance"] = math.nan if clearance is None else clearance
-        return found
 
     def run(self, columns: Columns) -> Rows:
         """Return what comes of n scopes; codes 2 and 3 are those that do not fit."""
@@ -362,49 +374,6 @@ class InsertionJob(RowJob):
         rows.code[lacks] = self.NOT_FOUND
         rows.code[lacks & proved] = self.TOO_WIDE
         return rows
-
-
-def open_tract(
-    source: str, phantom: float, labels: str, organ: str, voxel: float, inflate: float
-) -> FreeSpace:
-    """Return the free space of a tract, with its centreline; the last few are kept."""
-    return _open_tract(source, phantom, labels, organ, voxel, inflate)[0]
-
-
-def measure_tract(
-    source: str, phantom: float, labels: str, organ: str, voxel: float, inflate: float
-) -> float:
-    """Return the share of a tract's lumen that its centreline does not reach and should."""
-    return _open_tract(source, phantom, labels, organ, voxel, inflate)[1]
-
-
-@lru_cache(maxsize=4)
-def _open_tract(
-    source: str, phantom: float, labels: str, organ: str, voxel: float, inflate: float
-) -> tuple[FreeSpace, float]:
-    from ..anatomy.phantom import make_phantom
-    from ..duct import build_field
-    from ..motion import FreeSpace
-    from .ends import orient_centreline, resolve_places
-    from .options import ReadOptions
-    from .reach import find_unreached, measure_unreached
-
-    start = end = None
-    if source:
-        parts = tuple(part.strip() for part in labels.split(",") if part.strip())
-        listed = tuple(int(part) if part.isdigit() else part for part in parts)
-        tract = ReadOptions(labels=listed or None, organ=organ or None).read(source)
-    else:
-        made = make_phantom(seed=int(phantom))
-        tract = made.to_labels(max(voxel, 1.0))
-        start, end = made.centreline[0], made.centreline[-1]  # to find them takes seconds
-    field = build_field(tract, voxel=voxel or None, inflate=inflate)
-    places = resolve_places(tract, start, end, ())
-    ends = orient_centreline(tract, field, places)
-    share = 0.0
-    if not ends.goal_given:
-        share = measure_unreached(find_unreached(tract, field, ends.line), ends)
-    return FreeSpace(field, ends.line), share
 
 
 class RoutingJob(RowJob):
@@ -446,7 +415,8 @@ class RoutingJob(RowJob):
         from ..continuum.routing import RoutingLimits
         from ..motion.routing import design_routing
 
-        space, plan = plan_row(row)
+        made = plan_row(row)
+        plan = made.plan
         limits = {name: float(row[name]) for name in list_quantities(RoutingLimits) if name in row}
         section = Section(
             length=1.0,
@@ -458,7 +428,7 @@ class RoutingJob(RowJob):
             tendons=int(float(row.get("tendons", 2))),
             limits=RoutingLimits(**limits),
             robot=RobotDesign((section,)),
-            duct=space.duct,
+            duct=made.duct,
         )
         if not found.converged:
             raise InputError(found.reason)

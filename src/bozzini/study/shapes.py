@@ -9,19 +9,19 @@ import numpy as np
 
 from ..anatomy.tract import Finding, LabelTract, SurfaceTract
 from ..checks import check_number
-from ..duct import Centreline, SampledField, build_field
+from ..duct import Centreline, SampledField
 from ..duct.fitting.fit import FittedDuct, ShapeFitOptions, fit_duct, mesh_from_tract
 from ..duct.fitting.measure import PERCENTS, SectionCircles, Sections, cut_sections
 from ..duct.shapes.mesh import TriangleMesh
 from ..progress import Progress, no_progress
 from ..results import Json, Result
-from .ends import OrientedCentreline, orient_centreline, resolve_places
+from .case import Case
 from .options import PathOptions, TractFitOptions, explain_scale
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["SPACING_MIN", "FitStudy", "SectionStudy", "find_line", "run_fit", "run_sections"]
+__all__ = ["SPACING_MIN", "FitStudy", "SectionStudy", "run_fit", "run_sections"]
 
 SPACING_MIN = 0.01
 """Sections are not cut closer together than this [mm]."""
@@ -188,7 +188,8 @@ def run_fit(
         If an input is not legal, or no shapes follow the centreline.
     """
     options = TractFitOptions() if options is None else options
-    field, ends = find_line(tract, options, progress)
+    case = Case.open(tract, options, progress=progress)
+    field, ends = case.field, case.centreline
     how = ShapeFitOptions(
         kind=options.kind,  # type: ignore[arg-type]  # which it checks
         max_error=options.max_error,
@@ -225,7 +226,8 @@ def run_sections(
         If an input is not legal.
     """
     check_number("spacing", spacing, low=SPACING_MIN, unit="mm")
-    field, ends = find_line(tract, PathOptions() if options is None else options, progress)
+    case = Case.open(tract, options, progress=progress)
+    field, ends = case.field, case.centreline
     sections = cut_sections(field, ends.line, spacing=spacing)
     return SectionStudy(
         field=field,
@@ -235,14 +237,3 @@ def run_sections(
         inscribed=sections.inscribe_circles(progress=progress),
         findings=(*tract.findings, *ends.findings),
     )
-
-
-def find_line(
-    tract: LabelTract | SurfaceTract, options: PathOptions, progress: Progress
-) -> tuple[SampledField, OrientedCentreline]:
-    """Return the field of a lumen and its centreline."""
-    places = resolve_places(tract, options.start, options.end, options.via)
-    with explain_scale(tract):
-        field = build_field(tract, voxel=options.voxel, inflate=options.inflate, progress=progress)
-        ends = orient_centreline(tract, field, places, reverse=options.reverse, progress=progress)
-        return field, ends

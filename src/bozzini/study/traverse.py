@@ -24,9 +24,9 @@ from ..errors import InputError
 from ..motion.traverse import DiameterLimits, LinkLimits, find_diameter_limits, find_link_limits
 from ..progress import Progress, no_progress
 from ..results import Json, Result
+from .case import Case
 from .ends import list_branches
 from .options import PathOptions
-from .shapes import find_line
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -159,8 +159,9 @@ def run_limits(
     findings: tuple[Finding, ...]
     duct: Duct
     if isinstance(source, (LabelTract, SurfaceTract)):
-        duct, ends = find_line(source, options, progress)
-        line, findings = ends.line, (*source.findings, *ends.findings)
+        case = Case.open(source, options, progress=progress)
+        duct, line = case.field, case.line
+        findings = (*source.findings, *case.centreline.findings)
     else:
         duct, line = prepare_duct(source, options, progress)
         if options.reverse:

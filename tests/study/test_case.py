@@ -1,0 +1,91 @@
+"""One case, one answer: the command's job, a study, the cockpit and Python agree."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from bozzini.cockpit.planning import Bench, Job
+from bozzini.cockpit.wire import Change
+from bozzini.motion import Plan, Scope, insertion
+from bozzini.progress import no_progress
+from bozzini.study import run_insertion
+from bozzini.study.case import Case, open_phantom
+from bozzini.study.jobs import InsertionJob
+from bozzini.study.options import InsertionOptions, PathOptions, ReadOptions
+
+HEAD_STEP = 1.0
+SIZES = ((8.0, 12.0), (10.8, 12.0), (13.0, 12.0))
+"""Diameter and link: fits, fits barely if at all, fits hardly ever [mm]."""
+
+
+def answer(plan: Plan) -> tuple[str, str, float | None]:
+    proved = plan.proved if plan.status == "complete" else None
+    return plan.status, plan.reason_code, None if proved is None else round(proved, 6)
+
+
+def open_bench(tract) -> Bench:
+    class OneTract(Job):
+        def read(self):
+            return tract
+
+    scope = Scope(diameter=SIZES[0][0], link_length=SIZES[0][1])
+    bench = Bench(OneTract(reading=ReadOptions(), options=PathOptions(), scope=scope), no_progress)
+    bench._inflated[0.0] = bench.rest.change(head_step=HEAD_STEP)
+    return bench
+
+
+def plan_in_cockpit(bench: Bench, scope: Scope) -> Plan:
+    change = Change(diameter=scope.diameter, link=scope.link_length)
+    *_, shown = bench.plan(change, no_progress)
+    assert shown.info["final"]
+    return bench._found.plan
+
+
+def judge_in_study(seed: int, scope: Scope) -> tuple[int, float]:
+    fixed = {"phantom": seed, "link_length": scope.link_length, "head_step": HEAD_STEP}
+    rows = InsertionJob(fixed).run({"diameter": np.array([scope.diameter])})
+    return int(rows.code[0]), float(rows.outputs["clearance"][0])
+
+
+@pytest.mark.slow(60)
+@pytest.mark.parametrize("seeds", [range(0, 20, 5), range(20, 40, 5)], ids=str)
+def test_all_routes_have_one_answer(seeds, monkeypatch) -> None:
+    # What would fit is not compared here, and to seek it takes most of the time.
+    monkeypatch.setattr(insertion, "find_advice", lambda job, refusal, *, progress: refusal)
+    met = set()
+    for seed in seeds:
+        met |= check_agreement(seed)
+    assert "" in met and len(met) > 2
+
+
+def test_a_scope_that_the_finer_grid_lets_through_passes_in_the_cockpit_too(monkeypatch) -> None:
+    monkeypatch.setattr(insertion, "find_advice", lambda job, refusal, *, progress: refusal)
+    tract, scope = open_phantom(seed=0), Scope(diameter=11.2, link_length=12.0)
+    options = InsertionOptions(head_step=HEAD_STEP)
+    first, *_, last = Case.open(tract, options).list_plans(scope, advise=False)
+    assert not first.final and first.plan.status == "stopped" and first.plan.reason_code
+    assert last.final and last.plan.status == "complete"
+    assert answer(plan_in_cockpit(open_bench(tract), scope)) == answer(last.plan)
+
+
+def check_agreement(seed: int) -> set[str]:
+    """Compare all routes for the scopes in a phantom; return the codes that were met."""
+    tract = open_phantom(seed=seed)
+    options = InsertionOptions(head_step=HEAD_STEP)
+    case, bench = Case.open(tract, options), open_bench(tract)
+    codes = set()
+    for diameter, link in SIZES:
+        scope = Scope(diameter=diameter, link_length=link)
+        plan = run_insertion(tract, scope, options=options).plan
+        known = answer(plan)
+        assert answer(case.plan(scope).plan) == known
+        assert answer(case.judge(scope).plan) == known
+        assert answer(plan_in_cockpit(bench, scope)) == known
+        code, clearance = judge_in_study(seed, scope)
+        assert (code == 0) == (known[0] == "complete" and known[2] is not None)
+        assert code in (0, 2, 3) and (code != 2 or diameter > 2.0 * case.passage.bound)
+        if code == 0:
+            assert clearance == pytest.approx(known[2], abs=1e-6)
+        codes.add(known[1])
+    return codes
