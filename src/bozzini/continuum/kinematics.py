@@ -138,8 +138,6 @@ class ContinuumRobot(RobotDesign):
             displacements and tensions.
         GeometryError
             If the model does not take such a robot.
-        PluginError
-            If a model of another package gives no shape.
         """
         if (displacements is None) == (tensions is None):
             raise InputError("forward takes either displacements or tensions: give one of them")

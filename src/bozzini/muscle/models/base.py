@@ -23,7 +23,7 @@ from ...checks import (
     show_beside,
     show_range,
 )
-from ...errors import BozziniError, InputError, PluginError
+from ...errors import BozziniError, InputError
 from ...numeric import roots as numeric_roots
 from ...results import Json
 from ..design import LOCKING_ANGLE, PRESSURE_LIMIT, Braid, Muscle, check_muscle
@@ -240,8 +240,6 @@ class ExplicitModel(MuscleModel):
                 low, high = self._find_lengths(at)
                 legal = self._holds(at)
                 pull = self._find_total(at, np.clip(lengths, low, high), signs)
-        except PluginError:
-            raise
         except BozziniError:  # a law that has no answer somewhere
             return super().try_force(pressure, contraction, direction=direction)
         held = (at == pressures) & (lengths >= low - slack) & (lengths <= high + slack) & legal
@@ -316,8 +314,6 @@ class ExplicitModel(MuscleModel):
         legal = (at == pressures) & (held == loads) & holds
         try:
             roots = self._search_roots(at[holds], held[holds], signs[holds])
-        except PluginError:
-            raise
         except BozziniError:  # no answer on the way of one of them
             return super().try_contraction(pressure, load, direction=direction)
         found, good = np.zeros(at.shape), np.zeros(at.shape, dtype=np.bool_)
