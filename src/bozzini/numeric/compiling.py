@@ -38,7 +38,7 @@ def kernel(
         return functools.partial(
             kernel, error_model=error_model, inline=inline, nogil=nogil, parallel=parallel
         )
-    compiled = njit(
+    compiled = njit(  # type: ignore[call-overload]  # its stub lacks the last option
         function,
         cache=True,
         error_model=error_model,
