@@ -33,7 +33,7 @@ from .wire import (
 )
 
 if TYPE_CHECKING:
-    from .drive import Drive, DriveState
+    from .drive import DriveState, EffectorDrive
 
 Floats = NDArray[np.float64]
 
@@ -228,7 +228,7 @@ class Session:
     def __init__(self, *, may_arm: bool = False) -> None:
         self.may_arm = may_arm
         self.windows: set[Window] = set()
-        self.drive: Drive | None = None
+        self.drive: EffectorDrive | None = None
         self.plan: ShownPlan | None = None
         self.view, self.view_version = b"", 0
         self.moved: ShownPlan | None = None

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from ..checks import check_integer, check_kind, check_word, show_apart
 from ..errors import BozziniError, InputError
 from ..numeric.estimation import (
-    Spread,
+    FitCovariance,
     describe_lost,
     determine,
     find_lost,
@@ -1033,7 +1033,11 @@ def _conclude(
 
 
 def _estimate(
-    one: Unknown, setups: tuple[RobotSetup, RobotSetup], change: float, error: float, spread: Spread
+    one: Unknown,
+    setups: tuple[RobotSetup, RobotSetup],
+    change: float,
+    error: float,
+    spread: FitCovariance,
 ) -> Estimate:
     """Return a number, of setups before and after, with its interval.
 
@@ -1060,7 +1064,7 @@ def _estimate(
     return Estimate(one.name, value, low, high, unit, value * error)
 
 
-def _measure_spread(search: _Search, found: _Found) -> Spread:
+def _measure_spread(search: _Search, found: _Found) -> FitCovariance:
     """Return the covariance of the changes."""
     data, rows = search.observation.data, search.observation.rows
     misfit, seen = search.miss(found.observed), search.seen

@@ -23,8 +23,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...continuum.routing import (
     BackboneSteps,
+    BackboneTrace,
     BendTarget,
-    Trace,
     find_bends,
     fit_bend,
 )
@@ -291,7 +291,7 @@ class Pose:
     amplitudes: Floats
     turn: Floats
     off: Floats
-    trace: Trace
+    trace: BackboneTrace
     slopes: Floats
 
     @property

@@ -14,8 +14,8 @@ from ...checks import check_array, check_range
 from ...numeric.roots import find_between
 from .card import WALL_FIELDS, Card, Choice, Law, Parameter, make_friction
 from .ideal import (
+    BladderWall,
     ForceBalanceModel,
-    Wall,
     WalledModel,
     find_radius,
     pull_ideal,
@@ -244,7 +244,7 @@ class Stretches:
         return factor * spread(logs[0]), factor * spread(logs[1])
 
 
-def find_stretches(wall: Wall, length: Floats, *, at: str) -> Stretches:
+def find_stretches(wall: BladderWall, length: Floats, *, at: str) -> Stretches:
     """Return the stretches of a wall at lengths [mm].
 
     The hoop stretch is taken at the ``"middle"``, ``(2 r - t) / (2 r0 - t0)`` of (2.19), or the

@@ -45,14 +45,14 @@ _OPEN_BORE_SHARE = 1e-4
 
 
 @dataclass(frozen=True, kw_only=True)
-class Wall:
+class BladderWall:
     """A bladder that touches its braid and keeps its volume; the thickness is at rest [mm]."""
 
     braid: Braid
     thickness: float
 
     @classmethod
-    def of(cls, muscle: Muscle, braid: Braid) -> Wall:
+    def of(cls, muscle: Muscle, braid: Braid) -> BladderWall:
         """Return the wall of a muscle whose tube has grown to the braid, as thick as it was."""
         return cls(braid=braid, thickness=muscle.outer_radius - muscle.inner_radius)
 
@@ -97,9 +97,9 @@ class Wall:
 
 @lru_cache(maxsize=256)
 def _find_lengths(
-    wall: Wall, low: float, high: float, keeps_thickness: bool
+    wall: BladderWall, low: float, high: float, keeps_thickness: bool
 ) -> tuple[float, float]:
-    """Return the answer of `Wall.find_lengths`, which a fit asks for again and again."""
+    """Return the answer of `BladderWall.find_lengths`, which a fit asks for again and again."""
     left = _OPEN_BORE_SHARE * wall.bore_at_rest**2
     strand, turns = wall.braid.strand_length, wall.braid.turns
     volume, thinnest = wall.volume / math.pi, wall.thickness + math.sqrt(left)
@@ -170,9 +170,9 @@ class WalledModel(CatalogueModel):
     """Whether the wall is as thick as at rest at every length, instead of keeping its volume."""
 
     @cached_property
-    def wall(self) -> Wall:
+    def wall(self) -> BladderWall:
         """The wall at rest."""
-        return Wall.of(self.muscle, self.braid)
+        return BladderWall.of(self.muscle, self.braid)
 
     def _base_lengths(self) -> tuple[float, float]:
         ends = super()._base_lengths()

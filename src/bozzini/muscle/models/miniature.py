@@ -15,7 +15,7 @@ from ..design import PRESSURE_LIMIT, Braid
 from ..model import LOAD_LIMIT
 from .base import ANGLES, CatalogueModel
 from .card import SHAPE_FIELDS, WALL_FIELDS, Card, Choice, Law, Parameter
-from .ideal import ForceBalanceModel, Wall, find_radius, measure_ideal, pull_ideal
+from .ideal import BladderWall, ForceBalanceModel, find_radius, measure_ideal, pull_ideal
 
 Floats = NDArray[np.float64]
 
@@ -162,7 +162,7 @@ class Sangian(CatalogueModel):
 
     def _contact_pressure(self, pressure: Floats, length: Floats) -> Floats:
         braid = self.braid
-        thickness = Wall.of(self.muscle, braid).thickness
+        thickness = BladderWall.of(self.muscle, braid).thickness
         radius = find_radius(braid, length)
         scale = self.muscle.modulus * thickness / braid.radius**2
         acting = pressure - self.dead_band()
