@@ -16,7 +16,7 @@ from bozzini.motion import Plan, PlannerOptions, Scope, plan_insertion
 from bozzini.motion.recheck import surface_wall
 from bozzini.motion.verify import build_wall
 from bozzini.study import ContactRiskOptions, WallError
-from bozzini.study.contact import displace_wall, replan_draws
+from bozzini.study.contact_risk import displace_wall, replan_draws
 from bozzini.study.wall import BodySamples, choose_deciding, draw_reaches, sample_body
 
 DIAMETER = 6.5

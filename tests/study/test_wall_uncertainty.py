@@ -22,7 +22,7 @@ from bozzini.motion import Certificate, Scope, certify_plan, plan_insertion
 from bozzini.motion.recheck import surface_wall
 from bozzini.motion.verify import build_wall
 from bozzini.study import ContactRiskOptions, WallError, bound_contact, study_contact
-from bozzini.study.contact import displace_wall, replan_draws
+from bozzini.study.contact_risk import displace_wall, replan_draws
 from bozzini.study.wall import (
     choose_deciding,
     count_interval,

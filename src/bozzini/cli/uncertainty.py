@@ -108,7 +108,7 @@ def command(
 def _of_plan(source: Path, path: Path | None, options: ContactRiskOptions, answer: Answer) -> None:
     """Find and write how likely a plan touches its wall."""
     from ..io.files import new_directory
-    from ..study.contact import study_contact
+    from ..study.contact_risk import study_contact
     from .routing import read_plan, reread_tract
 
     plan = read_plan(source)

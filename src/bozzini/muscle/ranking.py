@@ -23,9 +23,17 @@ from ..progress import Progress, no_progress
 from ..results import Json, Result, take_axes, to_plain
 from .data import Measurements
 from .design import Muscle, check_muscle, preset
-from .fit import Calibration, FitOptions, conclude, find_minimum, find_poor, fit_task, release
 from .model import MuscleModel
 from .models import MODELS
+from .muscle_fit import (
+    Calibration,
+    FitOptions,
+    conclude,
+    find_minimum,
+    find_poor,
+    fit_task,
+    release,
+)
 from .problem import (
     END_FIELDS,
     FITTED_UNSET,

@@ -55,7 +55,7 @@ def draw_uncertainty(
         Of each draw: the clearance [mm], and where along the centreline that is [mm].
     stations, diameters : mapping
         Columns of `bozzini.study.wall.Stations.list_columns` and
-        `bozzini.study.contact.ContactRisk.over_diameters`.
+        `bozzini.study.contact_risk.ContactRisk.over_diameters`.
     diameter : float
         Of the scope [mm].
     certified : float

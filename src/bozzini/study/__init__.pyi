@@ -1,4 +1,4 @@
-from .contact import ContactRisk, study_contact
+from .contact_risk import ContactRisk, study_contact
 from .definition import Study
 from .factors import Factor, Limit, Sampling, Search, StudySpec
 from .insertion import InsertionStudy, run_insertion
