@@ -63,9 +63,9 @@ if TYPE_CHECKING:
         InverseOptions,
         Shape,
     )
-    from ..continuum.checks import Floats
     from ..continuum.gradients import ShapeJacobian
     from ..continuum.robot import RobotDesign
+    from ..numeric.arrays import Floats
     from ..study.tip import DrawOptions
 
 STRAIGHT_BEND_RAD = 1e-6

@@ -9,15 +9,13 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..effector import Effector, EffectorInverse, Stick, find_stick_scale, steer
 from ..errors import BozziniError, InputError
+from ..numeric.arrays import Floats
 from ..rig.host import SILENCE_LIMIT, Host, describe_faults
 from ..rig.link import Link, LockstepLink
 from ..rig.protocol import SETPOINT_MAX, SetPoint, State
-
-Floats = NDArray[np.float64]
 
 PERIOD = 0.01
 """Of the loop that drives the rig [s]."""

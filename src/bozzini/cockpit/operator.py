@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..numeric.arrays import Floats
 from ..results import Json, Result, list_coordinates, take_axes
 from .drive import SEEN, DriveState, EffectorDrive
 from .guard import Access
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from websockets.asyncio.client import ClientConnection
 
-Floats = NDArray[np.float64]
 FigureKind = Literal["line", "circle"]
 
 SIZE = 8.0

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
+from ..numeric.arrays import Floats
 from ..numeric.polylines import measure_arc_length
 from ..results import Json
 from .wire import (
@@ -35,7 +36,6 @@ from .wire import (
 if TYPE_CHECKING:
     from .drive import DriveState, EffectorDrive
 
-Floats = NDArray[np.float64]
 
 RATE = 60.0
 """Ticks of the clock a second [Hz]; a tick without a change sends nothing."""

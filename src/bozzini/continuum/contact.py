@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_array, check_kind, show_apart
 from ..errors import InputError
+from ..numeric.arrays import Floats
 from ..results import Json, Result, measured, take_axes, to_plain
-from .checks import Floats
 from .contact_solver import (
     DEEP,
     WARM,

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .checks import Floats
+from ..numeric.arrays import Floats
 from .energy import Grid, Segment
 from .equilibrium import Spots, find_least, vary_twice
 from .kernels.contact import add_contacts, press_walls

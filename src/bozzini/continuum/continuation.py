@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from ..numeric.arrays import Floats
 from ..results import Json, Result, list_coordinates, take_axes, to_plain
-from .checks import Floats
 from .equilibrium import Equilibrium, Factors, LoadedRod, TendonCommand
 from .kernels.energy import TURN_LIMIT
 from .shape import Shape

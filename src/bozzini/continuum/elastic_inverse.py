@@ -20,7 +20,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_integer, check_number
 from ..errors import InputError
-from .checks import Floats, check_values
+from ..numeric.arrays import Floats
+from .checks import check_values
 from .elastic import ElasticModel
 from .inverse import ContinuumInverse, InverseOptions
 from .model import ContinuumModel

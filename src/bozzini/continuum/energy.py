@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_array, check_integer, check_word, quantity
 from ..errors import GeometryError, InputError
-from .checks import Floats
+from ..numeric.arrays import Floats
 from .continuation import EquilibriumPath, Point, Tracer, Varied
 from .elastic import ElasticModel, check_tension_commands, place_stations
 from .equilibrium import (

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from .checks import Floats
+from ..numeric.arrays import Floats
 from .kernels.energy import CHANNEL, CONVERGED, NOT_CONVERGED, measure_lengths
 from .kernels.equilibrium import (
     fill_proximities,

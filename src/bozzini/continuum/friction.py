@@ -36,8 +36,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from ..numeric.arrays import Floats
 from ..numeric.kernels.linear_algebra import solve_bounded, solve_complementary
-from .checks import Floats
 from .kernels.friction import measure_tendons, move_tensions, reduce_slip
 from .rod_grid import measure_rest_rates
 

@@ -21,16 +21,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_integer, check_number, show_apart
 from ..errors import GeometryError, InputError
+from ..numeric.arrays import Floats
 from ..results import Json, Result, measured, to_plain
 from .arc import ArcModel, arc_frames
-from .checks import (
-    MAX_COORDINATE_MM,
-    Floats,
-    check_directions,
-    check_frame,
-    check_places,
-    check_values,
-)
+from .checks import MAX_COORDINATE_MM, check_directions, check_frame, check_places, check_values
 from .coupling import BendLimits, find_limits
 from .kernels.inverse import REACHED, SETTLED, improve, move_inside, rank_starts, search
 from .profile import ROUND_OFF_MM

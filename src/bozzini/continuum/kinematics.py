@@ -13,9 +13,9 @@ from numpy.typing import ArrayLike
 
 from ..checks import check_array, check_kind, take_named
 from ..errors import InputError
+from ..numeric.arrays import Floats
 from .arc import ArcModel, jacobian
 from .calibration import RobotCalibration, convert_commands
-from .checks import Floats
 from .coupling import check_displacements, find_crooked
 from .elastic_inverse import solve_elastic
 from .inverse import (

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_array, check_fields, quantity
 from ..errors import GeometryError, InputError
-from .checks import Floats
+from ..numeric.arrays import Floats
 from .robot import RobotDesign, check_robot
 from .shape import Shape
 

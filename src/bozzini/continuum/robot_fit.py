@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from ..checks import check_integer, check_kind, check_word, show_apart
 from ..errors import BozziniError, InputError
+from ..numeric.arrays import Floats
 from ..numeric.estimation import (
     FitCovariance,
     describe_lost,
@@ -30,7 +31,6 @@ from ..numeric.estimation import (
 from ..progress import Progress, no_progress
 from ..results import Json, Result, take_axes, to_plain
 from .calibration import RobotCalibration
-from .checks import Floats
 from .kinematics import ContinuumRobot
 from .measured import RobotMeasurements
 from .models import CONTINUUM_MODELS
@@ -780,7 +780,6 @@ def _compare(observation: Observation, found: Observed) -> RobotPrediction:
 
 
 # Validation.
-
 
 Folds = tuple[NDArray[np.int64], ...]
 """The rows of each block that is left out."""

@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..numeric.arrays import Floats
 from ..numeric.kernels.linear_algebra import factor_lu, solve_bounded, solve_complementary, solve_lu
-from .checks import Floats
 from .equilibrium import ZERO_MODE, find_least, vary_twice
 from .friction import Bending, Channels, DriveCommand, FrictionState, Sliding
 from .kernels import shooting

@@ -25,8 +25,8 @@ from numpy.typing import NDArray
 
 from ..checks import check_fields, quantity
 from ..errors import GeometryError
+from ..numeric.arrays import Floats
 from ..numeric.polylines import carry_frames, interpolate_polyline, measure_arc_length
-from .checks import Floats
 from .kernels.routing import find_curvatures, trace_backbone
 
 STEP_MM = 2.0
@@ -185,7 +185,6 @@ def count_coefficients(length: float) -> int:
 
 
 # Least squares of a backbone's points, by parameters of its curvature and the base's rotation.
-
 
 FAR_MM = 1e3
 """Residual of a trial that has no curvature."""

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_array, check_fields, check_number, check_points, show_apart
 from ..errors import GeometryError, InputError
+from ..numeric.arrays import Floats
 from ..results import show_briefly, take_axes
 from .checks import (
     check_counts,
@@ -33,7 +34,6 @@ if TYPE_CHECKING:
 
 Kind = Literal["exact", "bound", "sampled"]
 Form = Literal["length", "angle", "number", "lengths", "numbers", "axes"]
-Floats = NDArray[np.float64]
 
 GRADIENT_STEP_MM = 1e-4
 """Step of the central differences by which a duct has a gradient that does not bring its own."""

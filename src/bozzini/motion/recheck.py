@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
+from ..numeric.arrays import Floats
 
 __all__ = ["Recheck", "EntryTube", "TriangleWall", "recheck_motion", "surface_wall", "voxel_wall"]
 
-Floats = NDArray[np.float64]
 
 BATCH = 1 << 16
 """Cells measured at a time."""

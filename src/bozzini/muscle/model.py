@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..checks import broadcast, check_array, check_number, check_range, name_at, show_value
 from ..errors import BozziniError, InputError
 from ..numeric import roots
+from ..numeric.arrays import Floats
 from ..results import Result, measured, take_axes
 from .design import PRESSURE_LIMIT, Muscle
 from .hysteresis import Hysteresis
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
 
     from .models.card import Card, Parameter
 
-Floats = NDArray[np.float64]
 
 DIRECTIONS = {"inflating": -1.0, "": 0.0, "deflating": 1.0}
 """Sign of friction in the pull of the muscle: it pulls less on the way up, more on the way down."""

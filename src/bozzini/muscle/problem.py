@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 
 from ..checks import check_number, check_word, list_quantities
 from ..errors import BozziniError, InputError
+from ..numeric.arrays import Floats
 from .data import Measurements
 from .design import BRAID_ANGLES, Muscle
 from .ends import EndEffects, MountedMuscle, find_offset
@@ -38,7 +39,6 @@ from .models.base import CatalogueModel
 if TYPE_CHECKING:
     from .models.card import Parameter
 
-Floats = NDArray[np.float64]
 Answers = tuple[Floats, NDArray[np.bool_]]
 
 Response = Literal["force", "contraction", "pressure"]

@@ -18,11 +18,10 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ..errors import InputError
+from ..numeric.arrays import Floats
 from ..results import Json
 
 # The scope's skin: one tube over all links, rounded at the head, closed at the tail.
-
-Floats = NDArray[np.float64]
 
 _SIDES = 16
 _CAP_RINGS = 4

@@ -24,12 +24,12 @@ from ..motion.moving import ReplanOptions, replan
 from ..motion.plan import Plan
 from ..motion.space import grid_of
 from ..motion.verify import build_wall, certify_plan, rebuild_field
+from ..numeric.arrays import Floats
 from ..progress import Progress, no_progress
 from ..results import Json, Result, measured, to_plain
 from .options import ContactRiskOptions
 from .wall import (
     QUANTILES,
-    Floats,
     Interval,
     Stations,
     WallError,

@@ -26,11 +26,11 @@ from ..motion.certify import Certificate, find_waiting
 from ..motion.plan import Plan
 from ..motion.recheck import EntryTube, TriangleWall
 from ..motion.space import FreeSpace
+from ..numeric.arrays import Floats
 from ..plot.plan_data import read_centreline
 from ..progress import Progress, no_progress
 from ..results import Json
 
-Floats = NDArray[np.float64]
 Interval = tuple[float, float]
 
 FEATURES = 400

@@ -22,11 +22,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_fields, quantity, show_apart
 from ..errors import FileFormatError, InputError
+from ..numeric.arrays import Floats
 from ..numeric.vectors import nearest_rotation
 from ..progress import Progress, no_progress
 from ..results import Json, Result, take_axes, to_plain
 from .board import CHECK_LINE, Board, Detection
-from .camera import Area, Camera, CameraSet, Floats, align, triangulate
+from .camera import Area, Camera, CameraSet, align, triangulate
 from .pictures import SUFFIXES, Grey, import_opencv, measure_each, read_picture
 
 if TYPE_CHECKING:

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from ..checks import check_fields, quantity, show_apart
 from ..errors import GeometryError, InputError
+from ..numeric.arrays import Floats
 from ..numeric.polylines import (
     carry_frames,
     interpolate_polyline,
@@ -26,7 +27,7 @@ from ..numeric.polylines import (
     resample_polyline,
 )
 from ..results import Json, Result, list_coordinates, take_axes, to_plain
-from .camera import Camera, CameraSet, Floats, distort, triangulate
+from .camera import Camera, CameraSet, distort, triangulate
 from .kernels.rods import bend_rod, match_curves, miss_line, outline_tube
 from .pictures import Picture
 from .silhouette import BLUR, BLURRED_CONTRAST, Silhouette, find_silhouette, sample_values

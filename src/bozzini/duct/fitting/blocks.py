@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import GeometryError
+from ...numeric.arrays import Floats
 from ...numeric.vectors import nearest_rotation, spread_directions
 from ...progress import Progress, no_progress
 from ..base import Duct
@@ -23,8 +24,6 @@ from ..shapes.super_ellipses import EXPONENT_MAX, EXPONENT_MIN, SuperEllipsoids
 from .chain import BallChain
 from .measure import Sections, cast_rays
 from .points import fit_super_ellipsoid
-
-Floats = NDArray[np.float64]
 
 RAYS = 500
 """Rays of a candidate."""

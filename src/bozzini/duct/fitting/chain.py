@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import GeometryError
+from ...numeric.arrays import Floats
 from ...numeric.polylines import carry_frames, interpolate_polyline
 from ...numeric.vectors import settle_layout
 from ...progress import Progress, no_progress
@@ -17,8 +18,6 @@ from ..shapes.cones import RoundCones
 from ..shapes.cylinders import ConnectedCylinders, measure_gaps
 from .measure import cast_rays, share_wall
 from .points import fit_circle
-
-Floats = NDArray[np.float64]
 
 SPACING_MM = 1.0
 """Distance between the places that may be kept [mm]; longer on long centrelines."""

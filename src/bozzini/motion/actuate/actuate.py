@@ -21,6 +21,7 @@ from ...continuum import ContinuumRobot
 from ...continuum.coupling import Coupling, require_arcs
 from ...duct.base import Duct
 from ...errors import GeometryError, InputError
+from ...numeric.arrays import Floats
 from ...progress import Progress, no_progress
 from ..plan import Plan, write_record
 from ..space import FreeSpace
@@ -263,8 +264,6 @@ class FitJob:
 
 
 # Why a robot does not go all the way: which section or tendon, where, and by how much.
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -38,7 +38,7 @@ from .options import InsertionRankOptions
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from ...continuum.checks import Floats
+    from ...numeric.arrays import Floats
 
 WaySource = Literal["curvature", "positions", "sections"]
 """Where routings come from: singular vectors of the curvature, a fit of positions, or sections."""

@@ -39,7 +39,7 @@ from .rank import shift_curvature
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from ...continuum.checks import Floats
+    from ...numeric.arrays import Floats
 
 DIAMETER_STEP_MM = 0.1
 """Diameters that are tried are multiples of this."""

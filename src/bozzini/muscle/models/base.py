@@ -25,6 +25,7 @@ from ...checks import (
 )
 from ...errors import BozziniError, InputError
 from ...numeric import roots as numeric_roots
+from ...numeric.arrays import Floats
 from ...results import Json
 from ..design import LOCKING_ANGLE, PRESSURE_LIMIT, Braid, Muscle, check_muscle
 from ..hysteresis import Hysteresis
@@ -38,8 +39,6 @@ from ..model import (
     parse_direction,
 )
 from .card import Card, describe_card, take_keywords
-
-Floats = NDArray[np.float64]
 
 STEPS = 64
 """Lengths tried between the free length and the end of the legal ones."""

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...checks import check_array, check_range
+from ...numeric.arrays import Floats
 from ...numeric.roots import find_between
 from .card import WALL_FIELDS, Card, Choice, Law, Parameter, make_friction
 from .ideal import (
@@ -20,8 +21,6 @@ from .ideal import (
     find_radius,
     pull_ideal,
 )
-
-Floats = NDArray[np.float64]
 
 
 class ConstantThickness(ForceBalanceModel):

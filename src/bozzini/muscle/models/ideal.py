@@ -9,8 +9,8 @@ from functools import cached_property, lru_cache
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...numeric.arrays import Floats
 from ...numeric.roots import bisect
 from ..design import Braid, Muscle
 from .base import CatalogueModel
@@ -36,9 +36,6 @@ from .card import BRAID_FIELDS, WALL_FIELDS, Card
 # The second term is there because the balance takes a wall without stress. In a wall that cannot
 # be compressed and resists nothing the stress is the pressure on it: with ``s_z = s_h = -P`` the
 # second term goes, and Gaylord's pull is left, as from the energy of such a wall.
-
-
-Floats = NDArray[np.float64]
 
 _OPEN_BORE_SHARE = 1e-4
 """Share of the bore's area at rest that is left at the ends of the legal lengths."""

@@ -6,15 +6,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...checks import check_range, show_apart
 from ...errors import InputError, MissingLawError
+from ...numeric.arrays import Floats
 from .base import CatalogueModel
 from .card import BRAID_FIELDS, WALL_FIELDS, Card, Law, Parameter, make_friction
 from .ideal import BladderWall, WalledModel, find_radius, pull_ideal
-
-Floats = NDArray[np.float64]
 
 _LENGTH = ("length [mm]",)
 _STATE = ("length [mm]", "pressure [MPa]")
