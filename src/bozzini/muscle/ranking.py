@@ -926,8 +926,6 @@ def _try_model(
 ) -> RankedModel | str:
     """Return a model as fitted, or why it is not."""
     try:
-        if name in MODELS:
-            MODELS[name]  # in another process this guards another package's class
         return _fit_model(name, kind, task, options, folds)
     except BozziniError as error:
         return str(error)
