@@ -15,8 +15,8 @@ from bozzini.duct import SampledField, build_field, find_centreline
 from bozzini.motion import Plan, PlannerOptions, Scope, plan_insertion
 from bozzini.motion.recheck import surface_wall
 from bozzini.motion.verify import build_wall
-from bozzini.study import ContactOptions, WallError
-from bozzini.study.contact import displace_wall, replan_draws
+from bozzini.study import ContactRiskOptions, WallError
+from bozzini.study.contact_risk import displace_wall, replan_draws
 from bozzini.study.wall import BodySamples, choose_deciding, draw_reaches, sample_body
 
 DIAMETER = 6.5
@@ -82,7 +82,7 @@ def bench_planned_anew(benchmark: Any, rest: Rest) -> None:
     error = WallError(sd=0.3)
 
     def run(count: int) -> int:
-        options = ContactOptions(replan=count)
+        options = ContactRiskOptions(replan=count)
         return replan_draws(plan, surface, error, duct=field, options=options).failed
 
     run(1)

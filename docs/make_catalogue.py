@@ -1,15 +1,139 @@
-"""Write the page of the catalogue of muscle models.
+"""Write the page of the catalogue of muscle models, from the models' own cards.
 
 python docs/make_catalogue.py
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
-from bozzini.report.catalogue_page import format_catalogue
+from bozzini.muscle.models import MODELS, Card, Parameter, count_statuses
+from bozzini.muscle.models.card import BRAID_FIELDS, SHAPE_FIELDS, WALL_FIELDS
 
 PAGE = Path(__file__).resolve().parent / "theory" / "catalogue.md"
+
+_HEAD = """# Catalogue of muscle models
+
+The static models that the thesis surveys in its chapter 2, and `ogden`. Each is an explicit law of
+the pull at a pressure and a length. The page is made from the models' cards, as is
+`bozzini muscle models NAME`. The [guide](../guide/muscle.md#comparing-models) has the commands,
+[Muscles](muscle.md) how models are fitted and ranked. Code: `MODELS` of
+[`bozzini.muscle`](../api/muscle.md).
+
+**Symbols**: `P` pressure, `F` pull, `l` length, `r` radius of the braid, `r_i` of the bore, `t`
+thickness of the wall, `V_b` its volume, `E` its modulus; index 0 for rest; `theta` angle between
+strands and axis, `b` length of a strand, `N` its turns, `m` number of strands, `r_n` their radius;
+`epsilon = (l_0 - l) / l_0`; `q_1 = 3 / tan(theta_0)**2`, `q_2 = 1 / sin(theta_0)**2`; `lambda_1`
+stretch along the muscle, `lambda_2` around it.
+
+Equations stand as they are implemented, and as printed where that differs; `as_printed=True`
+evaluates the print. Where they have two signs of friction,
+the upper one is of the way up, inflating; in a print it may be of either. **Constants** are fitted
+unless another source stands behind their unit; one without a default has to be given or fitted.
+A **law** is a function that the cited paper has. **Fields of the muscle** have groups: *strain* is
+`length`, `dead_length`, `braid_angle`; *braid* is these with `outer_radius` and `gap`; *wall* is
+those with `inner_radius`.
+"""
+
+GROUPS = {"strain": SHAPE_FIELDS, "braid": BRAID_FIELDS, "wall": WALL_FIELDS}
+"""Fields of a `Muscle` that most models use together, by the name that the page gives them."""
+
+_STATUS = {
+    "self-contained": "complete, right as printed",
+    "corrected": "complete, with errors of the print mended",
+    "fitted": "the form, with constants that have to be fitted",
+    "partial": "something essential is in the cited paper only: a law to be given",
+}
+
+
+def format_counts(cards: Sequence[Card] | None = None) -> str:
+    """Return a table of how many models there are of each status, and which.
+
+    Parameters
+    ----------
+    cards : sequence of Card, optional
+        Those of `MODELS` by default.
+    """
+    taken = _take(cards)
+    lines = ["| status | what it means | models | with equation |", "|---|---|---|---|"]
+    for status, count in count_statuses(taken).items():
+        names = ", ".join(
+            f"[`{card.name}`](#{card.name}) {card.equation}"
+            for card in taken
+            if card.status == status
+        )
+        lines.append(f"| {status} | {_STATUS[status]} | {count} | {names} |")
+    lines.append(f"| | | **{len(taken)}** | |")
+    return "\n".join(lines)
+
+
+def format_catalogue(cards: Sequence[Card] | None = None) -> str:
+    """Return the page: a table of all models, and a section for each.
+
+    Parameters
+    ----------
+    cards : sequence of Card, optional
+        Those of `MODELS` by default.
+    """
+    taken = _take(cards)
+    lines = [_HEAD, "## All models", "", format_counts(taken)]
+    for card in taken:
+        lines += ["", *_format_section(card)]
+    return "\n".join(lines) + "\n"
+
+
+def _format_section(card: Card) -> list[str]:
+    lines = [f"## {card.name}", "", f"{card.title}. {_capitalise(card.place)}, {card.status}.", ""]
+    lines += [f"{card.reference}.".replace("..", "."), "", *_format_latex(card.latex)]
+    if card.latex_printed is not None:
+        lines += ["", "As printed:", "", *_format_latex(card.latex_printed)]
+    lines += ["", *map(_format_constant, card.parameters)]
+    lines += [
+        f"- `{item.name}`, {item.what}: {', '.join(f'`{word}`' for word in item.words)}."
+        for item in card.choices
+    ]
+    for law in card.laws:
+        need = "needed" if law.required else "may be left out"
+        if law.only_with:
+            need += f", with `{law.only_with}` only"
+        unit = f" in {law.unit}" if law.unit else ""
+        lines.append(f"- Law `{law.name}({', '.join(law.arguments)})`{unit}, {law.what}; {need}.")
+    lines.append(f"- Of the muscle: {', '.join(_name_fields(card.uses))}.")
+    lines += [f"- {text}" for text in card.errata]
+    if card.unprintable:
+        lines.append(f"- It cannot be evaluated as printed: {card.unprintable}.")
+    if card.missing:
+        lines.append(f"- Missing: {card.missing}")
+    return lines
+
+
+def _name_fields(uses: tuple[str, ...]) -> list[str]:
+    """Return the fields that a model uses, those of the largest group by the group's name."""
+    groups = [name for name, fields in GROUPS.items() if set(fields) <= set(uses)]
+    group = max(groups, key=lambda name: len(GROUPS[name]))
+    return [group, *(f"`{name}`" for name in uses if name not in GROUPS[group])]
+
+
+def _format_constant(item: Parameter) -> str:
+    unit = f" [{item.unit}]" if item.unit else ""
+    source = "" if item.source == "fitted" else f", {item.source}"
+    value = f" (default {item.default:g})" if item.default is not None else ""
+    need = f"; with `{item.only_with}` only" if item.only_with and not value else ""
+    return f"- `{item.name}`{unit}{source}: {item.what}{value}{need}."
+
+
+def _capitalise(text: str) -> str:
+    return text[0].upper() + text[1:]
+
+
+def _format_latex(text: str) -> list[str]:
+    return ["```math", text, "```"]
+
+
+def _take(cards: Sequence[Card] | None) -> tuple[Card, ...]:
+    return tuple(MODELS.cards.values()) if cards is None else tuple(cards)
+
 
 if __name__ == "__main__":
     PAGE.write_text(format_catalogue(), "utf-8")

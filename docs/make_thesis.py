@@ -19,6 +19,7 @@ from functools import cache
 from pathlib import Path
 
 DOCS = Path(__file__).resolve().parent
+sys.path.append(str(DOCS.parent))  # for validation.thesis
 PICTURES = DOCS / "images" / "thesis"
 PAGE = DOCS / "thesis-figures.md"
 VALUES = PICTURES / "values.json"

@@ -27,14 +27,13 @@ MAY_IMPORT = {
     "vision": {"effector", "muscle"},
     "fabricate": {"continuum", "effector"},
 }
-MAY_IMPORT["thesis"] = set(MAY_IMPORT)
-MAY_IMPORT["plot"] = set(MAY_IMPORT) - {"thesis"}
-MAY_IMPORT["scene"] = set(MAY_IMPORT) - {"thesis"}
-MAY_IMPORT["report"] = set(MAY_IMPORT) - {"thesis"}
-MAY_IMPORT["study"] = set(MAY_IMPORT) - {"thesis"}
+MAY_IMPORT["plot"] = set(MAY_IMPORT)
+MAY_IMPORT["scene"] = set(MAY_IMPORT)
+MAY_IMPORT["report"] = set(MAY_IMPORT)
+MAY_IMPORT["study"] = set(MAY_IMPORT)
 MAY_IMPORT["physics"] = {"anatomy", "continuum", "duct", "motion", "plot", "scene", "study"}
-MAY_IMPORT["cockpit"] = set(MAY_IMPORT) - {"thesis"}
-MAY_IMPORT["cli"] = set(MAY_IMPORT) - {"thesis"}
+MAY_IMPORT["cockpit"] = set(MAY_IMPORT)
+MAY_IMPORT["cli"] = set(MAY_IMPORT)
 
 MODULES = sorted(path.relative_to(SOURCE) for path in SOURCE.rglob("*.py"))
 

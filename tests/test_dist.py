@@ -64,7 +64,9 @@ def test_the_wheel_holds_all_that_the_package_reads(archives: tuple[Path, Path])
         if path.is_file() and "__pycache__" not in path.parts:
             assert f"bozzini/{path.relative_to(package).as_posix()}" in names
     assert "bozzini/rig/firmware/Makefile" in names
-    assert not [name for name in names if name.startswith("tests") or "__pycache__" in name]
+    assert not [
+        name for name in names if name.startswith(("tests", "validation")) or "__pycache__" in name
+    ]
 
 
 def _list_needed(names: list[str]) -> set[metadata.Distribution]:

@@ -1,4 +1,4 @@
-"""Packages that add something broken: named in one line, and harmless to everything else."""
+"""Packages that cannot be imported: named in one line, and harmless to everything else."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ import pytest
 from bozzini.anatomy import tract_from_labels
 from bozzini.cli.main import main
 from bozzini.continuum import CONTINUUM_MODELS
-from bozzini.duct import DUCT_SHAPES, Centreline, DuctShape, RoundCones, load, union
-from bozzini.errors import FileFormatError, GeometryError, InputError, PluginError
+from bozzini.duct import DUCT_SHAPES, Centreline, DuctShape, RoundCones, load
+from bozzini.errors import BozziniError, GeometryError, PluginError
 from bozzini.motion import (
     PLANNERS,
     FreeSpace,
@@ -26,116 +26,42 @@ from bozzini.motion import (
     plan_insertion,
     verify_plan,
 )
-from bozzini.muscle import MODELS, Measurements, RankOptions, preset, rank, write_measurements
+from bozzini.muscle import MODELS, Measurements, preset, rank, write_measurements
 from bozzini.study import InsertionOptions, run_insertion
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 MODULE = """
-import numpy as np
 from bozzini.continuum.coupling import ParallelModel
-from bozzini.duct.base import DuctShape
 from bozzini.errors import InputError
-from bozzini.motion import Planner
 from bozzini.muscle import MuscleModel
 
 class Plain:
     name = "plain"
 
-class Muscle(MuscleModel):
-    def __init__(self, muscle): self.muscle = muscle
-    def force(self, pressure, contraction, *, direction=None): return 1 / 0
-    def contraction(self, pressure, load=0.0, *, direction=None): return {}["gain"]
-
-class Raising(Muscle): name = "raising"
-class Nameless(Muscle): pass
-class Renamed(Muscle): name = "another"
-class Greedy(Muscle):
-    name = "greedy"
-    def __init__(self, muscle, gain): pass
-class Unbuilt(Muscle):
-    name = "unbuilt"
-    def __init__(self, muscle): raise OSError("no table")
-class Unfinished(MuscleModel):
-    name = "unfinished"
-    def force(self, pressure, contraction, *, direction=None): pass
-class Nothing(Muscle):
-    name = "nothing"
-    def contraction(self, pressure, load=0.0, *, direction=None): return None
-class Sound(Muscle):
-    name = "sound"
-    def force(self, pressure, contraction, *, direction=None):
-        return 9.0 * np.asarray(pressure) - contraction
-    def contraction(self, pressure, load=0.0, *, direction=None):
-        return 9.0 * np.asarray(pressure) - load
-class Forceless(Sound):
-    name = "forceless"
-    def force(self, pressure, contraction, *, direction=None): return None
-class Misshapen(Sound):
-    name = "misshapen"
-    def contraction(self, pressure, load=0.0, *, direction=None): return np.zeros(7)
-class Honest(Muscle):
+class Honest(MuscleModel):
     name = "honest"
+    def __init__(self, muscle): self.muscle = muscle
+    def force(self, pressure, contraction, *, direction=None): raise InputError("no answer")
     def contraction(self, pressure, load=0.0, *, direction=None): raise InputError("no answer")
-
-class Lost(Planner):
-    name = "lost"
-    def move(self, space, scope, *, options, progress=None): raise IndexError("no way")
-class Mute(Lost):
-    name = "mute"
-    def move(self, space, scope, *, options, progress=None): pass
-class Fussy(Lost):
-    name = "fussy"
-    def __init__(self, speed): pass
-
-class Hole(DuctShape):
-    name = "hole"
-    @property
-    def bounds(self): return np.array([[-1.0] * 3, [1.0] * 3])
-    def signed_distance(self, points): return points / None
 
 class Stiff(ParallelModel):
     name = "stiff"
-    def shape(self, displacements): raise np.linalg.LinAlgError("singular")
-class Blank(ParallelModel):
-    name = "blank"
-    def shape(self, displacements): return None
+    def shape(self, displacements): pass
 """
 NAMES = {
     "bozzini.muscles": {
         "missing": "no_such_module:Model", "spelled": "odd_syntax:Model", "absent": "odd:Model",
-        "plain": "odd:Plain", "nameless": "odd:Nameless", "renamed": "odd:Renamed",
-        "greedy": "odd:Greedy", "unbuilt": "odd:Unbuilt", "unfinished": "odd:Unfinished",
-        "raising": "odd:Raising", "nothing": "odd:Nothing", "honest": "odd:Honest",
-        "forceless": "odd:Forceless", "misshapen": "odd:Misshapen",
+        "plain": "odd:Plain", "honest": "odd:Honest",
     },
-    "bozzini.planners": {
-        "missing": "no_such_module:Planner", "plain": "odd:Plain", "lost": "odd:Lost",
-        "mute": "odd:Mute", "fussy": "odd:Fussy",
-    },
-    "bozzini.ducts": {"missing": "no_such_module:Duct", "hole": "odd:Hole"},
-    "bozzini.continuum": {
-        "missing": "no_such_module:Model", "stiff": "odd:Stiff",
-        "blank": "odd:Blank",
-    },
+    "bozzini.planners": {"missing": "no_such_module:Planner", "plain": "odd:Plain"},
+    "bozzini.ducts": {"missing": "no_such_module:Duct"},
+    "bozzini.continuum": {"missing": "no_such_module:Model"},
 }  # fmt: skip
 BROKEN = {
     "missing": "cannot be imported: ModuleNotFoundError: No module named 'no_such_module'",
     "spelled": "cannot be imported: SyntaxError",
     "absent": "cannot be imported: AttributeError",
     "plain": "it must be a MuscleModel",
-    "nameless": "the class is without a name, its name must be 'nameless'",
-    "renamed": "the class is named 'another', its name must be 'renamed'",
-    "greedy": "it must be made with 1 argument(s): missing a required argument: 'gain'",
-    "unfinished": "it has no contraction",
-}
-FAILING = {
-    "unbuilt": "failed in __init__: OSError: no table",
-    "raising": "failed in contraction: KeyError: 'gain'",
-}
-WRONG_ANSWERS = {
-    "forceless": "(odd.Forceless) gave None as force: it must give a number for each",
-    "misshapen": "(odd.Misshapen) gave array([0., 0., 0., 0., 0., 0., 0.]) as contraction",
-    "nothing": "(odd.Nothing) gave None as contraction: it must give a number for each",
 }
 SOLVE = "muscle", "solve", "--pressure", "0.3MPa", "--model"
 
@@ -180,30 +106,11 @@ def data():
     return Measurements(pressure=pressure, contraction=contraction)
 
 
-@pytest.mark.parametrize(("name", "words"), (BROKEN | FAILING).items())
+@pytest.mark.parametrize(("name", "words"), BROKEN.items())
 def test_a_broken_model_asked_for_by_name_is_one_line(run, name, words):
     code, out, err = run(*SOLVE, name)
     assert (code, out, err.count("\n")) == (2, "", 1)
     assert f"'{name}' of odd-package ({NAMES['bozzini.muscles'][name]})" in err and words in err
-
-
-@pytest.mark.parametrize(("name", "words"), WRONG_ANSWERS.items())
-def test_a_model_that_gives_no_numbers_is_one_line(run, name, words):
-    code, out, err = run(*SOLVE, name)
-    assert (code, out, err.count("\n")) == (2, "", 1) and words in err
-    model = MODELS[name](preset("effector-45"))
-    with pytest.raises(PluginError, match=f"the model {name} .odd"):
-        model.solve([0.1, 0.2], [[1.0], [2.0]])
-
-
-def test_a_model_of_another_package_answers_for_every_argument():
-    import odd
-
-    model = odd.Sound(preset("effector-45"))
-    state = model.solve([0.1, 0.2], [[0.0], [0.5]])
-    assert state.force == pytest.approx(np.broadcast_to([[0.0], [0.5]], (2, 2)))
-    with pytest.raises(InputError, match="shapes do not go together"):
-        model.force([0.1, 0.2], [1.0, 2.0, 3.0])
 
 
 def test_broken_models_are_listed_with_the_reason(run):
@@ -239,9 +146,9 @@ def test_a_name_that_bozzini_has_is_listed_and_stays_its_own(run, tmp_path):
 
 
 def test_a_name_that_two_packages_use_is_refused_with_both(run, tmp_path):
-    install(tmp_path, "second", group="bozzini.muscles", name="sound", place="odd:Sound")
+    install(tmp_path, "second", group="bozzini.muscles", name="sound", place="odd:Plain")
     install(tmp_path, "first", group="bozzini.muscles", name="sound", place="odd:Honest")
-    words = "cannot be used: first (odd:Honest) and second (odd:Sound) have one of that name"
+    words = "cannot be used: first (odd:Honest) and second (odd:Plain) have one of that name"
     code, out, err = run(*SOLVE, "sound")
     assert (code, out, err.count("\n")) == (2, "", 1) and words in err
     assert f"broken: the model 'sound' {words}" in run("muscle", "models")[1]
@@ -252,8 +159,7 @@ def test_a_name_that_two_packages_use_is_refused_with_both(run, tmp_path):
 def test_broken_models_are_refused_in_a_ranking_and_the_others_ranked(run, data, monkeypatch):
     one = {"thesis": MODELS["thesis"]}
     monkeypatch.setitem(MODELS.__dict__, "own", one)
-    others = {"honest": "no answer", "forceless": "it cannot be fitted"}
-    refused = BROKEN | FAILING | WRONG_ANSWERS | others
+    refused = BROKEN | {"honest": "no answer"}
     table = write_measurements("data.csv", data)
     code, out, err = run("muscle", "compare", table, "--folds", "0", "--json")
     assert code == 0, err
@@ -265,43 +171,20 @@ def test_broken_models_are_refused_in_a_ranking_and_the_others_ranked(run, data,
         assert words in found["refusals"][name] and words in ranking[name]
 
 
-@pytest.mark.slow
-def test_broken_models_are_refused_by_processes_as_without(data):
-    names = ["chou", *FAILING, *WRONG_ANSWERS]
-    alone, apart = (
-        rank(data, models=names, options=RankOptions(folds=0, jobs=jobs)) for jobs in (1, 2)
-    )
-    assert alone.refusals == apart.refusals and {*FAILING} <= {*alone.refusals}
-    assert [entry.name for entry in alone.models] == [entry.name for entry in apart.models]
-
-
-def test_an_exception_of_a_model_keeps_its_cause():
-    model = MODELS["raising"](preset("effector-45"))
-    for call in (lambda: model.force(0.3, 0.0), lambda: model.contraction(0.3)):
-        with pytest.raises(PluginError, match="'raising' of odd-package") as caught:
-            call()
-        assert isinstance(caught.value.__cause__, (ZeroDivisionError, KeyError))
-    with pytest.raises(InputError, match="^no answer$"):
-        MODELS["honest"](preset("effector-45")).contraction(0.3)
-
-
 @pytest.mark.parametrize(
     ("name", "words"),
     [
         ("missing", "cannot be imported"),
         ("plain", "it must be a Planner"),
-        ("fussy", "it must be made with 0 argument(s)"),
-        ("lost", "failed in move: IndexError: no way"),
-        ("mute", "gave a NoneType: it must give a Motion"),
     ],
 )
-def test_a_planner_that_is_broken_or_fails_is_named(name, words):
+def test_a_broken_planner_is_named(name, words):
     duct = RoundCones([(0, 0, 0), (60, 0, 0)], [5.0, 5.0])
     line = Centreline.from_points([(0, 0, 0), (50, 0, 0)], duct)
     scope = Scope(diameter=3.0, link_length=6.0)
     with pytest.raises(PluginError) as caught:
         plan_insertion(duct, line, scope=scope, method=name)
-    assert f"planner '{name}' of odd-package" in str(caught.value) or name == "mute"
+    assert f"planner '{name}' of odd-package" in str(caught.value)
     assert words in str(caught.value)
 
 
@@ -339,23 +222,15 @@ def pull(**change):
     ("change", "words"),
     [
         ({"joints": lambda j: np.repeat(j[:1], len(j), axis=0)}, "head is 50 mm off its path"),
-        ({"joints": lambda j: j[:0], "head_arc_length": lambda s: s[:0]}, "at least 1 step"),
-        ({"joints": lambda j: j[..., :2]}, r"must give (steps, joints, 3)"),
-        ({"joints": "all of them"}, "joints of a motion is 'all of them'"),
-        ({"path": None}, "path of a motion is None"),
-        ({"path": lambda p: p[0]}, "gave a path of shape (3,)"),
-        ({"path": lambda p: p[:1]}, "n at least 2"),
         ({"path": lambda p: p * np.nan}, "not finite"),
+        ({"joints": lambda j: 2.0 * j}, "mm long at step 0: it must be 6 mm"),
+        ({"joints": lambda j: j * np.nan}, "must be finite"),
         ({"joints": lambda j: j[::9], "head_arc_length": lambda s: s[::9]}, "moves 9 mm in a step"),
         ({"joints": lambda j: j[:-2], "head_arc_length": lambda s: s[:-2]}, "route ends at 50.0"),
-        ({"reason_code": "ANGLE", "reason": 5}, "the reason 5: it must give both as text"),
-        ({"reason_code": "ANGLE"}, "must give both as text"),
-        ({"refusal": "ANGLE"}, "must be a Refusal or None"),
-        ({"method": 5}, "gave the method 5"),
     ],
 )
-def test_a_motion_that_is_none_is_refused(change, words):
-    with pytest.raises(PluginError) as caught:
+def test_a_motion_that_is_not_that_of_its_path_is_refused(change, words):
+    with pytest.raises(BozziniError) as caught:
         pull(**change)
     assert words in str(caught.value)
 
@@ -371,93 +246,50 @@ def test_a_planner_may_give_lists_and_its_certificate_is_computed_anew():
     assert claimed.certificate.evaluations == plan.certificate.evaluations
 
 
-def test_a_shape_that_is_broken_or_fails_is_named(tmp_path):
+def test_a_shape_that_cannot_be_imported_is_named(tmp_path):
     head = {"format": "bozzini shapes", "version": 1, "units": "mm", "shapes": [{}]}
     path = tmp_path / "shapes.json"
     path.write_text(json.dumps(head | {"kind": "missing"}))
     with pytest.raises(PluginError, match="the shape 'missing' of odd-package"):
-        load(path)
-    path.write_text(json.dumps(head | {"kind": "hole"}))
-    with pytest.raises(PluginError, match="'hole' of odd-package .* failed in signed_distance"):
-        load(path).signed_distance([(0.0, 0.0, 0.0)])
-    path.write_text(json.dumps(head | {"kind": "hole", "shapes": [{"radius": 1.0}]}))
-    with pytest.raises(FileFormatError, match="radius"):
         load(path)
 
 
 class Ball(DuctShape):
     """A ball of 10 mm that answers with what it is given, changed."""
 
-    def __init__(self, *, box=((-10.0,) * 3, (10.0,) * 3), change=lambda d: d):
-        super().__init__()
-        object.__setattr__(self, "box", box)
-        object.__setattr__(self, "change", change)
+    bounds = np.array([[-10.0] * 3, [10.0] * 3])
 
-    @property
-    def bounds(self):
-        return self.box
+    def __init__(self, change):
+        super().__init__()
+        object.__setattr__(self, "change", change)
 
     def signed_distance(self, points):
         return self.change(np.linalg.norm(points, axis=-1) - 10.0)
 
 
-USES = {
-    "distance": lambda duct: duct.signed_distance([(1.0, 0.0, 0.0)]),
-    "bound": lambda duct: duct.clearance_bound([(1.0, 0.0, 0.0)]),
-    "gradient": lambda duct: duct.gradient([(1.0, 0.0, 0.0)]),
-    "erode": lambda duct: duct.erode(1.0),
-    "union": lambda duct: union(duct, Ball()),
-    "sample": lambda duct: duct.sample(2.0),
-    "plot": lambda duct: duct.plot(),
-}
-WRONG_DISTANCES = {
-    "nan": (lambda d: d * np.nan, r"is nan at \(.*\) mm: it must be finite"),
-    "number": (lambda d: -1.0, r"has shape \(\) at points of shape"),
-    "none": (lambda d: None, "is None: it must be a number or an array"),
-}
-
-
-@pytest.mark.parametrize("use", USES)
-@pytest.mark.parametrize("wrong", WRONG_DISTANCES)
-def test_a_distance_that_is_none_is_refused_wherever_it_is_used(wrong, use):
-    change, words = WRONG_DISTANCES[wrong]
-    with pytest.raises(GeometryError, match=f"the signed distance of a Ball {words}"):
-        USES[use](Ball(change=change))
-
-
-def test_a_shape_may_answer_with_lists():
-    lists, arrays = Ball(change=lambda d: d.tolist()), Ball(box=np.array(Ball().bounds))
-    points = np.random.default_rng(0).uniform(-8.0, 8.0, (20, 3))
-    assert np.array_equal(lists.signed_distance(points), arrays.signed_distance(points))
-    assert np.array_equal(lists.gradient(points), arrays.gradient(points))
-    assert np.array_equal(lists.erode(1.0).bounds, arrays.erode(1.0).bounds)
-    with pytest.raises(InputError, match="1 point"):
-        lists.signed_distance([(np.nan, 0.0, 0.0)])
-
-
+@pytest.mark.parametrize("use", [lambda d: d.sample(2.0), lambda d: d.pack()])
 @pytest.mark.parametrize(
-    "box",
-    [[(1.0,) * 3] * 2, [(0.0,) * 4, (1.0,) * 4], [(0.0,) * 3, (np.inf,) * 3], None, [[1.0], 2]],
+    ("change", "words"),
+    [
+        (lambda d: d * np.nan, r"is nan at \(.*\) mm: it must be finite"),
+        (lambda d: np.zeros(()), r"has shape \(\) at points of shape"),
+        (lambda d: 2.0 * d, "changes by more than"),
+    ],
 )
-def test_bounds_that_are_no_box_are_refused(box):
-    for use in (lambda duct: duct.dim, USES["erode"], USES["plot"], USES["union"]):
-        with pytest.raises(GeometryError, match="the bounds of a Ball"):
-            use(Ball(box=box))
+def test_what_proofs_see_of_a_shape_is_checked(change, words, use):
+    with pytest.raises(GeometryError, match=f"the signed distance of a Ball {words}"):
+        use(Ball(change))
 
 
-def test_a_continuum_model_that_is_broken_or_fails_is_refused(run):
+def test_a_continuum_model_that_cannot_be_imported_is_refused(run):
     robot = EXAMPLES / "two_sections.yaml"
     command = [robot, "--displacement", "T1=1mm,T2=-0.5mm,T3=-0.5mm"]
     code, out, err = run("continuum", "compare", *command, "--json")
     assert code == 0, err
     rows = json.loads(out)["models"]
-    assert {name for name, row in rows.items() if row["refused"]} == {"missing", "stiff", "blank"}
-    assert "failed in shape: LinAlgError: singular" in rows["stiff"]["reason"]
-    assert rows["blank"]["reason"] == "the model blank gave a NoneType: it must give a Shape"
-    for name in ("missing", "stiff", "blank"):
-        code, out, err = run("continuum", "pose", *command, "--model", name)
-        assert (code, out, err.count("\n")) == (2, "", 1)
-        assert ("it must give a Shape" if name == "blank" else "odd-package") in err
+    assert [name for name, row in rows.items() if row["refused"]] == ["missing"]
+    code, out, err = run("continuum", "pose", *command, "--model", "missing")
+    assert (code, out, err.count("\n")) == (2, "", 1) and "odd-package" in err
 
 
 @pytest.mark.slow
@@ -468,7 +300,5 @@ def test_a_comparison_of_plans_goes_on_without_broken_planners():
     assert [plan.asked for plan in study.comparison] == ["tube", "follow", "thesis"]
     named = [item.message for item in study.findings if item.code == "plugin"]
     assert len(named) == len(NAMES["bozzini.planners"])
-    assert {line.split("'")[1] for line in named if "odd-package" in line} == {
-        *NAMES["bozzini.planners"]
-    } - {"mute"}
+    assert {line.split("'")[1] for line in named} == {*NAMES["bozzini.planners"]}
     assert all(f"warning: {line}" in study.plan.findings for line in named)

@@ -19,7 +19,7 @@ from bozzini.motion import PlannerOptions, Scope, move_free_chain, place_tail, p
 from bozzini.plot.duct import draw_shapes
 from bozzini.plot.figures import draw_depths
 from bozzini.plot.style import AMBER, BLUE, GREEN, INK, LUMEN, RED, make_figure, make_panels
-from bozzini.thesis.ducts import (
+from validation.thesis.ducts import (
     curves_5_27,
     frame_5_17,
     minimum_5_18,
@@ -28,9 +28,9 @@ from bozzini.thesis.ducts import (
     super_ellipse_5_16,
     to_shape,
 )
-from bozzini.thesis.solids import PrintedCircle, cylinder_point, measure_pinch
-from bozzini.thesis.traverse_bend import Bend
-from bozzini.thesis.traverse_curvature import (
+from validation.thesis.solids import PrintedCircle, cylinder_point, measure_pinch
+from validation.thesis.traverse_bend import Bend
+from validation.thesis.traverse_curvature import (
     find_rolling_radius,
     measure_curve,
     printed_curve,

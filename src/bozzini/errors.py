@@ -52,7 +52,7 @@ class OutputError(BozziniError, OSError):
 
 
 class PluginError(BozziniError):
-    """What another installed package adds to Bozzini cannot be used, or has failed."""
+    """What another installed package adds to Bozzini cannot be imported or used."""
 
 
 class MissingExtraError(BozziniError, ImportError):

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from functools import cached_property, wraps
+from functools import cached_property
 from importlib.metadata import EntryPoint, entry_points
-from types import FunctionType, ModuleType
+from types import ModuleType
 from typing import TypeVar
 
 from .checks import choose
-from .errors import BozziniError, PluginError
+from .errors import PluginError
 
 __all__ = ["Registry", "collect_named"]
 
@@ -25,10 +24,8 @@ class Registry(Mapping[str, type[T]]):
         [project.entry-points."bozzini.muscles"]
         spring = "my_package.models:SpringMuscle"
 
-    They are imported and checked when they are first asked for. From then on, whatever the methods
-    of such a class raise that is no `BozziniError` becomes a `PluginError` that names the class. A
-    name that this package has already stays with it; one that two packages use is refused. Both are
-    listed in `broken`.
+    They are imported when they are first asked for. A name that this package has already stays with
+    it; one that two packages use is refused. Both are listed in `broken`.
 
     Parameters
     ----------
@@ -40,8 +37,6 @@ class Registry(Mapping[str, type[T]]):
         Returns this package's own classes by name; called when they are first asked for.
     noun : str
         What one of them is called in messages.
-    arguments : int, optional
-        How many positional arguments a class is made with; None if that depends on the class.
     """
 
     def __init__(
@@ -51,11 +46,9 @@ class Registry(Mapping[str, type[T]]):
         find_own: Callable[[], Mapping[str, type[T]]],
         *,
         noun: str = "model",
-        arguments: int | None = None,
     ) -> None:
         self.group = group
         self.noun = noun
-        self.arguments = arguments
         self._find_base = find_base
         self._find_own = find_own
         self._loaded: dict[EntryPoint, type[T]] = {}
@@ -112,7 +105,7 @@ class Registry(Mapping[str, type[T]]):
         return self._loaded[point]
 
     def _load(self, point: EntryPoint) -> type[T]:
-        """Return the class of another package, checked and guarded."""
+        """Return the class of another package."""
         same = [other for other in entry_points(group=self.group) if other.name == point.name]
         if len(same) > 1:
             raise PluginError(
@@ -130,24 +123,6 @@ class Registry(Mapping[str, type[T]]):
         base = self._find_base()
         if not (isinstance(kind, type) and issubclass(kind, base)):
             raise PluginError(f"{label} cannot be used: it must be a {base.__name__}")
-        name = getattr(kind, "name", None)
-        if name != point.name:
-            stated = "without a name" if name is None else f"named {name!r}"
-            raise PluginError(
-                f"{label} cannot be used: the class is {stated}, its name must be {point.name!r}"
-            )
-        if inspect.isabstract(kind):
-            missing = ", ".join(sorted(getattr(kind, "__abstractmethods__", ())))
-            raise PluginError(f"{label} cannot be used: it has no {missing}")
-        if self.arguments is not None:
-            try:
-                inspect.signature(kind).bind(*[None] * self.arguments)
-            except TypeError as error:
-                raise PluginError(
-                    f"{label} cannot be used: it must be made with {self.arguments} argument(s): "
-                    f"{error}"
-                ) from None
-        _guard_methods(kind, base, label)
         return kind
 
     def __contains__(self, name: object) -> bool:  # without importing it
@@ -169,36 +144,6 @@ def _name_package(point: EntryPoint) -> str:
 def _name_place(point: EntryPoint) -> str:
     """Return the package and the class of an entry point."""
     return f"{point.dist.name} ({point.value})" if point.dist else point.value
-
-
-def _guard_methods(kind: type[object], base: type[object], label: str) -> None:
-    """Let what another package's class has in place of the base's methods raise `PluginError`."""
-    package = __name__.partition(".")[0]
-    for name in (*(word for word in dir(base) if not word.startswith("__")), "__init__"):
-        owner = next((c for c in kind.__mro__ if name in vars(c)), object)
-        if owner is object or owner.__module__.partition(".")[0] == package:
-            continue
-        item = vars(owner)[name]
-        if isinstance(item, FunctionType):
-            setattr(kind, name, _guard(item, label))
-        elif isinstance(item, property) and item.fget is not None:
-            setattr(kind, name, property(_guard(item.fget, label)))
-
-
-def _guard(function: Callable[..., object], label: str) -> Callable[..., object]:
-    """Return a function that raises `PluginError` for what is no `BozziniError`."""
-
-    @wraps(function)
-    def call(*args: object, **kwargs: object) -> object:
-        try:
-            return function(*args, **kwargs)
-        except (BozziniError, MemoryError):
-            raise
-        except Exception as error:
-            text = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
-            raise PluginError(f"{label} failed in {function.__name__}: {text}") from error
-
-    return call
 
 
 def collect_named(modules: Iterable[ModuleType], base: type[T]) -> dict[str, type[T]]:

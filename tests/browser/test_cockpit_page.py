@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from bozzini.cockpit.drive import Drive
+from bozzini.cockpit.drive import EffectorDrive
 from bozzini.cockpit.guard import Access
 from bozzini.cockpit.page import WEB, render_cockpit
 from bozzini.cockpit.server import bind, make_server, run_server
@@ -365,7 +365,7 @@ class Running:
 
     def __init__(self) -> None:
         self.session = Session()
-        self.session.drive = Drive(Effector.from_preset("prototype"))
+        self.session.drive = EffectorDrive(Effector.from_preset("prototype"))
         plan = make_plan()
         wall = Surface(
             vertices=9.0 * np.array([[1.0, 0, -1], [-1, 1, 0], [-1, -1, 0], [0, 0, 4]]),

@@ -10,7 +10,7 @@ from contextlib import suppress
 import numpy as np
 import pytest
 
-from bozzini.cockpit.drive import Drive
+from bozzini.cockpit.drive import EffectorDrive
 from bozzini.cockpit.guard import Access
 from bozzini.cockpit.server import bind, make_server, run_server
 from bozzini.cockpit.session import LONGEST_SILENCE, Session
@@ -27,7 +27,7 @@ def effector() -> Effector:
 @pytest.fixture
 def session(effector) -> Session:
     made = Session()
-    made.drive = Drive(effector)
+    made.drive = EffectorDrive(effector)
     made.show(make_plan())
     return made
 

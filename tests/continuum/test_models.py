@@ -30,7 +30,7 @@ from bozzini.continuum import (
     solve_tip,
 )
 from bozzini.continuum.coupling import check_displacements, coupling_matrix
-from bozzini.errors import InputError, PluginError
+from bozzini.errors import GeometryError, InputError
 from tests.continuum.robots import THIRD, make_robot
 
 BENDS = np.array([[0.5, -0.2], [0.3, 0.6]])
@@ -85,51 +85,23 @@ def test_a_model_of_another_package_stands_beside_ours(
         ROBOT.forward(PULLED, model="soft", share=2.0)
 
 
-CHANGES = {
-    "stretched": np.diag([3.0, 3.0, 3.0, 1.0]),
-    "mirrored": np.diag([1.0, -1.0, 1.0, 1.0]),
-    "turned": np.diag([-1.0, -1.0, 1.0, 1.0]),
-    "scaled": np.diag([1.0, 1.0, 1.0, 2.0]),
-}
-WORDS = {
-    "nan": "frames of the model wrong are not finite",
-    "stretched": "orthonormal by 8",
-    "mirrored": "left-handed",
-    "turned": "identity at the base",
-    "scaled": "last row",
-    "frames": "frames of the model wrong has shape",
-    "residual": "residual of the model wrong has shape",
-}
-
-
 @dataclass(frozen=True)
 class WrongModel(ContinuumModel):
-    """What goes wrong in a model of one's own."""
-
-    change: str = ""
+    """A model of one's own that goes wrong."""
 
     name = "wrong"
 
     def shape(self, displacements: ArrayLike) -> Shape:
-        """Return the shapes of arcs, changed."""
+        """Return the shapes of arcs with frames that are not finite."""
         commands = check_displacements(self.robot, displacements)
         right = ArcModel(self.robot).shape(commands)
-        given = {name: getattr(right, name) for name in ("arc_length", "frames", "residual")}
-        if self.change == "nan":
-            given["frames"] = np.where(given["frames"] == 0.0, np.nan, given["frames"])
-        elif self.change in CHANGES:
-            given["frames"] = CHANGES[self.change] @ given["frames"]
-        elif self.change:
-            given[self.change] = np.zeros((7, *given[self.change].shape[1:]))
-        return self.make_shape(commands, **given)
+        wrong = np.full(right.frames.shape, np.nan)
+        return self.make_shape(commands, arc_length=right.arc_length, frames=wrong)
 
 
-@pytest.mark.parametrize("field", WORDS)
-def test_shapes_that_a_model_makes_wrongly_are_refused(field: str) -> None:
-    batch = [PULLED, 0.5 * PULLED]
-    assert WrongModel(ROBOT).shape(batch).tip.tolist() == ArcModel(ROBOT).shape(batch).tip.tolist()
-    with pytest.raises(PluginError, match=WORDS[field]):
-        WrongModel(ROBOT, change=field).shape(batch)
+def test_frames_that_are_not_finite_are_refused() -> None:
+    with pytest.raises(GeometryError, match="frames of the model wrong are not finite"):
+        WrongModel(ROBOT).shape([PULLED, 0.5 * PULLED])
 
 
 def test_forward_chooses_the_model_and_takes_names() -> None:

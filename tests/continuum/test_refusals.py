@@ -36,8 +36,8 @@ from bozzini.continuum import (
 )
 from bozzini.continuum.workspace import map_dexterity, measure_volume, tendon_travel
 from bozzini.errors import BozziniError, FileFormatError, GeometryError, InputError, OutputError
-from bozzini.thesis.section_arc import solve_direction, solve_extensible, solve_joints
 from tests.continuum.robots import ROBOT_FILE, THIRD, make_robot
+from validation.thesis.section_arc import solve_direction, solve_extensible, solve_joints
 
 ROBOT = make_robot(THIRD)
 TWO = make_robot(THIRD, THIRD, length=30.0)

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from bozzini.continuum import ContinuumRobot, Section
 from bozzini.continuum.arc import arc_frames
 from bozzini.continuum.inverse import solve_section
-from bozzini.thesis.section_arc import solve_direction, solve_extensible, solve_joints
+from validation.thesis.section_arc import solve_direction, solve_extensible, solve_joints
 
 
 def end_frame(length: float, bend: np.ndarray) -> np.ndarray:

@@ -37,10 +37,10 @@ from bozzini.duct.centreline import follow_chain
 from bozzini.duct.fitting.measure import cut_sections
 from bozzini.duct.fitting.points import fit_circle, fit_super_ellipse, fit_super_ellipsoid
 from bozzini.errors import GeometryError, InputError
-from bozzini.thesis import ducts as forms
-from bozzini.thesis import solids
-from bozzini.thesis import traverse_curvature as curvature
 from tests.shapes import bend_curve
+from validation.thesis import ducts as forms
+from validation.thesis import solids
+from validation.thesis import traverse_curvature as curvature
 
 HUGE = 1e300
 CUBE = np.array([(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=float)

@@ -8,7 +8,7 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 from bozzini.duct import ConnectedCylinders, ConvexPolyhedra
-from bozzini.thesis.solids import (
+from validation.thesis.solids import (
     PrintedCircle,
     centroid_form,
     cylinder_form,

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from bozzini.duct.base import Duct
 from bozzini.duct.shapes.super_ellipses import SuperEllipsoids
 from bozzini.errors import GeometryError
-from bozzini.thesis.solids import super_ellipsoid_form
+from validation.thesis.solids import super_ellipsoid_form
 
 EXPONENTS = (0.1, 0.25, 1.0, 1.5, 2.0)
 

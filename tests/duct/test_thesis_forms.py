@@ -10,7 +10,7 @@ from scipy.optimize import fsolve
 
 from bozzini.duct import Circles, StitchedQuads, SuperEllipses
 from bozzini.errors import InputError
-from bozzini.thesis import ducts as forms
+from validation.thesis import ducts as forms
 
 SEEDS = st.integers(0, 10**6)
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from bozzini.duct import Polygon, RoundCones
 from bozzini.errors import GeometryError
-from bozzini.thesis import traverse_curvature as tc
+from validation.thesis import traverse_curvature as tc
 
 
 def _torus(major, minor, u, v):

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from bozzini.motion.recheck import Tube, recheck_motion, voxel_wall
+from bozzini.motion.recheck import EntryTube, recheck_motion, voxel_wall
 from tests.exact import sample_body
 from tests.motion.plans import describe_anew, insert
 from tests.motion.planted import plant
@@ -43,7 +43,7 @@ class Planted:
 def read_tube(plan):
     """The introducer as the second checker takes it."""
     stated = plan.introducer
-    return Tube(entry=stated.entry, outward=stated.outward, bore=stated.bore)
+    return EntryTube(entry=stated.entry, outward=stated.outward, bore=stated.bore)
 
 
 def recheck(plan, wall, **options):

@@ -110,26 +110,3 @@ def test_options_that_a_planner_ignores_must_be_as_by_default(plugins, tubes):
 
 def test_a_name_is_known_without_importing_what_it_names(plugins):
     assert "gone" in PLANNERS and "best" in PLANNERS and "nobody" not in PLANNERS
-
-
-@pytest.mark.parametrize(
-    ("spoil", "words"),
-    [
-        (lambda joints, heads: (2.0 * joints, heads), r"links .* mm off 6 mm"),
-        (lambda joints, heads: (joints * np.nan, heads), "places that are not finite"),
-        (lambda joints, heads: (joints, heads[:-1]), "arc lengths of the head"),
-        (lambda joints, heads: (joints[:50], heads[:50]), "it must state why"),
-    ],
-)
-def test_a_planner_that_gives_no_motion_of_the_scope_is_refused(tubes, spoil, words):
-    class Careless(Straight):
-        name = "careless"
-
-        def move(self, space, scope, *, options, progress=None):
-            """Return the motion of a rod, spoilt."""
-            sound = super().move(space, scope, options=options)
-            joints, heads = spoil(sound.joints, sound.head_arc_length)
-            return Motion(joints=joints, head_arc_length=heads, path=sound.path)
-
-    with pytest.raises(PluginError, match=f"the planner careless .*{words}"):
-        Careless().plan(FreeSpace(*tubes["straight"]), SCOPE)

@@ -32,8 +32,8 @@ from bozzini.motion import (
     verify_plan,
 )
 from bozzini.motion.recheck import recheck_motion, surface_wall
-from bozzini.thesis.traverse_bend import Bend, limit_by_turning
 from tests.motion.plans import forge, insert, rewrite
+from validation.thesis.traverse_bend import Bend, limit_by_turning
 
 NAN, INF = float("nan"), float("inf")
 TUBE = RoundCones([(0, 0, 0), (0, 0, 60)], [6.0, 6.0])

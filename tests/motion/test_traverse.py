@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 
 from bozzini.duct import Centreline, Polygon, RoundCones, SampledField, TriangleMesh
 from bozzini.motion.traverse import find_diameter_limits, find_link_limits, make_ceiling
-from bozzini.thesis.traverse_bend import Bend
 from tests.motion.bends import bend_duct
 from tests.shapes import bend_curve, curve_distance, sample_field
+from validation.thesis.traverse_bend import Bend
 
 
 @pytest.fixture(scope="module", params=[(3.0, 1.0, 0.4, 180), (3.0, 1.0, 0.0, 90), (30, 13, 5, 60)])

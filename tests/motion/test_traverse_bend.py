@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bozzini.thesis.traverse_bend import Bend, limit_by_turning
-from bozzini.thesis.traverse_curvature import find_rolling_radius, measure_curve
 from tests.motion.bends import bend_room, link_passes, pull_joints
+from validation.thesis.traverse_bend import Bend, limit_by_turning
+from validation.thesis.traverse_curvature import find_rolling_radius, measure_curve
 
 bends = st.builds(
     lambda radius, wide, body: Bend(

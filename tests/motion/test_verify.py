@@ -11,7 +11,7 @@ import pytest
 from bozzini.duct import SampledField
 from bozzini.errors import BozziniError, FileFormatError, InputError
 from bozzini.motion import Plan, certify_plan
-from bozzini.motion.recheck import Tube, recheck_motion, surface_wall, voxel_wall
+from bozzini.motion.recheck import EntryTube, recheck_motion, surface_wall, voxel_wall
 from bozzini.motion.verify import check_consistency, verify_plan
 from tests.exact import MeshWall, VoxelWall
 from tests.motion.damage import (
@@ -269,16 +269,16 @@ def test_the_second_checker_wants_the_bore_within_the_lumen():
     chains = np.array(
         [[[5.0, 5.0, head + 8.0 * k] for k in range(5)] for head in np.arange(55.0, 30.0, -1.0)]
     )
-    good = recheck_motion(chains, wall, radius=2.0, tube=Tube(**entry, bore=5.0))
+    good = recheck_motion(chains, wall, radius=2.0, tube=EntryTube(**entry, bore=5.0))
     assert good.clear and good.found == pytest.approx(3.0, abs=1e-6)
-    wide = recheck_motion(chains, wall, radius=2.0, tube=Tube(**entry, bore=52.0))
+    wide = recheck_motion(chains, wall, radius=2.0, tube=EntryTube(**entry, bore=52.0))
     assert not wide.clear and wide.lower == pytest.approx(-47.0)
-    assert not recheck_motion(chains, wall, radius=2.0, tube=Tube(**place, bore=5.0)).clear
+    assert not recheck_motion(chains, wall, radius=2.0, tube=EntryTube(**place, bore=5.0)).clear
     assert not recheck_motion(chains, wall, radius=2.0).clear
     # Beside the bore, or up through its side, nothing is free.
     aside = chains.copy()
     aside[:, 3:, 0] += 4.0
-    assert recheck_motion(aside, wall, radius=2.0, tube=Tube(**entry, bore=5.0)).lower < -2.0
+    assert recheck_motion(aside, wall, radius=2.0, tube=EntryTube(**entry, bore=5.0)).lower < -2.0
 
 
 def test_an_archive_that_states_more_than_it_holds_is_refused(plan, tmp_path):

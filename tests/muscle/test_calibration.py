@@ -25,7 +25,7 @@ from bozzini.muscle import (
     rank,
 )
 from bozzini.muscle import problem as fitting
-from bozzini.muscle.fit import judge_parameters, judge_repeats
+from bozzini.muscle.muscle_fit import judge_parameters, judge_repeats
 from bozzini.muscle.problem import Task
 from bozzini.numeric.estimation import CONDITION_LIMIT, CORRELATION_LIMIT, determine
 
@@ -104,7 +104,8 @@ def test_table_of_what_can_be_identified(name, monkeypatch):
     """The errors of the table are those of rows that err independently."""
     known = []
     monkeypatch.setattr(
-        "bozzini.muscle.fit.determine", lambda table: known.append(determine(table)) or known[-1]
+        "bozzini.muscle.muscle_fit.determine",
+        lambda table: known.append(determine(table)) or known[-1],
     )
     free, branches, spread, condition, worst = SETS[name]
     muscle = RUBBING if "friction_length" in free else TRUTH

@@ -22,7 +22,7 @@ from bozzini.muscle import (
     preset,
     rank,
 )
-from bozzini.muscle.fit import fit_task
+from bozzini.muscle.muscle_fit import fit_task
 from bozzini.muscle.problem import Task, find_states
 from bozzini.muscle.ranking import cross_validate, split_rows
 from tests.muscle.models.catalogue import SURVEY

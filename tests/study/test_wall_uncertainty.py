@@ -21,8 +21,8 @@ from bozzini.errors import BozziniError, InputError
 from bozzini.motion import Certificate, Scope, certify_plan, plan_insertion
 from bozzini.motion.recheck import surface_wall
 from bozzini.motion.verify import build_wall
-from bozzini.study import ContactOptions, WallError, bound_contact, study_contact
-from bozzini.study.contact import displace_wall, replan_draws
+from bozzini.study import ContactRiskOptions, WallError, bound_contact, study_contact
+from bozzini.study.contact_risk import displace_wall, replan_draws
 from bozzini.study.wall import (
     choose_deciding,
     count_interval,
@@ -246,7 +246,7 @@ def test_samples_that_cannot_decide_are_rightly_left_out(case):
 @pytest.fixture(scope="module")
 def found(case):
     plan, tract, duct, _ = case
-    options = ContactOptions(sd=0.4, draws=300, replan=3, diameters=(4.0, 5.5, 6.0, 6.5, 8.5))
+    options = ContactRiskOptions(sd=0.4, draws=300, replan=3, diameters=(4.0, 5.5, 6.0, 6.5, 8.5))
     return study_contact(plan, tract, options=options, duct=duct)
 
 
@@ -265,7 +265,7 @@ def test_another_diameter_from_the_same_draws_is_that_body_s_own_study(case, fou
     plan, tract, duct, _ = case
     thin = replace(plan, scope=replace(plan.scope, diameter=5.5))
     own = study_contact(
-        thin, tract, options=ContactOptions(sd=0.4, draws=300, diameters=(8.5,)), duct=duct
+        thin, tract, options=ContactRiskOptions(sd=0.4, draws=300, diameters=(8.5,)), duct=duct
     )
     assert own.contact == pytest.approx(found.over_diameters["contact"][1], abs=0.003)
     assert np.allclose(own.clearance, found.clearance + 0.25, atol=0.05)
@@ -302,7 +302,7 @@ def test_where_first_order_is_doubtful_a_note_says_so(case):
     plan, tract, duct, _ = case
 
     def list_notes(**given):
-        options = ContactOptions(draws=1, **given)
+        options = ContactRiskOptions(draws=1, **given)
         return " ".join(study_contact(plan, tract, options=options, duct=duct).notes)
 
     assert "doubtful" not in list_notes(sd=0.3, correlation=10.0)
@@ -344,7 +344,7 @@ def test_plans_anew_are_certified_in_the_displaced_wall(case, found):
 def test_where_the_wall_closes_no_plan_is_found_and_the_reason_is_given(case):
     plan, tract, duct, _ = case
     closed = WallError(sd=0.05, mean=1.3)
-    options = ContactOptions(replan=1)
+    options = ContactRiskOptions(replan=1)
     again = replan_draws(plan, tract, closed, duct=duct, options=options)
     assert again.failed == 1 and again.rebuilt.all() and all(again.reasons)
     assert again.interval[1] == 1.0
@@ -354,7 +354,9 @@ def test_a_plan_that_stops_cannot_be_planned_anew(case):
     plan, tract, duct, _ = case
     stopped = replace(plan, status="stopped", reason_code="NO_PASSAGE", reason="too narrow")
     with pytest.raises(InputError, match="stopped"):
-        replan_draws(stopped, tract, WallError(sd=0.1), duct=duct, options=ContactOptions(replan=1))
+        replan_draws(
+            stopped, tract, WallError(sd=0.1), duct=duct, options=ContactRiskOptions(replan=1)
+        )
 
 
 def test_labels_have_a_deviation_of_their_own_and_are_planned_anew():
@@ -362,7 +364,7 @@ def test_labels_have_a_deviation_of_their_own_and_are_planned_anew():
     tract = LabelTract(labels=mask.astype(np.uint16), affine=affine, source="tube")
     duct = build_field(tract)
     plan = plan_insertion(duct, Centreline.from_points(CURVE, duct), scope=SCOPE, method="tube")
-    result = study_contact(plan, tract, options=ContactOptions(draws=200, replan=2), duct=duct)
+    result = study_contact(plan, tract, options=ContactRiskOptions(draws=200, replan=2), duct=duct)
     assert result.error.sd == pytest.approx(1.0 / math.sqrt(12.0))
     assert "rounding to voxels" in result.notes[0]
     # The faces of voxels stand inwards of the tube by up to half a voxel.
@@ -388,7 +390,7 @@ def test_a_surface_needs_a_deviation(case):
 )
 def test_what_is_not_legal_is_named(given, words):
     with pytest.raises(BozziniError, match=words):
-        ContactOptions(**given)
+        ContactRiskOptions(**given)
 
 
 # The command.

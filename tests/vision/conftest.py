@@ -7,7 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from bozzini.vision.calibrate import Calibration, CalibrationOptions, View, calibrate_cameras
+from bozzini.vision.calibrate import (
+    BoardView,
+    CalibrationOptions,
+    CameraCalibration,
+    calibrate_cameras,
+)
 from bozzini.vision.render import bend_curve, make_backbone_scene, render_picture
 from tests.conftest import _find_data
 from tests.vision.sets import BOARD, PAIR, render_views
@@ -22,16 +27,16 @@ def pair_pictures():
 
 
 @pytest.fixture(scope="session")
-def pair_views(pair_pictures) -> list[View]:
+def pair_views(pair_pictures) -> list[BoardView]:
     """Give the corners in these."""
     return [
-        View(f"{k:02d}", tuple(BOARD.detect(picture) for picture in pictures))
+        BoardView(f"{k:02d}", tuple(BOARD.detect(picture) for picture in pictures))
         for k, pictures in enumerate(pair_pictures[0])
     ]
 
 
 @pytest.fixture(scope="session")
-def pair_calibration(pair_views) -> Calibration:
+def pair_calibration(pair_views) -> CameraCalibration:
     """Give the calibration from these."""
     options = CalibrationOptions(resamples=6)
     return calibrate_cameras(pair_views, BOARD, ("cam0", "cam1"), options=options)

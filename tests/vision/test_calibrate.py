@@ -9,8 +9,8 @@ import pytest
 from bozzini.errors import InputError
 from bozzini.vision import Checkerboard, write_picture
 from bozzini.vision.calibrate import (
+    BoardView,
     CalibrationOptions,
-    View,
     _find_fault,
     calibrate_cameras,
     detect_views,
@@ -84,7 +84,7 @@ def test_the_world_is_the_view_that_is_asked_for(pair_views):
 
 
 def test_one_camera_by_itself(pair_views):
-    views = [View(view.name, view.detections[:1]) for view in pair_views]
+    views = [BoardView(view.name, view.detections[:1]) for view in pair_views]
     found = calibrate_cameras(views, BOARD, options=CalibrationOptions(resamples=4))
     assert found.converged
     camera, (spread,) = found.cameras.cameras[0], found.focal_uncertainty
@@ -119,7 +119,7 @@ def test_corners_in_one_place_and_a_board_never_tilted_are_refused(pair_views):
     # The same view eight times, a little displaced: nothing tells focal length from distance.
     rng = np.random.default_rng(0)
     shaken = [
-        View(
+        BoardView(
             str(k),
             (dataclasses.replace(first, corners=first.corners + rng.normal(0.0, 0.05, (1, 2))),),
         )
@@ -127,7 +127,7 @@ def test_corners_in_one_place_and_a_board_never_tilted_are_refused(pair_views):
     ]
     assert "tilted" in calibrate_cameras(shaken, BOARD, options=QUICK).reason
     small = [
-        View(
+        BoardView(
             view.name,
             (dataclasses.replace(view.detections[0], size=(4000, 3000)),),
         )
@@ -139,7 +139,7 @@ def test_corners_in_one_place_and_a_board_never_tilted_are_refused(pair_views):
 def test_large_residuals_are_refused_and_one_wrong_view_is_left_out(pair_views):
     rng = np.random.default_rng(0)
 
-    def shake(view: View, size: float) -> View:
+    def shake(view: BoardView, size: float) -> BoardView:
         return dataclasses.replace(
             view,
             detections=tuple(
@@ -219,7 +219,7 @@ def test_names_of_pictures_tell_camera_and_view(tmp_path):
 def test_a_plain_chess_board_does_as_well():
     board = Checkerboard(columns=9, rows=6, square=6.0)
     pictures, _ = render_views(board, PAIR[:1], count=12)
-    views = [View(str(k), (board.detect(views[0]),)) for k, views in enumerate(pictures)]
+    views = [BoardView(str(k), (board.detect(views[0]),)) for k, views in enumerate(pictures)]
     found = calibrate_cameras(views, board, options=QUICK)
     assert found.converged
     assert found.cameras.cameras[0].focal == pytest.approx(PAIR[0].focal, rel=0.005)
@@ -240,7 +240,7 @@ def test_the_claimed_uncertainty_is_that_of_many_calibrations():
     for seed in range(6):
         pictures, poses = render_views(seed=seed)
         views = [
-            View(f"{k:02d}", tuple(map(BOARD.detect, pair))) for k, pair in enumerate(pictures)
+            BoardView(f"{k:02d}", tuple(map(BOARD.detect, pair))) for k, pair in enumerate(pictures)
         ]
         found = calibrate_cameras(views, BOARD, NAMES)
         assert found.converged

@@ -14,8 +14,8 @@ import pytest
 
 from bozzini.vision import Checkerboard, load_cameras, read_picture
 from bozzini.vision.calibrate import (
+    BoardView,
     CalibrationOptions,
-    View,
     calibrate_cameras,
     detect_views,
 )
@@ -30,7 +30,7 @@ pytestmark = pytest.mark.slow  # 84 pictures
 
 
 @pytest.fixture(scope="module")
-def views(helical_robot_dir) -> list[View]:
+def views(helical_robot_dir) -> list[BoardView]:
     names, views = detect_views(helical_robot_dir / "stereo", BOARD)
     assert names == NAMES
     return views

@@ -20,7 +20,7 @@ from bozzini.vision import (
     measure_shape,
     render_picture,
 )
-from bozzini.vision.calibrate import CalibrationOptions, View, calibrate_cameras
+from bozzini.vision.calibrate import BoardView, CalibrationOptions, calibrate_cameras
 from bozzini.vision.camera import CameraSet
 from tests.vision.sets import BOARD, render_views
 
@@ -138,7 +138,7 @@ def calibrated() -> tuple[CameraSet, tuple[np.ndarray, np.ndarray]]:
     """Give the large cameras as calibrated from pictures of a board, and the pose of its world."""
     pictures, poses = render_views(cameras=LARGE)
     views = [
-        View(f"{k:02d}", tuple(BOARD.detect(picture) for picture in pair))
+        BoardView(f"{k:02d}", tuple(BOARD.detect(picture) for picture in pair))
         for k, pair in enumerate(pictures)
     ]
     options = CalibrationOptions(resamples=10)

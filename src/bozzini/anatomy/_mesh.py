@@ -75,7 +75,7 @@ def split_by(faces: Faces, label: Integers) -> list[Faces]:
     return np.split(faces[order], np.cumsum(np.bincount(label))[:-1])
 
 
-class Edges(NamedTuple):
+class MeshEdges(NamedTuple):
     """The edges of a mesh, lower vertex first (n, 2), and how many triangles each has (n,).
 
     `net` is how much more often an edge is run through upwards than downwards.
@@ -86,7 +86,7 @@ class Edges(NamedTuple):
     net: Integers
 
 
-def count_edges(faces: Faces) -> Edges:
+def count_edges(faces: Faces) -> MeshEdges:
     """Return the edges, and the number and direction of the triangles at each."""
     directed = np.concatenate((faces[:, (0, 1)], faces[:, (1, 2)], faces[:, (2, 0)]))
     width = int(faces.max()) + 1
@@ -95,7 +95,7 @@ def count_edges(faces: Faces) -> Edges:
     )
     way = np.where(directed[:, 0] < directed[:, 1], 1.0, -1.0)
     net = np.rint(np.bincount(index.reshape(-1), weights=way, minlength=len(key)))
-    return Edges(np.stack((key // width, key % width), axis=1), counts, net.astype(np.int64))
+    return MeshEdges(np.stack((key // width, key % width), axis=1), counts, net.astype(np.int64))
 
 
 def measure_part_volumes(
@@ -280,7 +280,7 @@ def turn_outwards(points: Vertices, faces: Faces, part: Integers) -> Faces:
 def measure_sheets(points: Vertices, faces: Faces) -> float:
     """Return the volume of all sheets with flat caps, without regard to how they turn [mm^3]."""
     pieces = split_by(faces, label_sheets(faces))
-    return sum(abs(Sheet.find(points, piece).volume) for piece in pieces)
+    return sum(abs(SurfaceSheet.find(points, piece).volume) for piece in pieces)
 
 
 def label_sheets(faces: Faces) -> Integers:
@@ -306,7 +306,7 @@ def _count_up(label: Integers) -> Integers:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Sheet:
+class SurfaceSheet:
     """Triangles that agree in their turn, joined by edges that have no third triangle.
 
     Attributes
@@ -326,24 +326,26 @@ class Sheet:
     area: float
 
     @staticmethod
-    def find(points: Vertices, faces: Faces) -> Sheet:
+    def find(points: Vertices, faces: Faces) -> SurfaceSheet:
         """Make the faces agree, and measure them."""
         faces, _ = agree(faces)
         holes = find_holes(points, faces)
         volume = measure_volume(*close_holes(points, faces, holes))
-        return Sheet(faces=faces, holes=holes, volume=volume, area=measure_area(points, faces))
+        return SurfaceSheet(
+            faces=faces, holes=holes, volume=volume, area=measure_area(points, faces)
+        )
 
     def close(self, points: Vertices) -> tuple[Vertices, Faces]:
         """Return corners and triangles with flat caps."""
         return close_holes(points, self.faces, self.holes)
 
-    def turn_outwards(self) -> Sheet:
+    def turn_outwards(self) -> SurfaceSheet:
         """Return the same sheet, its triangles turned outwards."""
         if self.volume >= 0.0:
             return self
         holes = [hole._replace(edges=hole.edges[:, ::-1]) for hole in self.holes]
         faces = np.ascontiguousarray(self.faces[:, ::-1])
-        return Sheet(faces=faces, holes=holes, volume=-self.volume, area=self.area)
+        return SurfaceSheet(faces=faces, holes=holes, volume=-self.volume, area=self.area)
 
 
 def close_holes(points: Vertices, faces: Faces, holes: list[Hole]) -> tuple[Vertices, Faces]:

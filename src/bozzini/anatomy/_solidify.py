@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ..errors import GeometryError
 from . import _mesh
-from ._mesh import Faces, Integers, Mask, Sheet, Vertices
+from ._mesh import Faces, Integers, Mask, SurfaceSheet, Vertices
 from .kernels.meshes import add_windings
 from .labels import tract_from_labels
 from .tract import (
@@ -41,28 +41,28 @@ ALIKE_SHARE = 0.1
 """Largest difference of area and of volume of two copies of one sheet."""
 
 
-class Choice(NamedTuple):
+class SheetChoice(NamedTuple):
     """What the sheets of an open surface are.
 
     Attributes
     ----------
-    kept : list of Sheet
+    kept : list of SurfaceSheet
         Those that bound the lumen, turned outwards.
-    outer : list of Sheet
+    outer : list of SurfaceSheet
         The outer side of the wall.
-    copies : list of Sheet
+    copies : list of SurfaceSheet
         Second copies of sheets kept.
-    others : list of Sheet
+    others : list of SurfaceSheet
         Too small or too flat to bound a part of the lumen: obstacles.
     """
 
-    kept: list[Sheet]
-    outer: list[Sheet]
-    copies: list[Sheet]
-    others: list[Sheet]
+    kept: list[SurfaceSheet]
+    outer: list[SurfaceSheet]
+    copies: list[SurfaceSheet]
+    others: list[SurfaceSheet]
 
 
-def choose_sheets(points: Vertices, faces: Faces) -> Choice:
+def choose_sheets(points: Vertices, faces: Faces) -> SheetChoice:
     """Split a surface where more than two triangles meet, and find what each sheet is.
 
     The wall of a published organ is often a pair of sheets, the outer one turned outwards and the
@@ -70,7 +70,7 @@ def choose_sheets(points: Vertices, faces: Faces) -> Choice:
     do but those that have another one inside.
     """
     pieces = _mesh.split_by(faces, _mesh.label_sheets(faces))
-    sheets = [Sheet.find(points, piece) for piece in pieces]
+    sheets = [SurfaceSheet.find(points, piece) for piece in pieces]
     largest = max(abs(sheet.volume) for sheet in sheets)
     main = [sheet for sheet in sheets if _can_bound(sheet, largest)]
     others = [sheet for sheet in sheets if not _can_bound(sheet, largest)]
@@ -82,20 +82,22 @@ def choose_sheets(points: Vertices, faces: Faces) -> Choice:
     bounds = np.atleast_1d(~outwards if paired else ~encloses.any(axis=1))
     kept = [main[k].turn_outwards() for k in np.flatnonzero(bounds)]
     outer = [main[k] for k in np.flatnonzero(~bounds)]
-    return Choice(kept=kept, outer=outer, copies=copies, others=others)
+    return SheetChoice(kept=kept, outer=outer, copies=copies, others=others)
 
 
-def _can_bound(sheet: Sheet, largest: float) -> bool:
+def _can_bound(sheet: SurfaceSheet, largest: float) -> bool:
     size = abs(sheet.volume)
     return size > LEAST_VOLUME * largest and size > LEAST_DEPTH * sheet.area**1.5
 
 
-def _drop_copies(points: Vertices, sheets: list[Sheet]) -> tuple[list[Sheet], list[Sheet]]:
+def _drop_copies(
+    points: Vertices, sheets: list[SurfaceSheet]
+) -> tuple[list[SurfaceSheet], list[SurfaceSheet]]:
     """Take the smaller of two sheets that lie on each other and turn the same way."""
     from scipy.spatial import cKDTree
 
-    kept: list[Sheet] = []
-    copies: list[Sheet] = []
+    kept: list[SurfaceSheet] = []
+    copies: list[SurfaceSheet] = []
     for sheet in sorted(sheets, key=lambda sheet: abs(sheet.volume)):
         own = points[np.unique(sheet.faces)]
         sides = np.diff(points[sheet.faces[:, :2]], axis=1)
@@ -115,7 +117,7 @@ def _drop_copies(points: Vertices, sheets: list[Sheet]) -> tuple[list[Sheet], li
     return kept, copies
 
 
-def _find_nested(points: Vertices, sheets: list[Sheet]) -> Mask:
+def _find_nested(points: Vertices, sheets: list[SurfaceSheet]) -> Mask:
     """Return whether sheet j, closed, encloses sheet k, shape (n, n)."""
     nested = np.zeros((len(sheets), len(sheets)), dtype=bool)
     for j, one in enumerate(sheets):
@@ -214,7 +216,7 @@ def find_openings(
 
 def solidify(
     points: Vertices,
-    choice: Choice,
+    choice: SheetChoice,
     *,
     source: str,
     found: list[Finding],
@@ -226,7 +228,7 @@ def solidify(
     ----------
     points : (n, 3) float
         World [mm].
-    choice : Choice
+    choice : SheetChoice
         The sheets, open ends included: these are capped flat.
     source : str
     found : list of Finding
@@ -343,7 +345,7 @@ def _check_ambiguous(
 
 
 def _carve(
-    points: Vertices, choice: Choice, lumen: Mask, grid: _Grid, found: list[Finding]
+    points: Vertices, choice: SheetChoice, lumen: Mask, grid: _Grid, found: list[Finding]
 ) -> Mask:
     """Take out of the lumen each voxel that a small part fills or another sheet touches."""
     obstacles = [sheet.faces for sheet in choice.others]
@@ -418,7 +420,7 @@ def _carve_touched(points: Vertices, faces: Faces, lumen: Mask, grid: _Grid) -> 
 
 
 def find_missing(
-    points: Vertices, outer: Sequence[Sheet], kept: Faces
+    points: Vertices, outer: Sequence[SurfaceSheet], kept: Faces
 ) -> tuple[tuple[Component, ...], list[Finding]]:
     """Find where an outer sheet encloses a place that no inner one does, and report it."""
     from scipy import ndimage

@@ -14,7 +14,7 @@ import numpy as np
 from ..errors import FileFormatError, InputError, UnitError
 from ..units import parse_quantity
 from . import _mesh
-from ._mesh import Faces, Integers, Sheet, Vertices
+from ._mesh import Faces, Integers, SurfaceSheet, Vertices
 from ._nesting import PartSet
 from ._surface_formats import SURFACE_SUFFIXES, find_model, join_meshes, read_parts
 from .files import PathLike, check_file, explain, has_suffix
@@ -227,7 +227,7 @@ def read_surface(
         message = "coordinates taken as m, as in the GLB standard; if they are mm, give --unit mm"
         found.append(Finding("unit-assumed", "note", message))
     parts = [
-        Part.measure(name, vertices * sizes, faces)
+        MeshPart.measure(name, vertices * sizes, faces)
         for name, vertices, faces in content.parts
         if len(faces)
     ]
@@ -254,7 +254,7 @@ def _measure_unit(unit: str) -> float:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Part:
+class MeshPart:
     """A mesh of a file: its name, corners [mm], triangles, and volume with flat caps [mm^3]."""
 
     name: str
@@ -268,9 +268,9 @@ class Part:
         return self.name, self.vertices, self.faces
 
     @staticmethod
-    def measure(name: str, vertices: Vertices, faces: Faces) -> Part:
+    def measure(name: str, vertices: Vertices, faces: Faces) -> MeshPart:
         """Return a part; `tract_from_surface` refuses what is wrong with its numbers."""
-        part = Part(name=name, vertices=vertices, faces=faces)
+        part = MeshPart(name=name, vertices=vertices, faces=faces)
         bad = faces.min() < 0 or faces.max() >= len(vertices)
         if bad or not (np.abs(vertices) <= FARTHEST_MM).all():
             return part
@@ -286,7 +286,7 @@ class Part:
 
 
 def _choose(
-    parts: list[Part],
+    parts: list[MeshPart],
     names: PartNames | None,
     source: str,
     found: list[Finding],
@@ -315,7 +315,7 @@ def _choose(
     return replace(tract, findings=(*tract.findings, Finding("parts-cross", "warning", message)))
 
 
-def _take_all(parts: list[Part], source: str, found: list[Finding], *, repair: bool) -> Tract:
+def _take_all(parts: list[MeshPart], source: str, found: list[Finding], *, repair: bool) -> Tract:
     """Unite parts that meet, take small ones for obstacles, refuse parts apart."""
     largest = max(part.volume for part in parts)
     main = [part for part in parts if part.volume >= SMALL_SHARE * largest]
@@ -339,14 +339,14 @@ def _take_all(parts: list[Part], source: str, found: list[Finding], *, repair: b
     return tract_from_surface(vertices, faces, source=source, findings=found, repair=repair)
 
 
-def _group(parts: list[Part]) -> tuple[Integers, bool]:
+def _group(parts: list[MeshPart]) -> tuple[Integers, bool]:
     """Number the parts that meet, and find whether some overlap, none wholly in the other."""
     pairs = [(0, 0)]
     overlapping = False
     solids = []
     for part in parts:
         points, faces = part.clean()
-        sheet = Sheet.find(points, faces)
+        sheet = SurfaceSheet.find(points, faces)
         solids.append((sheet.close(points), bool(sheet.holes)))
     for j, (one, is_open) in enumerate(solids):
         for k, (other, other_open) in enumerate(solids[:j]):
@@ -360,7 +360,7 @@ def _group(parts: list[Part]) -> tuple[Integers, bool]:
     return _mesh.label_graph(np.array(pairs), len(parts)), overlapping
 
 
-def _split(part: Part) -> list[Part]:
+def _split(part: MeshPart) -> list[MeshPart]:
     """Return the connected parts of a mesh, numbered from the largest."""
     points, faces = part.clean()
     if not len(faces):
@@ -368,12 +368,12 @@ def _split(part: Part) -> list[Part]:
     pieces = []
     for piece in _mesh.split_by(faces, _mesh.label_parts(faces, len(points))):
         used, index = np.unique(piece, return_inverse=True)
-        pieces.append(Part.measure("", points[used], index.reshape(-1, 3)))
+        pieces.append(MeshPart.measure("", points[used], index.reshape(-1, 3)))
     pieces.sort(key=lambda part: -part.volume)
     return [replace(part, name=str(k)) for k, part in enumerate(pieces, start=1)]
 
 
-def _find_parts(parts: list[Part], part: PartNames, source: str) -> list[int]:
+def _find_parts(parts: list[MeshPart], part: PartNames, source: str) -> list[int]:
     names = [part.name for part in parts]
     if isinstance(part, str) and part not in names and part.lower() == "all":
         return list(range(len(parts)))
@@ -395,7 +395,7 @@ def _find_parts(parts: list[Part], part: PartNames, source: str) -> list[int]:
     return chosen
 
 
-def _list_names(parts: Sequence[Part]) -> str:
+def _list_names(parts: Sequence[MeshPart]) -> str:
     shown = [f"'{_clean(part.name)}' ({show_volume(part.volume)})" for part in parts[:MOST_LISTED]]
     more = f" and {len(parts) - MOST_LISTED} more" if len(parts) > MOST_LISTED else ""
     return ", ".join(shown) + more
@@ -405,7 +405,7 @@ def _clean(name: str) -> str:
     return "".join(c if c.isprintable() else "?" for c in name)[:60]
 
 
-def _reaches(tract: Tract, part: Part) -> bool:
+def _reaches(tract: Tract, part: MeshPart) -> bool:
     """Whether a part touches the wall of a tract or reaches into its lumen."""
     if isinstance(tract, LabelTract):
         places = np.concatenate((part.vertices, part.vertices[part.faces].mean(axis=1)))

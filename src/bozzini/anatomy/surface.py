@@ -15,7 +15,7 @@ from . import _mesh
 from ._mesh import Faces, Integers, Vertices
 from ._nesting import PartSet, resolve_parts
 from ._solidify import (
-    Choice,
+    SheetChoice,
     choose_sheets,
     find_missing,
     find_openings,
@@ -242,13 +242,15 @@ def unite_parts(
         start += len(points)
     corners = np.concatenate([points for points, _ in welded])
     names: list[str] = []
-    union = Choice([], [], [], [])
+    union = SheetChoice([], [], [], [])
     for (name, _, _), (_, triangles) in zip(parts, welded, strict=False):
-        choice = choose_sheets(corners, triangles) if len(triangles) else Choice([], [], [], [])
+        choice = (
+            choose_sheets(corners, triangles) if len(triangles) else SheetChoice([], [], [], [])
+        )
         if not choice.kept:
             raise GeometryError(f"{source}, part '{name}' encloses no volume: it is flat")
         names += [name] * len(choice.kept)
-        union = Choice(*(one + more for one, more in zip(union, choice, strict=True)))
+        union = SheetChoice(*(one + more for one, more in zip(union, choice, strict=True)))
     for _, triangles in welded[len(parts) :]:
         if len(triangles):
             for sheets in choose_sheets(corners, triangles):
@@ -257,7 +259,7 @@ def unite_parts(
 
 
 def _cap_sheet(
-    points: Vertices, choice: Choice, source: str, found: list[Finding], repair: bool
+    points: Vertices, choice: SheetChoice, source: str, found: list[Finding], repair: bool
 ) -> tuple[Vertices, Faces, Integers, tuple[Opening, ...], tuple[Component, ...]]:
     """Cap the one sheet that bounds the lumen; the other sheets become parts beside it."""
     sheet = choice.kept[0]

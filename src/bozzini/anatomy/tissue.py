@@ -21,14 +21,13 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..checks import check_array, check_fields, check_points, quantity, show_apart
 from ..errors import FileFormatError, InputError
 from ..io.inputs import note_input
+from ..numeric.arrays import Floats
 from ..numeric.polylines import interpolate_polyline, measure_arc_length, resample_polyline
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

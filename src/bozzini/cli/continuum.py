@@ -52,7 +52,7 @@ from .contact import contact_command, insert_command, load_option, parse_load
 from .fit import command as fit_command
 from .fit import parse_settings
 from .routing import design_command, rank_command
-from .tip import Spread, draw_options, give_tip_error, parse_deviations, tip_answer
+from .tip import InputSpread, draw_options, give_tip_error, parse_deviations, tip_answer
 
 if TYPE_CHECKING:
     from ..continuum import (
@@ -63,9 +63,9 @@ if TYPE_CHECKING:
         InverseOptions,
         Shape,
     )
-    from ..continuum.checks import Floats
     from ..continuum.gradients import ShapeJacobian
     from ..continuum.robot import RobotDesign
+    from ..numeric.arrays import Floats
     from ..study.tip import DrawOptions
 
 STRAIGHT_BEND_RAD = 1e-6
@@ -561,7 +561,7 @@ def jacobian_command(
 @option("--tension NAME=FORCE,...", "Instead, tensions of tendons at the base; 0 if left out.")
 @gather(
     "spread",
-    Spread,
+    InputSpread,
     option(
         "--displacement-sd command_sd",
         "Standard deviation of each displacement that is given.",
@@ -591,7 +591,7 @@ def tip_error_command(
     robot_file: Path,
     displacement: str | None,
     tension: str | None,
-    spread: Spread,
+    spread: InputSpread,
     options: DrawOptions,
     answer: Answer,
 ) -> None:

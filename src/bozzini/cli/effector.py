@@ -44,7 +44,7 @@ from .muscle_options import (
     model_options,
     take_muscle,
 )
-from .tip import Spread, draw_options, give_tip_error, parse_deviations, tip_answer
+from .tip import InputSpread, draw_options, give_tip_error, parse_deviations, tip_answer
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -387,7 +387,7 @@ def pose_command(
 )
 @gather(
     "spread",
-    Spread,
+    InputSpread,
     option(
         "--pressure-sd command_sd",
         "Standard deviation of each pressure that is given, such as 5kPa.",
@@ -412,7 +412,7 @@ def pose_command(
 @tip_answer
 def tip_error_command(
     pressure: tuple[str, ...],
-    spread: Spread,
+    spread: InputSpread,
     asked: EffectorRequest,
     options: DrawOptions,
     answer: Answer,

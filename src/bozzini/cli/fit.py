@@ -32,8 +32,8 @@ if TYPE_CHECKING:
     from ..checks import Quantity
     from ..continuum import ContinuumModel, ContinuumRobot
     from ..continuum.calibration import Marker
-    from ..continuum.fit import RobotFitOptions
     from ..continuum.measured import RobotMeasurements
+    from ..continuum.robot_fit import RobotFitOptions
     from ..registry import Registry
 
 
@@ -114,7 +114,7 @@ table_options = gather(
 
 
 def _make_options(**values: Any) -> RobotFitOptions:
-    from ..continuum.fit import RobotFitOptions
+    from ..continuum.robot_fit import RobotFitOptions
 
     values["model"] = values["model"] or ""
     chosen, texts = values["model"], values.pop("settings")
@@ -228,7 +228,7 @@ def command(
     of the points; 2: bad input.
     """
     from ..continuum import ContinuumRobot
-    from ..continuum.fit import fit_robot
+    from ..continuum.robot_fit import fit_robot
     from ..continuum.unknowns import RobotSetup
 
     check_target(figure, PICTURES, force=answer.force)

@@ -59,9 +59,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from ..muscle.fit import Calibration, FitOptions
     from ..muscle.model import MuscleModel
     from ..muscle.models import Card, Parameter
+    from ..muscle.muscle_fit import Calibration, FitOptions
     from ..muscle.problem import Response
     from ..muscle.ranking import Criterion, LeaveOut, RankOptions
 

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Spread:
+class InputSpread:
     """What is not known exactly, as the options ask for it: standard deviations, and a fit."""
 
     command_sd: float

@@ -12,7 +12,7 @@ import click
 
 from ..checks import check_number
 from ..errors import InputError, OutputError
-from ..study.options import ContactOptions
+from ..study.options import ContactRiskOptions
 from ..units import parse_quantity
 from .common import (
     EXIT_NEGATIVE,
@@ -50,7 +50,7 @@ class _More:
 @click.command("uncertainty", cls=CheckedCommand)
 @click.argument("source", metavar="PLAN|STUDY", type=INPUT)
 @click.argument("tract", metavar="[INPUT]", required=False, type=INPUT)
-@options_of(ContactOptions, "options")
+@options_of(ContactRiskOptions, "options")
 @gather(
     "more",
     _More,
@@ -76,7 +76,7 @@ class _More:
 def command(
     source: Path,
     tract: Path | None,
-    options: ContactOptions,
+    options: ContactRiskOptions,
     more: _More,
     engine: Engine,
     answer: Answer,
@@ -101,14 +101,14 @@ def command(
             options = replace(options, diameters=sizes)
         _of_plan(source, tract, options, replace(answer, out=answer.out or OUT))
     else:
-        refuse_options([item.name for item in fields(ContactOptions)], "with a study")
+        refuse_options([item.name for item in fields(ContactRiskOptions)], "with a study")
         _of_study(source, more.failures, more.level, engine, answer)
 
 
-def _of_plan(source: Path, path: Path | None, options: ContactOptions, answer: Answer) -> None:
+def _of_plan(source: Path, path: Path | None, options: ContactRiskOptions, answer: Answer) -> None:
     """Find and write how likely a plan touches its wall."""
     from ..io.files import new_directory
-    from ..study.contact import study_contact
+    from ..study.contact_risk import study_contact
     from .routing import read_plan, reread_tract
 
     plan = read_plan(source)

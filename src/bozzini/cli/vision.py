@@ -35,7 +35,7 @@ from .common import (
 if TYPE_CHECKING:
     from ..results import Json
     from ..vision.board import StripBoard
-    from ..vision.calibrate import Calibration
+    from ..vision.calibrate import CameraCalibration
     from ..vision.camera import Camera
     from ..vision.series import LengthSeries
     from ..vision.shape_series import ShapeSeries
@@ -157,7 +157,7 @@ def calibrate_command(
         run_exit(EXIT_NEGATIVE)
 
 
-def _describe_calibration(found: Calibration, target: Path) -> str:
+def _describe_calibration(found: CameraCalibration, target: Path) -> str:
     rows = [
         [
             name,

@@ -9,15 +9,13 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..effector import Effector, EffectorInverse, Stick, find_stick_scale, steer
 from ..errors import BozziniError, InputError
+from ..numeric.arrays import Floats
 from ..rig.host import SILENCE_LIMIT, Host, describe_faults
 from ..rig.link import Link, LockstepLink
 from ..rig.protocol import SETPOINT_MAX, SetPoint, State
-
-Floats = NDArray[np.float64]
 
 PERIOD = 0.01
 """Of the loop that drives the rig [s]."""
@@ -79,7 +77,7 @@ class DriveState:
         return not self.reason
 
 
-class Drive:
+class EffectorDrive:
     """An end-effector that a stick steers, by its model alone: the pressures are the set-points.
 
     Parameters
@@ -154,7 +152,7 @@ class Drive:
         """Let the drive go."""
 
 
-class RigDrive(Drive):
+class RigDrive(EffectorDrive):
     """An end-effector with a rig: a thread of its own sends the set-points in time.
 
     If it stops, or the computer does, the board receives nothing and vents its muscles.
@@ -272,7 +270,9 @@ class RigDrive(Drive):
         )  # fmt: skip
 
 
-def open_drive(effector_name: str, *, rig: str | None = None, board: str = "emulated") -> Drive:
+def open_drive(
+    effector_name: str, *, rig: str | None = None, board: str = "emulated"
+) -> EffectorDrive:
     """Return the drive of a preset of the end-effector.
 
     Parameters
@@ -294,7 +294,7 @@ def open_drive(effector_name: str, *, rig: str | None = None, board: str = "emul
     check_rig(rig)
     effector = Effector.from_preset(effector_name)
     if rig is None:
-        return Drive(effector)
+        return EffectorDrive(effector)
     if rig == "demo":
         link: Link = LockstepLink(emulate_rig(effector.models, board=board))  # type: ignore[arg-type]
     else:

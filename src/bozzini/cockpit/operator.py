@@ -13,17 +13,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..numeric.arrays import Floats
 from ..results import Json, Result, list_coordinates, take_axes
-from .drive import SEEN, Drive, DriveState
+from .drive import SEEN, DriveState, EffectorDrive
 from .guard import Access
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from websockets.asyncio.client import ClientConnection
 
-Floats = NDArray[np.float64]
 FigureKind = Literal["line", "circle"]
 
 SIZE = 8.0
@@ -72,7 +71,7 @@ class Figure:
         return np.asarray(np.hypot(beyond, places[:, 1]))
 
     @classmethod
-    def within(cls, kind: FigureKind, drive: Drive) -> Figure:
+    def within(cls, kind: FigureKind, drive: EffectorDrive) -> Figure:
         """Return the figure of a size that the workspace has room for."""
         inner = drive.effector.workspace(directions=72, samples=1).inner_radius
         return cls(kind=kind, size=min(SIZE, SHARE * inner))
@@ -229,13 +228,13 @@ def _show(value: object) -> str:
     return ("yes" if value else "no") if isinstance(value, bool) else str(value)
 
 
-async def draw(figure: Figure, drive: Drive, access: Access) -> Drawing:
+async def draw(figure: Figure, drive: EffectorDrive, access: Access) -> Drawing:
     """Draw a figure with the stick, as a window of the cockpit does: through its web socket.
 
     Parameters
     ----------
     figure : Figure
-    drive : Drive
+    drive : EffectorDrive
         Of the session; with a rig it is armed before and disarmed afterwards.
     access : Access
         By which the server is reached.
@@ -269,7 +268,7 @@ async def draw(figure: Figure, drive: Drive, access: Access) -> Drawing:
 
 
 async def _move(
-    figure: Figure, drive: Drive, window: ClientConnection, states: list[DriveState]
+    figure: Figure, drive: EffectorDrive, window: ClientConnection, states: list[DriveState]
 ) -> str:
     """Move the stick along a figure; keep the states of the drive and return what went wrong."""
     loop = asyncio.get_running_loop()
@@ -293,7 +292,7 @@ async def _move(
     return next((state.reason for state in states if state.reason), "")
 
 
-async def _wait_for(drive: Drive, name: str) -> str:
+async def _wait_for(drive: EffectorDrive, name: str) -> str:
     """Wait for a state of the rig; return why it does not come."""
     for _ in range(300):
         if drive.state.name == name:

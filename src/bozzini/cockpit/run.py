@@ -19,7 +19,7 @@ from .session import Session, run_beside
 from .wire import Change
 
 if TYPE_CHECKING:
-    from .drive import Drive
+    from .drive import EffectorDrive
     from .operator import Drawing, FigureKind
 
 WAIT_FOR_WINDOW = 10.0
@@ -169,7 +169,7 @@ class Cockpit:
             self._server.should_exit = True
             raise
 
-    def _open_drive(self) -> Drive:
+    def _open_drive(self) -> EffectorDrive:
         from .drive import open_drive
 
         drive = open_drive(self.options.effector, rig=self.options.rig, board=self.options.board)

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
+from ..numeric.arrays import Floats
 from ..numeric.polylines import measure_arc_length
 from ..results import Json
 from .wire import (
@@ -33,9 +34,8 @@ from .wire import (
 )
 
 if TYPE_CHECKING:
-    from .drive import Drive, DriveState
+    from .drive import DriveState, EffectorDrive
 
-Floats = NDArray[np.float64]
 
 RATE = 60.0
 """Ticks of the clock a second [Hz]; a tick without a change sends nothing."""
@@ -228,7 +228,7 @@ class Session:
     def __init__(self, *, may_arm: bool = False) -> None:
         self.may_arm = may_arm
         self.windows: set[Window] = set()
-        self.drive: Drive | None = None
+        self.drive: EffectorDrive | None = None
         self.plan: ShownPlan | None = None
         self.view, self.view_version = b"", 0
         self.moved: ShownPlan | None = None

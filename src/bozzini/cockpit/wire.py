@@ -35,7 +35,7 @@ ECHO = struct.Struct("<d")
 ECHO_PLACE = 8 * 4 + 8
 """Where the echo stands, the one value in which the windows' frames differ."""
 
-Floats = NDArray[np.floating]
+AnyFloats = NDArray[np.floating]
 
 
 class Flags(IntFlag):
@@ -84,12 +84,12 @@ class Snapshot:
     flags: Flags
     windows: int
     speed: float
-    joints: Floats
-    clearance: Floats
-    pressures: Floats
-    places: Floats
-    backbone: Floats
-    camera: Floats
+    joints: AnyFloats
+    clearance: AnyFloats
+    pressures: AnyFloats
+    places: AnyFloats
+    backbone: AnyFloats
+    camera: AnyFloats
 
     def pack(self) -> bytes:
         """Return all but the head's number, time and echo: equal if nothing has changed."""

@@ -5,15 +5,6 @@ from .continuation import EquilibriumPath
 from .coupling import BendSolution, ParallelModel, check_displacements, coupling_matrix
 from .elastic import ElasticModel
 from .energy import EnergyModel
-from .fit import (
-    Estimate,
-    RobotFit,
-    RobotFitOptions,
-    RobotPrediction,
-    Validation,
-    fit_robot,
-    predict_points,
-)
 from .friction import FrictionState
 from .gradients import ShapeJacobian
 from .history import TendonHistory
@@ -34,6 +25,15 @@ from .measured import RobotMeasurements, read_robot_measurements
 from .model import ContinuumModel
 from .models import CONTINUUM_MODELS
 from .robot import RobotDesign
+from .robot_fit import (
+    Estimate,
+    RobotFit,
+    RobotFitOptions,
+    RobotPrediction,
+    Validation,
+    fit_robot,
+    predict_points,
+)
 from .rod import RodModel
 from .section import Helix, Section, Tendon
 from .shape import Shape

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from ..checks import check_array, check_integer, show_apart
 from ..errors import InputError
-from .checks import Floats
+from ..numeric.arrays import Floats
 from .coupling import ParallelModel, coupling_matrix
 from .kernels.arc import fill_arc_frames, fill_tip_jacobians
 from .profile import ROUND_OFF_MM

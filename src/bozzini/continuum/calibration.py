@@ -11,7 +11,8 @@ import numpy as np
 
 from ..checks import check_fields, check_word, quantity
 from ..errors import InputError
-from .checks import Floats, check_items, check_name, check_values
+from ..numeric.arrays import Floats
+from .checks import check_items, check_name, check_values
 
 Command = Literal["displacement", "tension"]
 """What is commanded of the tendons."""

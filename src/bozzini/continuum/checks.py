@@ -8,10 +8,11 @@ from contextlib import suppress
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..checks import check_array, check_number, check_points, show_apart, show_value
 from ..errors import InputError
+from ..numeric.arrays import Floats as Floats
 
 _Item = TypeVar("_Item")
 
@@ -73,8 +74,6 @@ def check_items(name: str, items: object, kind: type[_Item]) -> tuple[_Item, ...
             raise InputError(f"{name} hold {show_value(item)}: each must be a {kind.__name__}")
     return found
 
-
-Floats = NDArray[np.float64]
 
 MOST_CELLS = 1000
 """Cells of a map along the robot's length."""

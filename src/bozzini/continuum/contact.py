@@ -14,15 +14,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_array, check_kind, show_apart
 from ..errors import InputError
+from ..numeric.arrays import Floats
 from ..results import Json, Result, measured, take_axes, to_plain
-from .checks import Floats
 from .contact_solver import (
     DEEP,
     WARM,
     ContactProblem,
+    ContactState,
     FreePart,
     Solution,
-    State,
     judge,
     measure_depth,
     measure_push,
@@ -147,7 +147,7 @@ class ContactShape(Result):
     reason: str = ""
     settled: bool = field(repr=False)
     locked: bool = field(default=False, repr=False)
-    state: State = field(repr=False)
+    state: ContactState = field(repr=False)
     part: FreePart = field(repr=False)
     walls: tuple[Boundary, ...] = field(repr=False)
 
@@ -228,7 +228,7 @@ def draw_shapes(shapes: Sequence[ContactShape], ax: Axes | None) -> Axes:
     return axes
 
 
-class Command(NamedTuple):
+class ContactCommand(NamedTuple):
     """What is asked of a robot: displacements, tensions of those that follow, length, and loads."""
 
     displacements: Floats
@@ -236,11 +236,13 @@ class Command(NamedTuple):
     inserted: float
     share: float = 1.0
 
-    def take_part(self, share: float, inserted: float) -> Command:
+    def take_part(self, share: float, inserted: float) -> ContactCommand:
         """Return a part of the displacements, tensions and loads."""
         if share == 0.0:
-            return Command(np.full_like(self.tensions, np.nan), 0.0 * self.tensions, inserted, 0.0)
-        return Command(share * self.displacements, share * self.tensions, inserted, share)
+            return ContactCommand(
+                np.full_like(self.tensions, np.nan), 0.0 * self.tensions, inserted, 0.0
+            )
+        return ContactCommand(share * self.displacements, share * self.tensions, inserted, share)
 
 
 @dataclass(frozen=True, eq=False)
@@ -396,7 +398,7 @@ class ContactModel:
             raise InputError(
                 f"inserted is {shown[0]} mm: it must lie in (0, {shown[1]}] mm, the robot's length"
             )
-        command = Command(commands + self._pretension_stretches, tensions, length)
+        command = ContactCommand(commands + self._pretension_stretches, tensions, length)
         shape = self._solve(command, initial)
         if not shape.settled or shape.depth > DEEP * self.robot.radius:
             words = self._find_buried_base(length)
@@ -441,7 +443,7 @@ class ContactModel:
                 )
         return ""
 
-    def _find_lock(self, command: Command, initial: ContactShape | None) -> str:
+    def _find_lock(self, command: ContactCommand, initial: ContactShape | None) -> str:
         """Return words if tendons that hardly stretch leave the body no play; else nothing."""
         soft = np.maximum(self._compliances, STIFF * self._whole.give)
         rigid = np.isfinite(command.displacements) & (self._compliances < FEWER * soft)
@@ -481,7 +483,7 @@ class ContactModel:
 
     def _solve(
         self,
-        command: Command,
+        command: ContactCommand,
         initial: ContactShape | None,
         compliances: Floats | None = None,
     ) -> ContactShape:
@@ -499,7 +501,7 @@ class ContactModel:
         before = None
         if initial is None:
             none = np.zeros((len(self.walls), n))
-            start = State(part.rest, none, np.zeros(count), none)
+            start = ContactState(part.rest, none, np.zeros(count), none)
         else:
             start = carry_state(initial, part)
             before = place_before(initial, part) - task.base[:3, 3]
@@ -587,7 +589,7 @@ def measure_bends(part: FreePart, turns: Floats) -> BendMeasure:
     return BendMeasure(bends=bends, curvatures=curvatures, round_off=LIMIT_ROUND_OFF)
 
 
-def carry_state(initial: ContactShape, part: FreePart) -> State:
+def carry_state(initial: ContactShape, part: FreePart) -> ContactState:
     """Return where to start from: curvatures and forces at the same distances from the base."""
     old, state = initial.part, initial.state
     if np.array_equal(old.arc_length, part.arc_length):
@@ -598,7 +600,7 @@ def carry_state(initial: ContactShape, part: FreePart) -> State:
     ends, before = part.arc_length[1:] - part.cut, old.arc_length[1:] - old.cut
     density = state.forces / old.shares
     forces = np.stack([np.interp(ends, before, row) for row in density]) * part.shares
-    return State(turns * part.spans[:, None] + part.rest, forces, state.tensions, forces)
+    return ContactState(turns * part.spans[:, None] + part.rest, forces, state.tensions, forces)
 
 
 def place_before(initial: ContactShape, part: FreePart) -> Floats:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .checks import Floats
+from ..numeric.arrays import Floats
 from .energy import Grid, Segment
 from .equilibrium import Spots, find_least, vary_twice
 from .kernels.contact import add_contacts, press_walls
@@ -192,7 +192,7 @@ class FreePart(Grid):
 
 
 @dataclass(eq=False)
-class State:
+class ContactState:
     """Turns (n, 3) of the segments and multipliers: contacts (w, n) [N], tensions (t,) [N].
 
     `expected` (w, n) are the forces that the last step expects here [N].
@@ -390,7 +390,7 @@ class ContactProblem:
 
     def measure(
         self,
-        state: State,
+        state: ContactState,
         stage: Stage,
         seen: Seen | None = None,
         *,
@@ -449,7 +449,7 @@ class ContactProblem:
             hessian=hessian,
         )
 
-    def pull_on(self, state: State, found: Measure, turns: Floats) -> Floats:
+    def pull_on(self, state: ContactState, found: Measure, turns: Floats) -> Floats:
         """Return the tensions (t,) that Newton's method on the lengths themselves takes."""
         hold = self.compliances + self.tendon_penalty
         taut = self.held & ((found.tensions > 0.0) | ~self.cables)
@@ -484,7 +484,7 @@ class ContactProblem:
         )
         return places @ self.base[:3, :3].T + self.base[:3, 3], forces, moments
 
-    def measure_stability(self, state: State, found: Measure) -> float:
+    def measure_stability(self, state: ContactState, found: Measure) -> float:
         """Return the least eigenvalue of the second variation, as `LoadedRod` does.
 
         Among motions that keep the tendons' lengths and the contacts that have a force, or press
@@ -527,7 +527,7 @@ class ContactProblem:
 class Solution:
     """Where the solver ends: state, its measure, steps, and what is known of stability."""
 
-    state: State
+    state: ContactState
     found: Measure
     steps: int = 0
     moved: float = math.inf
@@ -561,7 +561,7 @@ class Move:
     kicked: bool = False
 
 
-def find_move(task: ContactProblem, state: State, found: Measure) -> Move:
+def find_move(task: ContactProblem, state: ContactState, found: Measure) -> Move:
     """Return the step of Newton's method, of a Hessian that is made convex."""
     from scipy.linalg.lapack import dpotrs
 
@@ -588,7 +588,7 @@ def find_move(task: ContactProblem, state: State, found: Measure) -> Move:
     return move
 
 
-def minimise(task: ContactProblem, start: State, first: int = 0) -> Solution:
+def minimise(task: ContactProblem, start: ContactState, first: int = 0) -> Solution:
     """Return the stable equilibrium that is reached from a state, by Newton's method."""
     state = start
     stages = task.stages
@@ -660,7 +660,7 @@ def find_fall(found: Measure, stiffness: Floats) -> Floats:
     return np.asarray((-way if way @ found.gradient > 0.0 else way).reshape(-1, 3))
 
 
-def measure_imbalance(task: ContactProblem, state: State, found: Measure) -> float:
+def measure_imbalance(task: ContactProblem, state: ContactState, found: Measure) -> float:
     """Return the moment by which a segment is out of balance, against those that act."""
     stiffness, spots = task.part.stiffness, task.spots
     arms = np.linalg.norm(found.points, axis=1)
@@ -671,7 +671,9 @@ def measure_imbalance(task: ContactProblem, state: State, found: Measure) -> flo
     return float(np.abs(found.gradient).max()) / max(largest, 1e-6 * float(stiffness.max()))
 
 
-def settle(task: ContactProblem, start: State, before: Floats | None, first: int) -> Solution:
+def settle(
+    task: ContactProblem, start: ContactState, before: Floats | None, first: int
+) -> Solution:
     """Return the equilibrium from a state, after the normal forces of friction have settled."""
     solution = minimise(task, start, first)
     if task.options.friction == 0.0 or before is None:

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from ..numeric.arrays import Floats
 from ..results import Json, Result, list_coordinates, take_axes, to_plain
-from .checks import Floats
-from .equilibrium import Command, Equilibrium, Factors, LoadedRod
+from .equilibrium import Equilibrium, Factors, LoadedRod, TendonCommand
 from .kernels.energy import TURN_LIMIT
 from .shape import Shape
 
@@ -152,7 +152,7 @@ class Tracer:
     """Steps along the equilibria of a rod as a factor changes."""
 
     rod: LoadedRod
-    command: Command
+    command: TendonCommand
     varied: Varied
     span: tuple[float, float]
 

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_array, check_number, take_named
 from ..errors import GeometryError, InputError
-from .checks import Floats
+from ..numeric.arrays import Floats
 from .model import (
     BendMeasure,
     ContinuumModel,
@@ -409,7 +409,6 @@ class ParallelModel(ContinuumModel):
 
 
 # Which bends a robot can take: its sections' limits, its tendons' travel, what they control.
-
 
 LIMIT_INSET_RAD = 1e-10
 """Distance that is kept from each limit, so that round-off does not pass it [rad]."""

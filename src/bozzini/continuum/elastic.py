@@ -14,7 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_kind, check_points, check_word, quantity
 from ..errors import InputError
-from .checks import Floats, check_values
+from ..numeric.arrays import Floats
+from .checks import check_values
 from .coupling import check_displacements
 from .gradients import Held, Response, ShapeJacobian, move_rigidly
 from .loads import Load, PackedLoads, check_loads, pack_loads

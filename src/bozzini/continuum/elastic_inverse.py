@@ -20,7 +20,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_integer, check_number
 from ..errors import InputError
-from .checks import Floats, check_values
+from ..numeric.arrays import Floats
+from .checks import check_values
 from .elastic import ElasticModel
 from .inverse import ContinuumInverse, InverseOptions
 from .model import ContinuumModel
@@ -74,7 +75,7 @@ AT_LIMIT = 1e-6
 """Distance from a limit that counts as at it, as a share."""
 
 
-class Trial(NamedTuple):
+class TensionTrial(NamedTuple):
     """Scaled tensions, the shape under them, its residual and cost."""
 
     pulls: Floats
@@ -186,7 +187,7 @@ class ElasticSearch:
         self, *, starts: int, near: float, aside: float, initial: ArrayLike | None
     ) -> ContinuumInverse:
         """Search from several starts, until one meets the goal."""
-        best: Trial | None = None
+        best: TensionTrial | None = None
         steps = tried = 0
         for start in self._make_starts(starts, initial):
             tried += 1
@@ -238,13 +239,13 @@ class ElasticSearch:
         low, high = self.bounds
         return [np.clip(start, low, high) for start in starts[:count]]
 
-    def _try(self, pulls: Floats, before: Shape | None) -> Trial:
+    def _try(self, pulls: Floats, before: Shape | None) -> TensionTrial:
         """Return the shape under scaled tensions, begun at the one before."""
         begin = None if self._slides else before
         shape = self.free_model.shape_under_tensions(pulls * self.unit, initial=begin)
         residual = self._measure(shape)
         cost = float(residual @ residual) if shape.converged else math.inf
-        return Trial(pulls, shape, residual, cost)
+        return TensionTrial(pulls, shape, residual, cost)
 
     def _measure(self, shape: Shape) -> Floats:
         tip = self.goal.measure(shape.tip_frame)
@@ -265,7 +266,7 @@ class ElasticSearch:
         """Tendons whose travel has limits."""
         return np.flatnonzero(np.isfinite(self.robot.tendon_travel).any(axis=1))
 
-    def _differentiate(self, trial: Trial) -> Floats:
+    def _differentiate(self, trial: TensionTrial) -> Floats:
         """Return the derivative of the residual by the scaled tensions."""
         if not self._limited.size and not self._slides:
             jacobian = self.free_model.jacobian(trial.shape, held="tensions")
@@ -277,7 +278,7 @@ class ElasticSearch:
             columns.append((moved.residual - trial.residual) / DIFFERENCE)
         return np.stack(columns, axis=1)
 
-    def _improve(self, start: Floats) -> tuple[Trial | None, int]:
+    def _improve(self, start: Floats) -> tuple[TensionTrial | None, int]:
         """Return the best tensions near a start, and the steps that it took."""
         trial = self._try(start, None)
         if not math.isfinite(trial.cost):
@@ -293,7 +294,7 @@ class ElasticSearch:
         last, more = self._descend(smaller, 0.0)
         return (last if last.cost <= MET_COST else trial), steps + took + more
 
-    def _descend(self, trial: Trial, weight: float) -> tuple[Trial, int]:
+    def _descend(self, trial: TensionTrial, weight: float) -> tuple[TensionTrial, int]:
         """Take steps with one weight of the tensions, until they lead no further."""
         damping, steps = FIRST_DAMPING, 0
         while steps < MOST_STEPS:
@@ -304,7 +305,7 @@ class ElasticSearch:
                 break
         return trial, steps
 
-    def _shrink(self, trial: Trial) -> tuple[Trial, int]:
+    def _shrink(self, trial: TensionTrial) -> tuple[TensionTrial, int]:
         """Follow the goal to where no tensions nearby that meet it have smaller squares."""
         from scipy.optimize import lsq_linear
 
@@ -328,11 +329,13 @@ class ElasticSearch:
         """Units of the tensions, by the largest."""
         return np.asarray(self.unit / self.unit.max(initial=1e-300))
 
-    def _size(self, trial: Trial) -> float:
+    def _size(self, trial: TensionTrial) -> float:
         """Sum of the squared tensions, by the largest unit."""
         return float(np.sum((self._shares * trial.pulls) ** 2))
 
-    def _step(self, trial: Trial, damping: float, weight: float) -> tuple[Trial, float, float]:
+    def _step(
+        self, trial: TensionTrial, damping: float, weight: float
+    ) -> tuple[TensionTrial, float, float]:
         """Take one step; return where it leads, the damping for the next, and the cost's fall."""
         from scipy.optimize import lsq_linear
 

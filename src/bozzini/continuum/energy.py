@@ -14,10 +14,18 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_array, check_integer, check_word, quantity
 from ..errors import GeometryError, InputError
-from .checks import Floats
+from ..numeric.arrays import Floats
 from .continuation import EquilibriumPath, Point, Tracer, Varied
 from .elastic import ElasticModel, check_tension_commands, place_stations
-from .equilibrium import WHOLE, ZERO_MODE, Command, Equilibrium, LoadedRod, Spots, measure_rest
+from .equilibrium import (
+    WHOLE,
+    ZERO_MODE,
+    Equilibrium,
+    LoadedRod,
+    Spots,
+    TendonCommand,
+    measure_rest,
+)
 from .gradients import Held, Response
 from .kernels import energy as kernels
 from .kernels.energy import (
@@ -414,7 +422,7 @@ class EnergyModel(ElasticModel):
         )
 
     def _shape_loaded(
-        self, commands: Floats, todo: Sequence[Command], starts: Sequence[Start | None]
+        self, commands: Floats, todo: Sequence[TendonCommand], starts: Sequence[Start | None]
     ) -> Shape:
         """Shapes of commands (..., t), one by one, under the loads."""
         rod, natural = self._rod, self.natural_lengths
@@ -619,11 +627,11 @@ class EnergyModel(ElasticModel):
             tolerance=self.tolerance,
         )
 
-    def _command(self, command: Floats, given: Held) -> Command:
+    def _command(self, command: Floats, given: Held) -> TendonCommand:
         """What displacements or tensions (t,) ask of the tendons."""
         pulled = given == "tensions"
         moved = 0.0 if pulled else np.nan_to_num(command) + self._pretension_stretches
-        return Command(
+        return TendonCommand(
             free_lengths=self.natural_lengths - moved,
             rest_lengths=self.natural_lengths,
             held=np.isfinite(command) & (not pulled),
@@ -644,13 +652,13 @@ class EnergyModel(ElasticModel):
         turns = measure_turns(initial.frames)
         return [(turns[place], initial.tensions[place]) for place in places]
 
-    def _measure_stability(self, found: Answers, index: int, command: Command) -> float:
+    def _measure_stability(self, found: Answers, index: int, command: TendonCommand) -> float:
         """Stability of one answer of the unloaded rod."""
         start = found.turns[index], found.tensions[index]
         same = self._rod.solve(command, WHOLE, start)
         return self._rod.measure_stability(command, same)
 
-    def _share(self, command: Command, found: Equilibrium) -> Floats:
+    def _share(self, command: TendonCommand, found: Equilibrium) -> Floats:
         """Least tensions that hold the rod as it is, where the lengths leave them open."""
         tensions = found.tensions.copy()
         if not found.found or self._compliances.any() or command.held.sum() < 2:
@@ -748,7 +756,7 @@ class EnergyModel(ElasticModel):
             f"pull less, or let out those on the other side; {advise_contradiction(self.tolerance)}"
         )
 
-    def _explain_loaded(self, command: Command, last: Equilibrium) -> str:
+    def _explain_loaded(self, command: TendonCommand, last: Equilibrium) -> str:
         """Why command and loads could not be followed."""
         if command.held.any():
             asked = np.where(command.held, self.natural_lengths - command.free_lengths, 0.0)
@@ -774,7 +782,7 @@ class EnergyModel(ElasticModel):
             f"{explain_contrast(self.robot)}"
         )
 
-    def _find_play(self, command: Command, found: Equilibrium) -> str:
+    def _find_play(self, command: TendonCommand, found: Equilibrium) -> str:
         """Why tendons that do not stretch leave the tip open under loads; else nothing."""
         rigid = command.held & (self._compliances == 0.0) & (found.tensions != 0.0)
         if self._packed_loads.is_empty or np.count_nonzero(rigid) < 2:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from .checks import Floats
+from ..numeric.arrays import Floats
 from .kernels.energy import CHANNEL, CONVERGED, NOT_CONVERGED, measure_lengths
 from .kernels.equilibrium import (
     fill_proximities,
@@ -119,7 +119,7 @@ WHOLE = Factors()
 
 
 @dataclass(frozen=True, eq=False)
-class Command:
+class TendonCommand:
     """What the tendons of one robot are told to do.
 
     Parameters
@@ -198,7 +198,7 @@ class LoadedRod:
 
     def solve(
         self,
-        command: Command,
+        command: TendonCommand,
         factors: Factors,
         start: tuple[Floats, Floats],
     ) -> Equilibrium:
@@ -245,7 +245,7 @@ class LoadedRod:
         return self.grid.packed, self.rest, tendons, own.places, loads
 
     def follow(
-        self, command: Command, *, initial: tuple[Floats, Floats] | None = None
+        self, command: TendonCommand, *, initial: tuple[Floats, Floats] | None = None
     ) -> list[Equilibrium]:
         """Return equilibria up to the whole command and loads, raised together from rest.
 
@@ -282,7 +282,7 @@ class LoadedRod:
 
     def start_path(
         self,
-        command: Command,
+        command: TendonCommand,
         factors: Factors,
         *,
         initial: tuple[Floats, Floats] | None = None,
@@ -303,7 +303,7 @@ class LoadedRod:
         stretched = self.compliances * found.tensions**2
         return 0.5 * float((self.grid.stiffness * bent**2).sum() + stretched.sum())
 
-    def measure_stability(self, command: Command, found: Equilibrium) -> float:
+    def measure_stability(self, command: TendonCommand, found: Equilibrium) -> float:
         """Return the least eigenvalue of the second variation, against the straight rod's.
 
         Lengths that are held and carry tension do not change, or stretch their tendon. Loads
@@ -319,18 +319,18 @@ class LoadedRod:
             least = min(least, alone) if alone < -ZERO_MODE else least
         return least
 
-    def _find_softest(self, command: Command, found: Equilibrium) -> Floats:
+    def _find_softest(self, command: TendonCommand, found: Equilibrium) -> Floats:
         """Turns (n, 3) of the softest mode, under loads with a potential."""
         modes = np.linalg.eigh(self._second_variation(command, found))[1]
         return np.asarray(modes[:, 0].reshape(-1, 3) / np.sqrt(self.grid.stiffness))
 
-    def _second_variation(self, command: Command, found: Equilibrium) -> Floats:
+    def _second_variation(self, command: TendonCommand, found: Equilibrium) -> Floats:
         taut = command.held & ((found.tensions != 0.0) | self.pushes)
         rows = found.slopes.reshape(len(taut), -1)[taut]
         return vary_twice(found.hessian, self.grid.stiffness.ravel(), rows, self.compliances[taut])
 
     def settle(
-        self, command: Command, found: Equilibrium, factors: Factors = WHOLE
+        self, command: TendonCommand, found: Equilibrium, factors: Factors = WHOLE
     ) -> tuple[Equilibrium, float]:
         """Return the equilibrium and its stability; kicked where tendons without tension may hold.
 
@@ -356,7 +356,7 @@ class LoadedRod:
         return dataclasses.replace(back, steps=found.steps, share=found.share), value
 
     def find_buckling(
-        self, command: Command, path: list[Equilibrium]
+        self, command: TendonCommand, path: list[Equilibrium]
     ) -> tuple[float, tuple[Floats, Floats]]:
         """Return from which part of command and loads on a followed path is unstable.
 
@@ -381,7 +381,7 @@ class LoadedRod:
                 low, state = middle, (found.turns, found.tensions)
         return high, state
 
-    def _first_part(self, command: Command) -> float:
+    def _first_part(self, command: TendonCommand) -> float:
         """Part that is tried at once: what may turn the straight rod little."""
         ends = self.grid.arc_length[self.spots.segments + 1]
         moment = float(np.linalg.norm(self.spots.forces, axis=1) @ ends)

@@ -36,8 +36,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from ..numeric.arrays import Floats
 from ..numeric.kernels.linear_algebra import solve_bounded, solve_complementary
-from .checks import Floats
 from .kernels.friction import measure_tendons, move_tensions, reduce_slip
 from .rod_grid import measure_rest_rates
 
@@ -202,7 +202,7 @@ class Bending:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Drive:
+class DriveCommand:
     """What is asked of the tendons at the base.
 
     Parameters
@@ -230,7 +230,7 @@ class Drive:
         gaps = np.where(self.low < self.high, lengths - self.limits, 0.0)
         return np.where((self.low == 0.0) & (tensions == 0.0), np.maximum(gaps, 0.0), gaps)
 
-    def go_part(self, state: FrictionState, part: float) -> Drive:
+    def go_part(self, state: FrictionState, part: float) -> DriveCommand:
         """Return what is part of the way from a state to what is asked."""
         if part == 1.0:
             return self
@@ -258,7 +258,7 @@ class Drive:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Step:
+class NewtonStep:
     """What a step of Newton's method did, or why it could not.
 
     Parameters
@@ -293,7 +293,7 @@ class Sliding:
     pulled: Floats = field(default_factory=lambda: np.zeros(0))
     acting: Floats = field(default_factory=lambda: np.zeros(0))
 
-    def follow(self, drive: Drive) -> tuple[FrictionState, str]:
+    def follow(self, drive: DriveCommand) -> tuple[FrictionState, str]:
         """Return the state under a command, or why there is none.
 
         If need be it is approached over more slips, and then in ever more parts.
@@ -311,7 +311,7 @@ class Sliding:
             if not reason or held or parts > MOST_PARTS or self.iterations >= MOST_ITERATIONS:
                 return self.before, reason
 
-    def settle(self, drive: Drive, fine: bool) -> str:
+    def settle(self, drive: DriveCommand, fine: bool) -> str:
         """Go to the state under a command at once, and return why there is none; else nothing."""
         old = self.before
         profile, shares, lengths = old.tensions.copy(), STUCK * old.shares, old.lengths.copy()
@@ -343,8 +343,12 @@ class Sliding:
         return ""
 
     def _step(
-        self, drive: Drive, state: tuple[Floats, Floats, Floats, Floats], level: float, part: float
-    ) -> Step:
+        self,
+        drive: DriveCommand,
+        state: tuple[Floats, Floats, Floats, Floats],
+        level: float,
+        part: float,
+    ) -> NewtonStep:
         """Improve tensions, shares, lengths and curvatures by one step."""
         channels, old = self.channels, self.before
         profile, shares, lengths, curvatures = state
@@ -352,12 +356,12 @@ class Sliding:
         self.iterations += 1
         bent = self.bend(profile, level > 1.0)
         if bent.reason:
-            return Step(reason=bent.reason)
+            return NewtonStep(reason=bent.reason)
         rates, wraps, give = np.empty(shape), np.empty(shape), np.empty((*shape, shape[2]))
         if not measure_tendons(
             channels.grid, profile, bent.moments, curvatures, rates, give, wraps
         ):
-            return Step(reason="no curvature was found")
+            return NewtonStep(reason="no curvature was found")
         give += (channels.flexibility * channels.rest_rates)[..., None] * np.eye(shape[2])
         lengths[:] = channels.measure_lengths(rates, profile)
         whole = lengths[0, 0]
@@ -370,11 +374,11 @@ class Sliding:
         parts = np.empty(give.shape), np.empty(shape), np.empty(give.shape), np.empty(shape)
         lying = wraps, give
         if not reduce_slip(channels.spans, channels.friction, now, lying, presliding, *parts):
-            return Step(reason="tensions do not fix the slip of tendons")
+            return NewtonStep(reason="tensions do not fix the slip of tendons")
         kept = profile.copy()
         self.pulled = drive.pull(whole, kept[0, 0], parts[2][0, 0], parts[3][0, 0])
         move_tensions(channels.friction, now, wraps, (presliding, part), parts, self.pulled)
-        return Step(
+        return NewtonStep(
             size=float(np.abs(profile - kept).max(initial=0.0)),
             scale=float(np.abs(profile).max(initial=0.0)),
             gap=float(np.abs(drive.gaps(whole, kept[0, 0])).max(initial=0.0)),

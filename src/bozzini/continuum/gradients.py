@@ -7,8 +7,8 @@ from typing import Literal
 
 import numpy as np
 
+from ..numeric.arrays import Floats
 from ..results import show_briefly
-from .checks import Floats
 
 Held = Literal["displacements", "tensions"]
 """What of the tendons stays while a load, a stiffness, the routing or the base changes."""

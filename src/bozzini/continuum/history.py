@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..checks import check_integer
+from ..numeric.arrays import Floats
 from ..results import Json, Result, list_coordinates, take_axes
-from .checks import Floats
 from .shape import Shape
 
 if TYPE_CHECKING:

@@ -15,10 +15,11 @@ from numpy.typing import ArrayLike, NDArray
 from ..checks import check_array, check_number, check_path, check_points, check_range, show_apart
 from ..errors import FileFormatError, InputError
 from ..io.sheets import read_sheet, take_numbers
+from ..numeric.arrays import Floats
 from ..numeric.polylines import carry_frames, interpolate_polyline, measure_arc_length
 from ..progress import Progress, no_progress
 from ..results import Json, Result, measured, take_axes, to_plain
-from .checks import Floats, check_frame, check_values
+from .checks import check_frame, check_values
 from .contact import ContactModel, ContactShape, draw_shapes
 from .robot import RobotDesign
 

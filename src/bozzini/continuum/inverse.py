@@ -21,16 +21,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_integer, check_number, show_apart
 from ..errors import GeometryError, InputError
+from ..numeric.arrays import Floats
 from ..results import Json, Result, measured, to_plain
 from .arc import ArcModel, arc_frames
-from .checks import (
-    MAX_COORDINATE_MM,
-    Floats,
-    check_directions,
-    check_frame,
-    check_places,
-    check_values,
-)
+from .checks import MAX_COORDINATE_MM, check_directions, check_frame, check_places, check_values
 from .coupling import BendLimits, find_limits
 from .kernels.inverse import REACHED, SETTLED, improve, move_inside, rank_starts, search
 from .profile import ROUND_OFF_MM
@@ -236,7 +230,7 @@ class ContinuumInverse(Result):
 
 
 @dataclass(frozen=True, eq=False)
-class Search:
+class InverseProblem:
     """A goal in the kernels' terms, and the closed-form start for it."""
 
     limits: BendLimits
@@ -245,7 +239,7 @@ class Search:
     guess: Floats
 
     @classmethod
-    def of_tip(cls, robot: RobotDesign, place: Floats, axes: Floats) -> Search:
+    def of_tip(cls, robot: RobotDesign, place: Floats, axes: Floats) -> InverseProblem:
         """Return the search for a place of the tip and its axes, shape (0, 1 or 3, 3)."""
         limits = find_limits(robot)
         last = np.array([len(robot.sections) - 1])
@@ -258,7 +252,9 @@ class Search:
         )
 
     @classmethod
-    def of_curve(cls, robot: RobotDesign, places: Floats, along: Floats, weights: Floats) -> Search:
+    def of_curve(
+        cls, robot: RobotDesign, places: Floats, along: Floats, weights: Floats
+    ) -> InverseProblem:
         """Return the search for places (k, 3) at arc lengths (k,) with weights (k,)."""
         limits = find_limits(robot)
         along = np.clip(along, 0.0, robot.length)
@@ -448,7 +444,9 @@ def solve_tip(
     GeometryError
         If the robot's tendons are not parallel, or its limits leave no shape at all.
     """
-    return Search.of_tip(robot, *check_tip_target(target, direction)).run(options, starts=16)
+    return InverseProblem.of_tip(robot, *check_tip_target(target, direction)).run(
+        options, starts=16
+    )
 
 
 def solve_pose(
@@ -476,7 +474,7 @@ def solve_pose(
     GeometryError
         If the robot's tendons are not parallel, or its limits leave no shape at all.
     """
-    return Search.of_tip(robot, *check_pose_target(target)).run(options, starts=32)
+    return InverseProblem.of_tip(robot, *check_pose_target(target)).run(options, starts=32)
 
 
 def solve_curve(
@@ -533,7 +531,7 @@ def solve_curve(
         heavy = check_values("weights", weights, (len(places),))
         if not (heavy.min() >= 0.0 and heavy.max() > 0.0):
             raise InputError(f"weights has {heavy.min():g}: none may be negative, nor all 0")
-    return Search.of_curve(robot, places, along, heavy).run(
+    return InverseProblem.of_curve(robot, places, along, heavy).run(
         {**options, "angle_tolerance": 1.0}, starts=4
     )
 

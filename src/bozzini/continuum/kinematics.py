@@ -13,9 +13,9 @@ from numpy.typing import ArrayLike
 
 from ..checks import check_array, check_kind, take_named
 from ..errors import InputError
+from ..numeric.arrays import Floats
 from .arc import ArcModel, jacobian
 from .calibration import RobotCalibration, convert_commands
-from .checks import Floats
 from .coupling import check_displacements, find_crooked
 from .elastic_inverse import solve_elastic
 from .inverse import (
@@ -138,8 +138,6 @@ class ContinuumRobot(RobotDesign):
             displacements and tensions.
         GeometryError
             If the model does not take such a robot.
-        PluginError
-            If a model of another package gives no shape.
         """
         if (displacements is None) == (tensions is None):
             raise InputError("forward takes either displacements or tensions: give one of them")

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_integer, quantity
 from ..errors import InputError
-from .checks import Floats
+from ..numeric.arrays import Floats
 from .coupling import BendSolution, ParallelModel
 from .kernels.arc import fill_linkage_frames, fill_linkage_points
 from .model import write_reasons

@@ -11,7 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_array, check_fields, check_word, quantity, show_apart, show_value
 from ..errors import InputError
-from .checks import Floats, check_values, take_items
+from ..numeric.arrays import Floats
+from .checks import check_values, take_items
 from .profile import ROUND_OFF_MM
 from .robot import ZERO, RobotDesign, Vector
 

@@ -16,10 +16,11 @@ from numpy.typing import NDArray
 from ..checks import check_array, check_path, check_word
 from ..errors import FileFormatError, InputError, UnitError
 from ..io.sheets import Sheet, read_sheet, show_cell, split_title, take_frame, take_numbers
+from ..numeric.arrays import Floats
 from ..results import show_briefly
 from ..units import parse_unit
 from .calibration import Command, Marker
-from .checks import Floats, check_items
+from .checks import check_items
 from .kinematics import ContinuumRobot
 
 if TYPE_CHECKING:

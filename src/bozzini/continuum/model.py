@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_array, check_fields, quantity
-from ..errors import InputError, PluginError
-from .checks import AXES_TOLERANCE, Floats
+from ..errors import GeometryError, InputError
+from ..numeric.arrays import Floats
 from .robot import RobotDesign, check_robot
 from .shape import Shape
 
@@ -128,22 +128,11 @@ class ContinuumModel(ABC):
         """
 
     def find_shape(self, displacements: ArrayLike) -> Shape:
-        """Return the answer of `shape`; tendons that a model does not let follow are held at 0.
-
-        Raises
-        ------
-        PluginError
-            If it is no `Shape`.
-        """
+        """Return the answer of `shape`; tendons that a model does not let follow are held at 0."""
         if not self.lets_follow:
             moved = check_array("displacements", displacements)
             displacements = np.where(np.isnan(moved), 0.0, moved)
-        found: object = self.shape(displacements)
-        if not isinstance(found, Shape):
-            raise PluginError(
-                f"the model {self.name} gave a {type(found).__name__}: it must give a Shape"
-            )
-        return found
+        return self.shape(displacements)
 
     def shape_under_tensions(self, tensions: ArrayLike, *, initial: Shape | None = None) -> Shape:
         """Return the shapes under tensions, of a model that takes them; see `ElasticModel`.
@@ -187,9 +176,8 @@ class ContinuumModel(ABC):
 
         Raises
         ------
-        PluginError
-            If the arrays do not go together, or the frames of a converged shape are not finite, or
-            of another package's model no rigid motions that start at the base.
+        GeometryError
+            If the last frame of a converged shape is not finite.
         """
         batch = displacements.shape[:-1]
         if verdict is None:
@@ -213,34 +201,19 @@ class ContinuumModel(ABC):
         shaped = {}
         for name, given in fields.items():
             values = np.asarray(given)
-            try:
-                shaped[name] = values.reshape(
-                    (*batch, *values.shape[values.ndim - own.get(name, 0) :])
-                )
-            except ValueError:
-                raise PluginError(
-                    f"{name} of the model {self.name} has shape {values.shape}: it must be one for "
-                    f"each set of displacements, whose shape is {displacements.shape}"
-                ) from None
-        try:
-            made = Shape(
-                robot=self.robot,
-                model=self.name,
-                arc_length=arc_length,
-                displacements=displacements.copy(),
-                disc_arc_length=self.robot.disc_arc_length if discs is None else discs,
-                friction=None,
-                **shaped,
-            )
-        except InputError as error:
-            raise PluginError(f"the model {self.name} makes no shape: {error}") from None
-        # Those of this package are products from the base on, each of a rotation by construction:
-        # the last one is not finite if any is not, and to check all costs more than an arc.
-        own_model = type(self).__module__.startswith(f"{__name__.partition('.')[0]}.")
-        looked = made.frames[..., -1:, :, :] if own_model else made.frames
-        wrong = find_wrong_frames(looked[made.converged], whole=not own_model)
-        if wrong:
-            raise PluginError(f"frames of the model {self.name} {wrong}")
+            shaped[name] = values.reshape((*batch, *values.shape[values.ndim - own.get(name, 0) :]))
+        made = Shape(
+            robot=self.robot,
+            model=self.name,
+            arc_length=arc_length,
+            displacements=displacements.copy(),
+            disc_arc_length=self.robot.disc_arc_length if discs is None else discs,
+            friction=None,
+            **shaped,
+        )
+        # Frames are products from the base on: the last one is not finite if any is not.
+        if not np.isfinite(made.frames[..., -1, :, :][made.converged]).all():
+            raise GeometryError(f"frames of the model {self.name} are not finite")
         return made
 
 
@@ -279,25 +252,6 @@ def check_tensions(robot: RobotDesign, tensions: NDArray[np.generic], verdict: V
     if not reasons:
         return verdict
     return converged & ~bad, np.where(bad, write_reasons(reason.shape, reasons), reason)
-
-
-def find_wrong_frames(frames: Floats, *, whole: bool) -> str:
-    """Return what is wrong with frames (n, k, 4, 4), in words; unless `whole`, if not finite."""
-    if not np.isfinite(frames).all():
-        return "are not finite"
-    if not whole:
-        return ""
-    turns = frames[..., :3, :3]
-    miss = np.abs(np.swapaxes(turns, -1, -2) @ turns - np.eye(3))
-    if miss.max(initial=0.0) > AXES_TOLERANCE:
-        return f"have axes that miss being orthonormal by {miss.max():.3g}"
-    if np.any(np.linalg.det(turns) < 0.0):
-        return "have left-handed axes"
-    if np.any(frames[..., 3, :] != (0.0, 0.0, 0.0, 1.0)):
-        return "have a last row that is not [0, 0, 0, 1]"
-    if np.abs(frames[:, :1] - np.eye(4)).max(initial=0.0) > AXES_TOLERANCE:
-        return "do not start with the identity at the base"
-    return ""
 
 
 def write_reasons(shape: tuple[int, ...], reasons: dict[tuple[int, ...], str]) -> NDArray[np.str_]:

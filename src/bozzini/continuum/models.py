@@ -13,6 +13,5 @@ CONTINUUM_MODELS: Registry[ContinuumModel] = Registry(
     "bozzini.continuum",
     lambda: ContinuumModel,
     lambda: collect_named(MODULES, ContinuumModel),  # type: ignore[type-abstract]
-    arguments=1,
 )
 """Classes of models by name; each is built from a robot, with options of its own."""

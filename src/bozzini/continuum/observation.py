@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from .checks import Floats
+from ..numeric.arrays import Floats
 from .measured import RobotMeasurements
 from .rod import RodModel
 from .shape import Shape

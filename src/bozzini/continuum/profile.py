@@ -9,7 +9,7 @@ import numpy as np
 
 from ..checks import Quantity, show_apart, show_value
 from ..errors import InputError
-from .checks import Floats
+from ..numeric.arrays import Floats
 
 ARC_LENGTH = Quantity(kind="length", help="Arc length from the base.", low=0.0)
 

@@ -18,8 +18,9 @@ from numpy.typing import ArrayLike, NDArray
 from ..checks import broadcast, check_array, check_integer, quantity, show_apart
 from ..errors import InputError
 from ..io.records import load_record, read_record, save_record, write_record
+from ..numeric.arrays import Floats
 from ..results import Json
-from .checks import Floats, check_items, check_text, check_turn, check_values
+from .checks import check_items, check_text, check_turn, check_values
 from .profile import ROUND_OFF_MM
 from .section import Helix, Section, Tendon
 

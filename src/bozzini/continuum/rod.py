@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from ..checks import quantity, show_apart
 from ..errors import InputError
-from .checks import Floats
+from ..numeric.arrays import Floats
 from .elastic import ElasticModel, check_tension_commands, place_stations
 from .friction import Channels, FrictionState
 from .gradients import Held, Response

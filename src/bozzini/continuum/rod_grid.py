@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from .checks import Floats
+from ..numeric.arrays import Floats
 from .loads import PackedLoads
 from .profile import ROUND_OFF_MM
 from .robot import RobotDesign

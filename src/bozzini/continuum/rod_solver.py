@@ -12,10 +12,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..numeric.arrays import Floats
 from ..numeric.kernels.linear_algebra import factor_lu, solve_bounded, solve_complementary, solve_lu
-from .checks import Floats
 from .equilibrium import ZERO_MODE, find_least, vary_twice
-from .friction import Bending, Channels, Drive, FrictionState, Sliding
+from .friction import Bending, Channels, DriveCommand, FrictionState, Sliding
 from .kernels import shooting
 from .kernels.rod import (
     LENGTHS,
@@ -985,7 +985,7 @@ def follow_sliding(
 
     goals = target.goals(1.0, 0.0)
     _, low, high = target.bounds
-    drive = Drive(
+    drive = DriveCommand(
         tensions=None if target.holds.any() else target.change,
         limits=goals,
         low=np.where(target.holds, low, goals),

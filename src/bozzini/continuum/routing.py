@@ -25,8 +25,8 @@ from numpy.typing import NDArray
 
 from ..checks import check_fields, quantity
 from ..errors import GeometryError
+from ..numeric.arrays import Floats
 from ..numeric.polylines import carry_frames, interpolate_polyline, measure_arc_length
-from .checks import Floats
 from .kernels.routing import find_curvatures, trace_backbone
 
 STEP_MM = 2.0
@@ -102,7 +102,7 @@ class RoutingLimits:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Trace:
+class BackboneTrace:
     """A backbone: its points (n + 1, 3), frames (n + 1, 3, 3), and what moves them."""
 
     points: Floats
@@ -157,7 +157,7 @@ class BackboneSteps:
         splines = make_splines(self.length, count)
         return np.asarray(splines(self.places)), np.asarray(splines(self.places, 1))
 
-    def trace(self, curvatures: Floats, frame: Floats, *, moves: bool = False) -> Trace:
+    def trace(self, curvatures: Floats, frame: Floats, *, moves: bool = False) -> BackboneTrace:
         """Return the backbone of curvatures (2 n, 3) from a frame (4, 4) on."""
         n = self.count
         points, turns = np.empty((n + 1, 3)), np.empty((n + 1, 3, 3))
@@ -166,7 +166,7 @@ class BackboneSteps:
         start = np.ascontiguousarray(frame[:3, :3])
         bends = np.ascontiguousarray(curvatures.reshape(n, 2, 3))
         trace_backbone(np.diff(self.ends), bends, start, points, turns, by_turn, by_place)
-        return Trace(points=points, turns=turns, by_turn=by_turn, by_place=by_place)
+        return BackboneTrace(points=points, turns=turns, by_turn=by_turn, by_place=by_place)
 
 
 def make_splines(length: float, count: int) -> Callable[..., Floats]:
@@ -185,7 +185,6 @@ def count_coefficients(length: float) -> int:
 
 
 # Least squares of a backbone's points, by parameters of its curvature and the base's rotation.
-
 
 FAR_MM = 1e3
 """Residual of a trial that has no curvature."""

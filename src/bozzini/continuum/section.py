@@ -23,7 +23,8 @@ from ..checks import (
     show_value,
 )
 from ..errors import InputError
-from .checks import Floats, check_items, check_name, check_text, check_travel, take_items
+from ..numeric.arrays import Floats
+from .checks import check_items, check_name, check_text, check_travel, take_items
 from .profile import (
     ROUND_OFF_MM,
     CurvatureKnots,

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import GeometryError, InputError
+from ..numeric.arrays import Floats
 from ..results import Json, Result, check_drawn, take_axes, to_plain
-from .checks import Floats
 from .friction import FrictionState
 from .robot import RobotDesign
 

@@ -16,9 +16,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ..numeric.arrays import Floats
 from .kernels.stability import NONE, count_below, reduce_form
 
-Floats = NDArray[np.float64]
 Form = tuple[Floats, Floats, Floats, Floats]
 Held = tuple[Floats, NDArray[np.bool_], NDArray[np.bool_]]
 """Compliances (k,) of the tendons, which hold a length (k,), and which of these are idle cables."""

@@ -11,9 +11,9 @@ from typing import Literal, TypeAlias, cast
 import numpy as np
 
 from ..errors import InputError
+from ..numeric.arrays import Floats
 from ..results import Json
 from .calibration import Marker, RobotCalibration, convert_commands
-from .checks import Floats
 from .kinematics import ContinuumRobot
 from .section import Section, Tendon
 

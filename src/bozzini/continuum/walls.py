@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_fields, quantity, show_value
 from ..errors import InputError
-from .checks import Floats
+from ..numeric.arrays import Floats
 from .kernels import contact as kernels
 
 FINEST_STEP = 0.02

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from ..checks import check_array, check_fields, list_quantities, quantity, show_apart
 from ..errors import InputError
-from .checks import Floats
+from ..numeric.arrays import Floats
 from .profile import Profile, check_profile, evaluate_profile, smallest_of
 
 GRAVITY = 9.80665

@@ -11,10 +11,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_integer, check_number, check_word
 from ..errors import InputError
+from ..numeric.arrays import Floats
 from ..progress import Progress, no_progress
 from ..results import ClosedForm, Json, Result, list_coordinates, measured, take_axes, to_plain
 from .arc import displacements_for, jacobian
-from .checks import MAX_COORDINATE_MM, Floats, check_cell, check_places, check_values
+from .checks import MAX_COORDINATE_MM, check_cell, check_places, check_values
 from .coupling import find_limits, require_arcs
 from .inverse import solve_tip
 from .kernels.arc import fill_tip_jacobians
@@ -265,7 +266,6 @@ def _hull_volume(points: Floats) -> float:
 
 
 # How well a robot of arcs moves and turns its tip: manipulability, and directions at a place.
-
 
 Part = Literal["position", "rotation", "pose"]
 """Which motion of the tip."""

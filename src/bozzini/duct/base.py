@@ -8,15 +8,15 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, fields, is_dataclass, replace
 from dataclasses import field as dataclass_field
-from functools import cached_property, partial, wraps
-from types import FunctionType
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, ClassVar, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_array, check_fields, check_number, check_points, show_apart, show_value
+from ..checks import check_array, check_fields, check_number, check_points, show_apart
 from ..errors import GeometryError, InputError
+from ..numeric.arrays import Floats
 from ..results import show_briefly, take_axes
 from .checks import (
     check_counts,
@@ -34,7 +34,6 @@ if TYPE_CHECKING:
 
 Kind = Literal["exact", "bound", "sampled"]
 Form = Literal["length", "angle", "number", "lengths", "numbers", "axes"]
-Floats = NDArray[np.float64]
 
 GRADIENT_STEP_MM = 1e-4
 """Step of the central differences by which a duct has a gradient that does not bring its own."""
@@ -59,11 +58,10 @@ class Duct(ABC):
     """A lumen, as planners see it: a signed distance to its wall, negative inside [mm].
 
     A shape of one's own derives from this class, or from `DuctShape`, as a frozen dataclass, and
-    brings `bounds` and `signed_distance`; what they return is made an array and checked
-    (`GeometryError` if it is not finite or of another shape). All else follows, and a shape that
-    knows better overrides it: the clearance bound from the distance, the gradient by differences,
-    and what compiled kernels see from a sampled field, whose error is stated. With kernels of its
-    own it derives from `PackedDuct` too. A class-level `name` is its name in files.
+    brings `bounds` and `signed_distance`, as arrays. All else follows, and a shape that knows
+    better overrides it: the clearance bound from the distance, the gradient by differences, and
+    what compiled kernels see from a sampled field, which is checked and whose error is stated. With
+    kernels of its own it derives from `PackedDuct` too. A class-level `name` is its name in files.
 
     The signed distance changes by at most 1 mm per mm (1-Lipschitz), the interpolant of a sampled
     duct by at most sqrt(3). `signed_distance` must never promise more clearance than there is by
@@ -85,19 +83,6 @@ class Duct(ABC):
 
     joined: ClassVar[bool] = False
     """Whether the shapes lie between two pieces of a file each, like cones between balls."""
-
-    def __init_subclass__(cls, **options: object) -> None:
-        """Check what the methods of another package's shape return."""
-        super().__init_subclass__(**options)
-        if cls.__module__.partition(".")[0] == __name__.partition(".")[0]:
-            return
-        for name, what in (("signed_distance", "signed distance"), ("clearance_bound", "bound")):
-            method = vars(cls).get(name)
-            if isinstance(method, FunctionType):
-                setattr(cls, name, _check_method(method, what))
-        bounds = vars(cls).get("bounds")
-        if isinstance(bounds, property) and bounds.fget is not None:
-            cls.bounds = property(_check_bounds(bounds.fget))  # type: ignore[assignment,method-assign]
 
     @property
     def kind(self) -> Kind:
@@ -389,41 +374,6 @@ def _refuse(
         place = ", ".join(f"{x:.4g}" for x in points.reshape(-1, points.shape[-1])[index])
         value = float(values.flat[index])
         raise GeometryError(f"the {what} {found.format(value)} at ({place}) mm: {legal}")
-
-
-def _check_method(method: Callable[..., ArrayLike], what: str) -> Callable[..., Floats]:
-    """Return a method of a shape whose values at points are checked."""
-
-    @wraps(method)
-    def call(self: Duct, points: ArrayLike, /) -> Floats:
-        return check_values(f"{what} of a {type(self).__name__}", points, method(self, points))
-
-    return call
-
-
-def _check_bounds(method: Callable[..., ArrayLike]) -> Callable[..., Floats]:
-    """Return a shape's `bounds` whose box is checked."""
-
-    @wraps(method)
-    def call(self: Duct) -> Floats:
-        name = f"bounds of a {type(self).__name__}"
-        try:
-            box = check_array(name, method(self))
-        except InputError as error:
-            raise GeometryError(f"the {error}") from None
-        if box.shape not in ((2, 2), (2, 3)) or not np.isfinite(box).all():
-            raise GeometryError(
-                f"the {name} are {show_value(box.tolist())}: they must be two corners of a finite "
-                "box, (2, 2) or (2, 3)"
-            )
-        if not (box[0] < box[1]).all():
-            raise GeometryError(
-                f"the {name} are {show_value(box.tolist())}: the first corner must lie below the "
-                "second"
-            )
-        return box
-
-    return call
 
 
 def check_duct(name: str, duct: object) -> None:

@@ -84,7 +84,7 @@ class Region:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Search:
+class ShortestPaths:
     """The least costs from some nodes to all others of the lumen, and the paths."""
 
     graph: LumenGraph
@@ -131,7 +131,7 @@ class LumenGraph:
         self.nodes = np.empty(count, dtype=np.int64)
         number_nodes(values, 0.0, self.number, self.nodes)
         self.depths = -values.reshape(-1)[self.nodes]
-        self._last: tuple[Key, Search] | None = None
+        self._last: tuple[Key, ShortestPaths] | None = None
         self._tips: dict[Key, list[Tip]] = {}
         floor = 0.25 * float(self.field.spacing.min())
         self.weights = (np.maximum(self.depths.astype(float), floor) / 10.0) ** -COST_POWER
@@ -191,7 +191,7 @@ class LumenGraph:
         gaps = np.linalg.norm((candidates - node) * self.field.spacing, axis=1)
         return np.asarray(candidates[int(np.argmin(gaps))])
 
-    def search(self, source: NDArray[np.int64]) -> Search:
+    def search(self, source: NDArray[np.int64]) -> ShortestPaths:
         """Minimum-cost paths from nodes (3,) or (k, 3) to all others.
 
         The last one is kept: settling the ends and the path itself often ask for the same.
@@ -204,7 +204,7 @@ class LumenGraph:
             before = np.full(len(self.nodes), -1, dtype=np.int32)
             arguments = (self.number, self.nodes, self.weights, self.field.spacing)
             find_costs(*arguments, self._number(source), costs, before)
-            self._last = (key, Search(graph=self, costs=costs, before=before))
+            self._last = (key, ShortestPaths(graph=self, costs=costs, before=before))
         return self._last[1]
 
     def measure_lengths(self, source: NDArray[np.int64]) -> NDArray[np.float64]:
@@ -290,7 +290,9 @@ class LumenGraph:
             self._tips[key] = tips
         return tips
 
-    def _find_tips(self, search: Search, lengths: NDArray[np.float64], most: int = 12) -> list[Tip]:
+    def _find_tips(
+        self, search: ShortestPaths, lengths: NDArray[np.float64], most: int = 12
+    ) -> list[Tip]:
         """Return the tips of longest taut paths, longest first, well apart."""
         from .kernels.graph import find_peaks
 

@@ -15,14 +15,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_array, check_number
 from ..errors import InputError
+from ..numeric.arrays import Floats
 from ..numeric.vectors import nearest_rotation
 from .base import Duct, Kind, PackedDuct, SampledField, Wrapped, check_duct
 from .checks import check_places, check_rotation
 from .packed import ROUNDING, Packed, ShapesData, join_shapes
 from .search import check_connected, find_least
 from .shapes.base import move_shapes
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..checks import check_array, check_points
 from ..errors import DeformationError, InputError
-
-Floats = NDArray[np.float64]
+from ..numeric.arrays import Floats
 
 Displacement = Callable[[Floats], ArrayLike]
 """How far tissue at points (n, 3) of the tract at rest is displaced, (n, 3), world frame [mm]."""

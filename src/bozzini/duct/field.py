@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..anatomy.frame import fit_frame, measure_shift
 from ..checks import check_number, check_points, show_value
 from ..errors import GeometryError, InputError
+from ..numeric.arrays import Floats
 from ..progress import Progress, no_progress
 from ..results import show_briefly
 from .base import PackedDuct, Wrapped
@@ -25,8 +26,6 @@ if TYPE_CHECKING:
     from .kernels.nearest import Tree
 
 # What a field is sampled from: a mesh or voxels, as a tree for distances and a rule for inside.
-
-Floats = NDArray[np.float64]
 
 MARK_SLACK = 0.5 + 1.0 / math.sqrt(3.0)
 """A point of a triangle has a marked node within so many cells along each axis."""

@@ -23,6 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_number, check_points, show_apart
 from ..errors import DeformationError, InputError
+from ..numeric.arrays import Floats
 from ..numeric.polylines import resample_polyline
 from .base import NODES_MAX, SampledField
 from .checks import set_fields
@@ -32,7 +33,6 @@ if TYPE_CHECKING:
     from ..anatomy.tract import SurfaceTract
     from .kernels.nearest import Tree
 
-Floats = NDArray[np.float64]
 
 REACH_MM, REACH_CELLS = 3.0, 1.5
 """Nodes within so much of the path, and so many cells more, are known; others count as wall [mm].

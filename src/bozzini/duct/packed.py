@@ -8,7 +8,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from ..numeric.arrays import Floats
 
 ROUNDING = 64.0 * 2.0**-52
 """Rounding error of a distance, as a fraction of the largest coordinate."""

@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal, cast
 import numpy as np
 
 from ..checks import Quantity, check_path, check_word, list_quantities, quantity
-from ..errors import FileFormatError, InputError, PluginError
+from ..errors import FileFormatError, InputError
 from ..io.files import check_new_file, write_text
 from ..io.records import format_yaml, load_data, read_record
 from ..io.schema import describe_type, make_schema
@@ -247,7 +247,7 @@ def _build(kind: type[Duct], items: Sequence[Json], options: Json) -> Duct:
         return kind(**given, **options)
     except InputError as error:
         raise type(error)(_name_field(kind, str(error))) from None
-    except (PluginError, TypeError, ValueError) as error:  # another package's need not check
+    except (TypeError, ValueError) as error:  # another package's need not check
         raise InputError(f"shapes cannot be made a {kind.__name__}: {error}") from None
 
 

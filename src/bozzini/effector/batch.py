@@ -15,12 +15,11 @@ from ..checks import list_quantities
 from ..muscle import EnergyMuscle, Muscle
 from ..muscle.design import BRAID_ANGLES
 from ..muscle.models.energy import PAST_LOCKING
+from ..numeric.arrays import Floats
 from .design import BEAM_FACTORS, EffectorDesign
 from .inverse import MISS_TOLERANCE_MM, UNCOVERED_GAP_RAD
 from .kernels import sweep as kernels
 from .model import EffectorModel
-
-Floats = NDArray[np.float64]
 
 HIGHEST_PRESSURE_MPA = 10.0
 """Pressure up to which one is looked for [MPa]: the largest that a design may have as limit."""

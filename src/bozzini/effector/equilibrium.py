@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..checks import check_number, check_word
 from ..errors import InputError
 from ..muscle import MuscleModel
+from ..numeric.arrays import Floats
 from ..numeric.roots import MAX_ITERATIONS, polish
 from ..results import Json, Result, measured, take_axes
 from .kernels import balance as kernels
@@ -19,8 +20,6 @@ from .model import EffectorModel
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

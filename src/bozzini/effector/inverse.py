@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..checks import check_array, check_axes, check_number, check_points, check_range
 from ..errors import InputError
 from ..muscle import MuscleModel
+from ..numeric.arrays import Floats
 from ..numeric.roots import polish
 from ..results import Json, Result, list_coordinates, measured, take_axes, to_plain
 from .design import EffectorDesign
@@ -25,7 +26,6 @@ from .model import EffectorModel, PackedEffector
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Floats = NDArray[np.float64]
 
 UNCOVERED_GAP_RAD = math.pi - 1e-9
 """Gap from which two muscles no longer cover the directions between them [rad]."""

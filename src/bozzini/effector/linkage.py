@@ -13,10 +13,10 @@ from ..checks import check_array, check_points, check_range, refuse_first, show_
 from ..errors import GeometryError, InputError
 from ..muscle import Muscle
 from ..muscle.design import LOCKING_ANGLE
+from ..numeric.arrays import Floats
 from .design import EffectorDesign
 from .kernels import linkage as kernels
 
-Floats = NDArray[np.float64]
 Linkage = tuple[float, float, int]
 
 

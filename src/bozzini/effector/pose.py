@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_array, check_points, check_word
 from ..errors import GeometryError, InputError
+from ..numeric.arrays import Floats
 from ..results import Json, Result, check_drawn, list_coordinates, measured, take_axes
 from .equilibrium import Settled, explain_equilibrium, list_muscles, settle_muscles
 from .kernels import balance as kernels
@@ -20,8 +21,6 @@ from .model import EffectorModel
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-Floats = NDArray[np.float64]
 
 
 def find_resultant(angles: ArrayLike, forces: ArrayLike) -> Floats:

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_array, check_integer, check_points
 from ..errors import InputError
+from ..numeric.arrays import Floats
 from ..results import ClosedForm, Json, list_coordinates, measured, take_axes
 from .design import EffectorDesign
 from .equilibrium import settle_muscles
@@ -22,8 +23,6 @@ from .model import EffectorModel
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -11,7 +11,8 @@ import numpy as np
 
 from ..checks import check_fields, quantity, show_apart
 from ..errors import GeometryError, InputError
-from .part import Channel, Floats, Part, drill
+from ..numeric.arrays import Floats
+from .part import Channel, Part, drill
 
 if TYPE_CHECKING:
     from ..effector import EffectorDesign

@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import GeometryError
+from ..numeric.arrays import Floats
 from ..results import Json
 
 if TYPE_CHECKING:
     import trimesh
 
-Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 CHORD_ERROR_MM = 0.005

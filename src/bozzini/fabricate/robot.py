@@ -11,8 +11,9 @@ import numpy as np
 
 from ..checks import check_fields, check_number, quantity, show_apart
 from ..errors import GeometryError
+from ..numeric.arrays import Floats
 from ..results import ClosedForm, Json, take_axes
-from .part import Channel, Floats, Part, drill, gather_copies
+from .part import Channel, Part, drill, gather_copies
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

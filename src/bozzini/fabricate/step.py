@@ -13,7 +13,8 @@ import numpy as np
 
 from ..errors import MissingExtraError, OutputError
 from ..io.files import write_atomically
-from .part import Channel, Floats, Part, cut, drill
+from ..numeric.arrays import Floats
+from .part import Channel, Part, cut, drill
 
 if TYPE_CHECKING:
     from OCP.Geom import Geom_BSplineSurface

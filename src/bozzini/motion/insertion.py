@@ -11,7 +11,7 @@ from .planner import Planner
 from .planners import PlannerOptions
 from .scope import Scope
 from .space import FreeSpace
-from .tube import Job, Style, TubeMotion, plan_in_tube
+from .tube import Style, TubeMotion, TubeProblem, plan_in_tube
 
 
 class TubePlanner(Planner):
@@ -30,7 +30,7 @@ class TubePlanner(Planner):
         progress: Progress = no_progress,
     ) -> TubeMotion:
         """Return a certified motion as far as it goes, and what would fit where it does not."""
-        job = Job(space, scope, options, self.style)
+        job = TubeProblem(space, scope, options, self.style)
         motion = plan_in_tube(job, progress=progress)
         if motion.refusal is not None and options.advise:
             refusal = find_advice(job, motion.refusal, progress=progress)

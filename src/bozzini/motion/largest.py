@@ -21,7 +21,7 @@ from .refusal import Refusal
 from .scope import SIZE_MIN_MM, Scope
 from .shape import SHORTEST_MM
 from .space import FreeSpace
-from .tube import MARGINS, Job, Style, TubeMotion
+from .tube import MARGINS, Style, TubeMotion, TubeProblem
 
 DIAMETER_STEP_MM, LINK_STEP_MM, INFLATION_STEP_MM = 0.05, 0.25, 0.1
 """Values that are tried are multiples of these, so that they are printed as they are."""
@@ -141,7 +141,7 @@ def certify_scope(
     return None if motion is None else float(motion.certificate.clearance)
 
 
-def find_advice(job: Job, refusal: Refusal, *, progress: Progress = no_progress) -> Refusal:
+def find_advice(job: TubeProblem, refusal: Refusal, *, progress: Progress = no_progress) -> Refusal:
     """Add to a refusal what a certified plan of the whole way is found for.
 
     A smaller diameter, shorter links, or a lumen inflated by more, each with all else as it was.
@@ -179,7 +179,7 @@ def find_advice(job: Job, refusal: Refusal, *, progress: Progress = no_progress)
     )
 
 
-def _find_inflation(job: Job, lack: float, trials: _Trials) -> float | None:
+def _find_inflation(job: TubeProblem, lack: float, trials: _Trials) -> float | None:
     """Return a small inflation, all of it, for which the whole way is planned [mm]."""
     duct = job.duct
     # Beyond its reach a field does not know how far the wall is outside the lumen.
@@ -229,7 +229,9 @@ class _Trials:
         except BozziniError:
             return None
         space = self.space.for_link(scope.link_length)
-        motion = Job(space, scope, self.options, self.style).try_whole_way(thorough=self.thorough)
+        motion = TubeProblem(space, scope, self.options, self.style).try_whole_way(
+            thorough=self.thorough
+        )
         return motion if motion is not None and motion.refusal is None else None
 
 

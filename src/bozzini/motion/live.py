@@ -22,7 +22,6 @@ from dataclasses import field as dataclass_field
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..anatomy.tissue import TissueFrame, TissueMotion
 from ..checks import check_fields, floor_beside, floor_mm, quantity
@@ -30,6 +29,7 @@ from ..duct.base import SampledField
 from ..duct.deformation import Displacement, carry_tissue
 from ..duct.moving import MovedField, MovingField
 from ..errors import DeformationError, InputError
+from ..numeric.arrays import Floats
 from ..results import Json, Result, take_axes
 from .certify import certify_motion, find_waiting
 from .moving import ReplanOptions, cut_ahead, replan
@@ -41,7 +41,6 @@ if TYPE_CHECKING:
 
     from ..anatomy.tract import SurfaceTract
 
-Floats = NDArray[np.float64]
 
 FrameStatus = Literal["held", "now", "lost", "refused"]
 """Certified until the next frame, the scope standing or on its plan; certified for the frame's time

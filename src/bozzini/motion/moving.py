@@ -28,7 +28,7 @@ from .refusal import Refusal
 from .scope import Introducer, Scope, measure_bore
 from .shape import HOPELESS_MM, SPACING_MM
 from .space import FreeSpace
-from .tube import MARGINS, Job, Standing, Style, TubeMotion, plan_in_tube
+from .tube import MARGINS, Standing, Style, TubeMotion, TubeProblem, plan_in_tube
 
 # A wall that gives way: it is displaced as little as needed, and contacts are named.
 
@@ -239,7 +239,7 @@ def replan(
     space = FreeSpace(duct, moved, _move_introducer(plan, advect, path[0], duct, scope))
     if standing is None:
         check_link(scope, moved)
-    job = Job(
+    job = TubeProblem(
         space,
         scope,
         asked,
@@ -258,7 +258,7 @@ def replan(
     elif motion is None:
         if line is not None:
             space = FreeSpace.at_entry(duct, line, along=scope.link_length)
-        motion = plan_in_tube(Job(space, scope, asked, style, links=job.links))
+        motion = plan_in_tube(TubeProblem(space, scope, asked, style, links=job.links))
     result = finish_plan(
         space, motion, scope=scope, options=asked, asked=plan.method, measure=again.measure
     )
@@ -291,7 +291,11 @@ def cut_ahead(
 
 
 def _go_on(
-    job: Job, attempt: _Attempt, plan: Plan, options: ReplanOptions, rest: NDArray[np.float64]
+    job: TubeProblem,
+    attempt: _Attempt,
+    plan: Plan,
+    options: ReplanOptions,
+    rest: NDArray[np.float64],
 ) -> Motion:
     """Return the motion of a scope that stands in the lumen; if there is none, it stays."""
     motion, standing = attempt.motion, job.standing
@@ -321,7 +325,7 @@ class _Attempt:
     reason: str = ""
 
 
-def _try_path(job: Job) -> _Attempt:
+def _try_path(job: TubeProblem) -> _Attempt:
     """Bend the job's line, the moved path, as little as needed, and move along it."""
     if job.bound[0] < job.scope.radius:
         return _Attempt(reason="the entry is narrower than the scope")

@@ -30,6 +30,7 @@ from ..errors import FileFormatError, InputError
 from ..io import records, schema
 from ..io.files import write_atomically
 from ..io.inputs import note_input
+from ..numeric.arrays import Floats
 from ..results import Json, Result, take_axes, to_plain
 from ..units import add_unit
 from .certify import Certificate
@@ -57,7 +58,6 @@ ROUND_OFF_MM = 1e-3
 _ARRAYS = ("joints", "head_arc_length", "clearance", "path", "path_arc_length", "path_radius")
 _TEXTS = ("method", "status", "reason_code", "reason")
 
-Floats = NDArray[np.float64]
 Status = Literal["complete", "stopped"]
 
 

@@ -12,7 +12,7 @@ from typing import ClassVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from ..checks import check_array, check_kind, check_number, check_word, show_apart, show_value
+from ..checks import check_array, check_kind, check_number, check_word, show_apart
 from ..duct.base import Duct
 from ..duct.centreline import Centreline
 from ..errors import InputError, PluginError
@@ -20,7 +20,7 @@ from ..numeric.polylines import measure_arc_length
 from ..progress import Progress, no_progress
 from .certify import Certificate, certify_motion
 from .measures import measure_motion, summarise_field
-from .plan import LENGTH_ROUND_OFF_MM, CandidateMotion, Plan
+from .plan import CandidateMotion, Plan
 from .planners import HEAD_STEP_MIN_MM, PLANNERS, PlannerOptions
 from .refusal import Refusal
 from .scope import Scope
@@ -64,7 +64,7 @@ class Motion:
 
     Raises
     ------
-    PluginError
+    InputError
         If `joints`, `head_arc_length` or `path` is no array of numbers.
     """
 
@@ -81,10 +81,7 @@ class Motion:
 
     def __post_init__(self) -> None:
         for name in ("joints", "head_arc_length", "path"):
-            try:
-                array = check_array(f"{name} of a motion", getattr(self, name))
-            except InputError as error:
-                raise PluginError(str(error)) from None
+            array = check_array(f"{name} of a motion", getattr(self, name))
             object.__setattr__(self, name, array)
 
 
@@ -135,7 +132,7 @@ class Planner(ABC):
         InputError
             If an option is not legal for this planner, scope or space.
         PluginError
-            If another package's planner gives a motion that is none, or not that of its path.
+            If another package's planner gives a motion that is not that of its path.
         """
         options = PlannerOptions() if options is None else options
         check_kind("space", space, FreeSpace)
@@ -159,7 +156,6 @@ class Planner(ABC):
         advise = options.advise and not short
         asked = dataclasses.replace(options, advise=advise)
         motion = self.move(space, scope, options=asked, progress=progress)
-        self._check_motion(motion, scope, options, dim=dim)
         if not self._is_own:
             motion = dataclasses.replace(motion, certificate=None)
         if short and not motion.reason_code and motion.refusal is None:
@@ -185,66 +181,6 @@ class Planner(ABC):
                     f"the planner {self.name} gave a motion that is not consistent: {check.name}: "
                     f"{check.message}"
                 )
-
-    def _check_motion(
-        self, motion: Motion, scope: Scope, options: PlannerOptions, *, dim: int
-    ) -> None:
-        """Raise `PluginError` for a motion that is none of this scope, or ends for no reason."""
-        if not isinstance(motion, Motion):
-            raise PluginError(
-                f"the planner {self.name} gave a {type(motion).__name__}: it must give a Motion"
-            )
-        joints, heads, path = motion.joints, motion.head_arc_length, motion.path
-        steps = len(heads) if heads.ndim == 1 else 0
-        if joints.ndim != 3 or joints.shape != (steps, max(joints.shape[1], 2), dim) or not steps:
-            raise PluginError(
-                f"the planner {self.name} gave joints of shape {joints.shape} for {heads.shape} "
-                f"arc lengths of the head: it must give (steps, joints, {dim}) and (steps,), at "
-                "least 1 step and 2 joints"
-            )
-        if path.ndim != 2 or path.shape != (max(len(path), 2), dim):
-            raise PluginError(
-                f"the planner {self.name} gave a path of shape {path.shape}: it must be (n, {dim}) "
-                "with n at least 2"
-            )
-        if not all(np.isfinite(array).all() for array in (joints, heads, path)):
-            raise PluginError(f"the planner {self.name} gave places that are not finite")
-        self._check_words(motion)
-        links = np.linalg.norm(np.diff(joints, axis=1), axis=2)
-        off = float(np.abs(links - scope.link_length).max())
-        if off > LENGTH_ROUND_OFF_MM:
-            shown = show_apart(off, LENGTH_ROUND_OFF_MM)
-            raise PluginError(
-                f"the planner {self.name} gave links {shown[0]} mm off {scope.link_length:g} mm: "
-                f"they must keep that within {shown[1]} mm"
-            )
-        end = options.route[-1] * float(measure_arc_length(path)[-1])
-        if not (motion.reason_code or motion.refusal) and abs(heads[-1] - end) > scope.link_length:
-            raise PluginError(
-                f"the planner {self.name} stopped with the head at {heads[-1]:.1f} mm of "
-                f"{end:.1f} mm: it must state why"
-            )
-
-    def _check_words(self, motion: Motion) -> None:
-        """Raise `PluginError` for a motion that does not state well why it ends, or its method."""
-        refusal, code, reason = motion.refusal, motion.reason_code, motion.reason
-        if isinstance(refusal, Refusal):
-            code, reason = refusal.code, refusal.reason
-        elif refusal is not None:
-            raise PluginError(
-                f"the planner {self.name} gave the refusal {show_value(refusal)}: it must be a "
-                "Refusal or None"
-            )
-        if not (isinstance(code, str) and isinstance(reason, str) and bool(code) == bool(reason)):
-            raise PluginError(
-                f"the planner {self.name} gave the reason code {show_value(code)} with the reason "
-                f"{show_value(reason)}: it must give both as text, or neither"
-            )
-        if not isinstance(motion.method, str):
-            raise PluginError(
-                f"the planner {self.name} gave the method {show_value(motion.method)}: it must be "
-                "text"
-            )
 
     def check(self, scope: Scope, options: PlannerOptions) -> None:
         """Raise `InputError` for any option that is not legal for every tract."""

@@ -52,7 +52,7 @@ def _load(place: str) -> type[object]:
 
 
 PLANNERS: Registry[object] = Registry(
-    GROUP, lambda: _load("planner:Planner"), _OwnPlanners, noun="planner", arguments=0
+    GROUP, lambda: _load("planner:Planner"), _OwnPlanners, noun="planner"
 )
 """Subclasses of `bozzini.motion.Planner` by name: ``"best"``, ``"tube"``, ``"follow"``,
 ``"thesis"``, and those that other installed packages add."""

@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
+from ..numeric.arrays import Floats
 
-__all__ = ["Recheck", "Tube", "Wall", "recheck_motion", "surface_wall", "voxel_wall"]
+__all__ = ["Recheck", "EntryTube", "TriangleWall", "recheck_motion", "surface_wall", "voxel_wall"]
 
-Floats = NDArray[np.float64]
 
 BATCH = 1 << 16
 """Cells measured at a time."""
@@ -37,7 +37,7 @@ BORE_ROUND_OFF_MM = 1e-3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Wall:
+class TriangleWall:
     """Triangles between the lumen and the rest, and which side is the lumen.
 
     Parameters
@@ -96,15 +96,15 @@ class Wall:
         return np.where(self.is_inside(places), distance, -distance)
 
 
-def surface_wall(vertices: ArrayLike, faces: ArrayLike) -> Wall:
+def surface_wall(vertices: ArrayLike, faces: ArrayLike) -> TriangleWall:
     """Return the wall of closed triangles, turned outwards."""
-    return Wall(
+    return TriangleWall(
         vertices=np.ascontiguousarray(vertices, dtype=np.float64),
         faces=np.ascontiguousarray(faces, dtype=np.int64),
     )
 
 
-def voxel_wall(mask: ArrayLike, affine: ArrayLike) -> Wall:
+def voxel_wall(mask: ArrayLike, affine: ArrayLike) -> TriangleWall:
     """Return the faces between the voxels of the lumen and all others, as triangles.
 
     Parameters
@@ -126,7 +126,7 @@ def voxel_wall(mask: ArrayLike, affine: ArrayLike) -> Wall:
         quads.append(np.stack([middle + corner for corner in corners], axis=1))
     corners_index = np.concatenate(quads).reshape(-1, 3)
     first = 4 * np.arange(len(corners_index) // 4)[:, None]
-    return Wall(
+    return TriangleWall(
         vertices=np.ascontiguousarray(corners_index @ matrix[:3, :3].T + matrix[:3, 3]),
         faces=np.concatenate([first + [0, 1, 2], first + [0, 2, 3]]),
         lumen=lumen,
@@ -135,7 +135,7 @@ def voxel_wall(mask: ArrayLike, affine: ArrayLike) -> Wall:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Tube:
+class EntryTube:
     """The straight tube through which the scope comes in.
 
     Parameters
@@ -227,10 +227,10 @@ class Recheck:
 
 def recheck_motion(
     joints: ArrayLike,
-    wall: Wall,
+    wall: TriangleWall,
     *,
     radius: float,
-    tube: Tube | None = None,
+    tube: EntryTube | None = None,
     inflation: float = 0.0,
     tolerance: float = 0.05,
 ) -> Recheck:
@@ -240,11 +240,11 @@ def recheck_motion(
     ----------
     joints : (steps, joints, 3) float
         World frame [mm]; joint 0 is the head, joints move straight between steps.
-    wall : Wall
+    wall : TriangleWall
         See `surface_wall` and `voxel_wall`.
     radius : float
         Of the body [mm].
-    tube : Tube, optional
+    tube : EntryTube, optional
         The introducer. Free of the wall is only what stands in it from the tail on, came in
         through its end, and within the clearance at the entry.
     inflation : float
@@ -272,7 +272,7 @@ def recheck_motion(
     if tube is not None:
         bore = tube.bore
         offered = float(wall.measure_clearance(tube.entry[None])[0]) + inflation
-        tube = Tube(entry=tube.entry, outward=tube.outward, bore=min(bore, max(offered, 0.0)))
+        tube = EntryTube(entry=tube.entry, outward=tube.outward, bore=min(bore, max(offered, 0.0)))
     search = _Search(chains, wall, radius, tube, inflation)
     lower = search.run(tolerance)
     found, place, at = search.found, search.place, search.at
@@ -325,7 +325,12 @@ class _Search:
     """Branch and bound over one motion."""
 
     def __init__(
-        self, joints: Floats, wall: Wall, radius: float, tube: Tube | None, inflation: float
+        self,
+        joints: Floats,
+        wall: TriangleWall,
+        radius: float,
+        tube: EntryTube | None,
+        inflation: float,
     ) -> None:
         # A motion of one step stands still.
         self.joints = joints if len(joints) > 1 else np.concatenate([joints, joints])
@@ -341,7 +346,7 @@ class _Search:
         self.found, self.samples, self.resolved = np.inf, 0, True
         self.place, self.at = np.zeros(3), (0.0, 0)
 
-    def _mark_waiting(self, tube: Tube) -> None:
+    def _mark_waiting(self, tube: EntryTube) -> None:
         """From which joint on the chain stands in the tube, at every step.
 
         A joint does not count if it came in through the side, and none does while the chain

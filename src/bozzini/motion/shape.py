@@ -12,10 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ..numeric.arrays import Floats
 from ..numeric.polylines import measure_arc_length, resample_polyline
 from .space import FreeSpace
-
-Floats = NDArray[np.float64]
 
 TARGET_MM = 0.15
 """How much more clearance than needed the band aims at."""

@@ -1,8 +1,8 @@
 """How long a rigid link may be along a duct: bounds from both sides, place by place.
 
 Thesis 5.3.5 proposes the diameter of a circle that rolls along the wall. That test is local and
-looks at one wall only (`bozzini.thesis.traverse_curvature`). Here a link is a segment with a body
-around it, and three lengths bracket the longest one that gets through:
+looks at one wall only (`validation/thesis/traverse_curvature.py`). Here a link is a segment with a
+body around it, and three lengths bracket the longest one that gets through:
 
 - *on the line*: all shorter links, and chains of them with every joint on the centreline, pass and
   never go backwards (proved);

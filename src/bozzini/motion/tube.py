@@ -131,7 +131,7 @@ class Standing:
         return np.linspace(begin, length, int(np.ceil((length - begin) / step - 1e-6)) + 1)
 
 
-def plan_in_tube(job: Job, *, progress: Progress = no_progress) -> TubeMotion:
+def plan_in_tube(job: TubeProblem, *, progress: Progress = no_progress) -> TubeMotion:
     """Plan a certified motion as far as it goes, and state why it ends there."""
     progress("plan", 0.0)
     if float(job.bound[0]) < job.scope.radius:
@@ -153,7 +153,7 @@ def plan_in_tube(job: Job, *, progress: Progress = no_progress) -> TubeMotion:
     return motion
 
 
-class Job:
+class TubeProblem:
     """One planning job: its inputs, and the steps that every attempt shares.
 
     Parameters
@@ -489,7 +489,7 @@ PREFIX_GAP_MM = 1.0
 """The search for a way to go further ends when it could gain less than this."""
 
 
-def explain_stop(job: Job) -> Refusal:
+def explain_stop(job: TubeProblem) -> Refusal:
     """State why the goal was not reached, after every attempt at the whole way has failed."""
     radius, duct, line = job.scope.radius, job.duct, job.line
     goal = float(job.bound[-1])
@@ -568,7 +568,7 @@ def explain_stop(job: Job) -> Refusal:
     return _unresolved(job)
 
 
-def _mention_grid(job: Job) -> str:
+def _mention_grid(job: TubeProblem) -> str:
     """Return a remark where the grid, not the lumen, may be what is too narrow."""
     if job.passages.grid is None or job.duct.error < 0.25 * job.scope.radius:
         return ""
@@ -576,7 +576,9 @@ def _mention_grid(job: Job) -> str:
     return f" (not proved: the grid may hide up to {hidden} mm, try a smaller --voxel)"
 
 
-def find_prefix(job: Job, refusal: Refusal, *, progress: Progress = no_progress) -> TubeMotion:
+def find_prefix(
+    job: TubeProblem, refusal: Refusal, *, progress: Progress = no_progress
+) -> TubeMotion:
     """Go as far as it certifiably goes.
 
     A guide leads as far as any way with clearance does. Paths along it are shaped, whole and in
@@ -623,7 +625,7 @@ def find_prefix(job: Job, refusal: Refusal, *, progress: Progress = no_progress)
     return replace(best, refusal=refusal.stop_at(_locate(job, best.path[-1]), bind))
 
 
-def _stop_before_goal(job: Job, motion: TubeMotion) -> TubeMotion:
+def _stop_before_goal(job: TubeProblem, motion: TubeMotion) -> TubeMotion:
     """Return a motion that ends far from a goal that is too narrow, with what stops it there.
 
     The way up to where the lumen is wide enough again is tried by itself: if it can be gone, that
@@ -637,7 +639,7 @@ def _stop_before_goal(job: Job, motion: TubeMotion) -> TubeMotion:
     if arc - refusal.ends_at <= NEAR_MM:
         return motion
     space = FreeSpace(job.duct, job.line.cut(arc), job.space.introducer)
-    before = Job(space, job.scope, job.options, job.style, links=job.links)
+    before = TubeProblem(space, job.scope, job.options, job.style, links=job.links)
     farther = before.try_whole_way()
     if farther is None:
         bind = Bind(code=refusal.ends_code, what=refusal.ends_what)
@@ -648,7 +650,7 @@ def _stop_before_goal(job: Job, motion: TubeMotion) -> TubeMotion:
     return replace(farther, refusal=refusal.stop_at(_locate(job, farther.path[-1]), bind))
 
 
-def _find_guide(job: Job, clearance: float) -> NDArray[np.float64] | None:
+def _find_guide(job: TubeProblem, clearance: float) -> NDArray[np.float64] | None:
     """Return the way (n, dim) with a clearance that goes farthest along the centreline."""
     points = job.line.points
     fits = job.bound >= clearance
@@ -679,17 +681,17 @@ def _locate_on(
     return float(arcs[int(np.argmin(np.linalg.norm(guide - place, axis=1)))])
 
 
-def _locate(job: Job, place: NDArray[np.float64]) -> float:
+def _locate(job: TubeProblem, place: NDArray[np.float64]) -> float:
     return _locate_on(job.line.points, job.line.arc_length, place)
 
 
-def _locate_tightest(job: Job, path: ShapedPath) -> float:
+def _locate_tightest(job: TubeProblem, path: ShapedPath) -> float:
     """Arc length on the centreline of the place where a shaped path is tightest [mm]."""
     nearest = int(np.argmin(np.abs(path.arc_length - path.tightest)))
     return _locate(job, job.duct.to_world(path.points[nearest]))
 
 
-def _no_path(job: Job, at: float, level: float, bound: float) -> Refusal:
+def _no_path(job: TubeProblem, at: float, level: float, bound: float) -> Refusal:
     radius, margin = job.scope.radius, MARGINS[-1]
     local = float(np.interp(at, job.line.arc_length, job.bound))
     return Refusal(
@@ -704,7 +706,7 @@ def _no_path(job: Job, at: float, level: float, bound: float) -> Refusal:
     )
 
 
-def _unresolved(job: Job) -> Refusal:
+def _unresolved(job: TubeProblem) -> Refusal:
     certificate = job.unresolved
     remedy = ": use a smaller --voxel" if job.passages.grid is not None else ""
     proved = float("nan") if certificate is None else certificate.clearance

@@ -25,7 +25,7 @@ from ..results import to_plain
 from .certify import BUDGET, TOLERANCE_MM, Certificate, certify_motion
 from .measures import measure_angles, measure_body
 from .plan import LENGTH_ROUND_OFF_MM, ROUND_OFF_MM, Plan, TractInput, write_record
-from .recheck import Recheck, Tube, Wall, recheck_motion, surface_wall, voxel_wall
+from .recheck import EntryTube, Recheck, TriangleWall, recheck_motion, surface_wall, voxel_wall
 from .space import FreeSpace, grid_of
 from .stated import (
     STATED_ROUND_OFF_MM,
@@ -329,7 +329,7 @@ def verify_plan(
     plan: Plan,
     duct: Duct | None = None,
     *,
-    wall: Wall | None = None,
+    wall: TriangleWall | None = None,
     progress: Progress = no_progress,
 ) -> Verification:
     """Check whether a plan agrees with itself and, given the lumen, certify it anew.
@@ -340,7 +340,7 @@ def verify_plan(
         Nothing in it is trusted: its stated clearances are compared with what is found.
     duct : Duct, optional
         The lumen, inflated as the plan states. Without it the wall is not checked.
-    wall : Wall, optional
+    wall : TriangleWall, optional
         The wall before inflation, for the second check; see `build_wall`.
     progress : Progress
 
@@ -476,17 +476,17 @@ def rebuild_field(
     return finer.inflate(used)
 
 
-def build_wall(tract: LabelTract | SurfaceTract) -> Wall:
+def build_wall(tract: LabelTract | SurfaceTract) -> TriangleWall:
     """Return the wall of a tract for the second check, before inflation."""
     if isinstance(tract, LabelTract):
         return voxel_wall(tract.mask, tract.affine)
     return surface_wall(tract.vertices, tract.faces)
 
 
-def _run_recheck(plan: Plan, wall: Wall) -> Recheck:
+def _run_recheck(plan: Plan, wall: TriangleWall) -> Recheck:
     introducer, tube = plan.introducer, None
     if introducer is not None:
-        tube = Tube(entry=introducer.entry, outward=introducer.outward, bore=introducer.bore)
+        tube = EntryTube(entry=introducer.entry, outward=introducer.outward, bore=introducer.bore)
     radius = plan.get_scope().radius
     return recheck_motion(plan.joints, wall, radius=radius, tube=tube, inflation=plan.inflation)
 

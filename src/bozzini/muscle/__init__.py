@@ -15,12 +15,12 @@ if TYPE_CHECKING:
     from .ends import EndEffects, MountedMuscle, find_offset
     from .export import export_muscle
     from .files import FitSummary, MuscleFile, read_muscle, write_muscle
-    from .fit import Calibration, FitOptions, calibrate
     from .hysteresis import Hysteresis
     from .model import CompiledMuscle, ConvergenceError, MuscleModel, MuscleState
     from .models import MODELS, CatalogueModel
     from .models.energy import EnergyMuscle
     from .models.thesis import ThesisMuscle
+    from .muscle_fit import Calibration, FitOptions, calibrate
     from .prediction import Prediction, predict
     from .ranking import (
         Comparison,
@@ -92,7 +92,7 @@ _MODULES = {
     ".export": ("export_muscle",),
     ".ends": ("EndEffects", "MountedMuscle", "find_offset"),
     ".files": ("FitSummary", "MuscleFile", "read_muscle", "write_muscle"),
-    ".fit": ("Calibration", "FitOptions", "calibrate"),
+    ".muscle_fit": ("Calibration", "FitOptions", "calibrate"),
     ".hysteresis": ("Hysteresis",),
     ".model": ("CompiledMuscle", "ConvergenceError", "MuscleModel", "MuscleState"),
     ".models": ("MODELS", "CatalogueModel"),

@@ -22,11 +22,10 @@ from ..checks import (
     show_apart,
 )
 from ..errors import InputError
+from ..numeric.arrays import Floats
 from ..numeric.roots import find_between
 from .design import LOCKING_ANGLE, Muscle
 from .model import MuscleModel
-
-Floats = NDArray[np.float64]
 
 
 def find_limits(model: MuscleModel) -> tuple[float, float]:

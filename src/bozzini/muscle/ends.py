@@ -24,6 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import broadcast, check_array, check_fields, check_number, quantity
 from ..errors import InputError
+from ..numeric.arrays import Floats
 from ..numeric.roots import find_between
 from .compose import find_limits
 from .design import PRESSURE_LIMIT
@@ -32,7 +33,6 @@ from .model import MuscleModel, MuscleState, name_directions, parse_direction
 if TYPE_CHECKING:
     from .hysteresis import Hysteresis
 
-Floats = NDArray[np.float64]
 _Forces = tuple[Floats, NDArray[np.bool_], Floats]
 
 MARGIN = 1e-9

@@ -16,13 +16,13 @@ from pathlib import Path
 from typing import NoReturn
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .. import __version__
 from ..checks import check_integer, check_kind, check_number
 from ..errors import BozziniError, InputError
 from ..io.files import write_text
 from ..io.sheets import write_table
+from ..numeric.arrays import Floats
 from .compose import Bundle, find_limits
 from .ends import MARGIN, EndEffects, MountedMuscle
 from .model import DIRECTIONS, LOAD_LIMIT, MuscleModel, parse_direction
@@ -113,9 +113,6 @@ class _Tape:
         if number.ndim or number.dtype.kind not in "fiub":
             raise _UntracedError("an array within the law")
         return f"({float(number)!r})" if float(number) < 0.0 else repr(float(number))
-
-
-Floats = NDArray[np.float64]
 
 
 class _Traced(np.ndarray[tuple[int, ...], np.dtype[np.float64]]):

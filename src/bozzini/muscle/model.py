@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import wraps
 from types import MappingProxyType
 from typing import TYPE_CHECKING, ClassVar
 
@@ -15,8 +13,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..checks import broadcast, check_array, check_number, check_range, name_at, show_value
-from ..errors import BozziniError, InputError, PluginError
+from ..errors import BozziniError, InputError
 from ..numeric import roots
+from ..numeric.arrays import Floats
 from ..results import Result, measured, take_axes
 from .design import PRESSURE_LIMIT, Muscle
 from .hysteresis import Hysteresis
@@ -26,7 +25,6 @@ if TYPE_CHECKING:
 
     from .models.card import Card, Parameter
 
-Floats = NDArray[np.float64]
 
 DIRECTIONS = {"inflating": -1.0, "": 0.0, "deflating": 1.0}
 """Sign of friction in the pull of the muscle: it pulls less on the way up, more on the way down."""
@@ -131,41 +129,13 @@ class CompiledMuscle:
             )
 
 
-def _check_answers(function: Callable[..., ArrayLike], other: str) -> Callable[..., Floats]:
-    """Return a model's method that raises `PluginError` for an answer that is none."""
-
-    @wraps(function)
-    def call(model: MuscleModel, *args: ArrayLike, **keywords: ArrayLike) -> Floats:
-        given = dict(zip(("pressure", other), args, strict=False)) | keywords
-        arrays = [
-            (name, check_array(name, given[name])) for name in ("pressure", other) if name in given
-        ]
-        signs = np.zeros(np.shape(given.get("direction", "")))
-        shape = broadcast(("direction", signs), *arrays)[0].shape
-        found = function(model, *args, **keywords)
-        kind = type(model)
-        with contextlib.suppress(InputError):
-            values = check_array("answer", found)
-            if values.shape == shape and np.isfinite(values).all():
-                return values
-        raise PluginError(
-            f"the model {getattr(model, 'name', '')} ({kind.__module__}.{kind.__qualname__}) gave "
-            f"{show_value(found)} as {function.__name__}: it must give a number for each of its "
-            f"arguments, shape {shape}"
-        )
-
-    return call
-
-
 class MuscleModel(ABC):
     """A model of a muscle: force from contraction, contraction from load, pressure from both.
 
     A subclass has `muscle` and `name`, and brings `force` and `contraction`. Everything else has a
     default that follows from these, and may be replaced by what the model knows better. All methods
     act on batches: arguments are broadcast, and the answer is an array of their common shape. An
-    argument outside the legal range raises `InputError`; no answer is ever NaN. What the `force`
-    and `contraction` of another package's subclass return is checked: `PluginError` if it is not a
-    finite number for each of the arguments.
+    argument outside the legal range raises `InputError`; no answer is ever NaN.
 
     Attributes
     ----------
@@ -197,13 +167,6 @@ class MuscleModel(ABC):
     fit_fields: ClassVar[tuple[str, ...]] = ("modulus",)
     choices: ClassVar[Mapping[str, tuple[str, ...]]] = MappingProxyType({})
     extensile: ClassVar[bool] = False
-
-    def __init_subclass__(cls, **given: object) -> None:
-        super().__init_subclass__(**given)
-        if cls.__module__.partition(".")[0] != __name__.partition(".")[0]:
-            for name, other in (("force", "contraction"), ("contraction", "load")):
-                if name in vars(cls):
-                    setattr(cls, name, _check_answers(vars(cls)[name], other))
 
     @abstractmethod
     def force(
@@ -634,8 +597,6 @@ def try_rows(
         try:
             values[rows] = function(flat[rows], rest[rows], direction=way)
             held[rows] = True
-        except PluginError:
-            raise
         except BozziniError:
             if rows.size > 1:
                 parts += [rows[: rows.size // 2], rows[rows.size // 2 :]]

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from ..checks import check_kind, check_number, list_quantities
 from ..errors import InputError
+from ..numeric.arrays import Floats
 from ..results import Json, Result, take_axes
 from .data import GEOMETRY, Measurements, describe_field
 from .design import Muscle
@@ -43,7 +44,6 @@ if TYPE_CHECKING:
     import pandas
     from matplotlib.axes import Axes
 
-Floats = NDArray[np.float64]
 
 MOST_LEVEL = 0.999999
 """Largest probability of a band: that of 1 has no end."""

@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 
 from ..checks import check_number, check_word, list_quantities
 from ..errors import BozziniError, InputError
+from ..numeric.arrays import Floats
 from .data import Measurements
 from .design import BRAID_ANGLES, Muscle
 from .ends import EndEffects, MountedMuscle, find_offset
@@ -38,7 +39,6 @@ from .models.base import CatalogueModel
 if TYPE_CHECKING:
     from .models.card import Parameter
 
-Floats = NDArray[np.float64]
 Answers = tuple[Floats, NDArray[np.bool_]]
 
 Response = Literal["force", "contraction", "pressure"]
@@ -164,7 +164,7 @@ class Clock:
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class SpecimenRows:
     """The rows of one specimen, its muscle, and its free length at a pressure if that is used."""
 
     specimen: str
@@ -227,16 +227,16 @@ class Task:
         return States.of(self.data)
 
     @cached_property
-    def parts(self) -> tuple[Part, ...]:
+    def parts(self) -> tuple[SpecimenRows, ...]:
         """The specimens, each with its rows; all rows together where nothing tells them apart."""
         data = self.data
         if not (data.geometry or self.each or self.anchored):
-            return (Part("", np.arange(len(data)), self.muscle, None),)
+            return (SpecimenRows("", np.arange(len(data)), self.muscle, None),)
         parts = []
         for name in data.list_specimens():
             rows = np.flatnonzero(data.specimen == name)
             anchor = self._find_anchor(name, rows) if self.anchored else None
-            parts.append(Part(name, rows, data.muscle_of(name, self.muscle), anchor))
+            parts.append(SpecimenRows(name, rows, data.muscle_of(name, self.muscle), anchor))
         return tuple(parts)
 
     def _find_anchor(self, name: str, rows: NDArray[np.intp]) -> tuple[float, float]:
@@ -575,7 +575,7 @@ class Problem:
         self,
         model: MuscleModel,
         rows: States,
-        part: Part,
+        part: SpecimenRows,
         predicted: Floats,
         good: NDArray[np.bool_],
     ) -> Floats:
@@ -773,7 +773,7 @@ def assemble(
     return (task.ends.replace(**ends) if ends else task.ends).mount(model)
 
 
-def predict_parts(task: Task, build: Callable[[Part], MuscleModel]) -> Answers:
+def predict_parts(task: Task, build: Callable[[SpecimenRows], MuscleModel]) -> Answers:
     """Return the response at each row of a task, and which rows have one."""
     predicted, held = np.zeros(len(task.data)), np.zeros(len(task.data), dtype=np.bool_)
     for part in task.parts:

@@ -23,9 +23,17 @@ from ..progress import Progress, no_progress
 from ..results import Json, Result, take_axes, to_plain
 from .data import Measurements
 from .design import Muscle, check_muscle, preset
-from .fit import Calibration, FitOptions, conclude, find_minimum, find_poor, fit_task, release
 from .model import MuscleModel
 from .models import MODELS
+from .muscle_fit import (
+    Calibration,
+    FitOptions,
+    conclude,
+    find_minimum,
+    find_poor,
+    fit_task,
+    release,
+)
 from .problem import (
     END_FIELDS,
     FITTED_UNSET,
@@ -33,9 +41,9 @@ from .problem import (
     Answers,
     Clock,
     OutOfTimeError,
-    Part,
     Problem,
     Response,
+    SpecimenRows,
     Task,
     Unknowns,
     assemble,
@@ -447,7 +455,9 @@ def split_pressures(task: Task) -> dict[str, NDArray[np.bool_]]:
 
 
 def cross_validate(
-    fit: Callable[[Task], tuple[Callable[[Part], MuscleModel], bool]], task: Task, folds: Folds
+    fit: Callable[[Task], tuple[Callable[[SpecimenRows], MuscleModel], bool]],
+    task: Task,
+    folds: Folds,
 ) -> CrossValidation:
     """Return the error at rows left out, each fold in turn."""
     squares, reason, unsettled, gaps = [], "", 0, 0
@@ -916,8 +926,6 @@ def _try_model(
 ) -> RankedModel | str:
     """Return a model as fitted, or why it is not."""
     try:
-        if name in MODELS:
-            MODELS[name]  # in another process this guards another package's class
         return _fit_model(name, kind, task, options, folds)
     except BozziniError as error:
         return str(error)
@@ -1034,7 +1042,7 @@ def _fit_model(
     )
 
 
-def _build_known(unknowns: Unknowns, task: Task, part: Part) -> MuscleModel:
+def _build_known(unknowns: Unknowns, task: Task, part: SpecimenRows) -> MuscleModel:
     """Return the model of a part where nothing is fitted."""
     return assemble(unknowns.build, part.muscle, {}, task=task, anchor=part.anchor)
 
@@ -1091,7 +1099,7 @@ def _validate(
     least = (1.0 - _BETTER) * found.squares
     better: list[tuple[float, dict[str, float]]] = []
 
-    def fit(rows: Task) -> tuple[Callable[[Part], MuscleModel], bool]:
+    def fit(rows: Task) -> tuple[Callable[[SpecimenRows], MuscleModel], bool]:
         if clock.is_over:
             raise OutOfTimeError(f"stopped: the time of {clock.limit:g} s is used up")
         problem = _make_problem(unknowns, rows, estimates, clock)
@@ -1103,7 +1111,7 @@ def _validate(
             if cost < least:
                 better.append((cost, values))
 
-        def build(part: Part) -> MuscleModel:
+        def build(part: SpecimenRows) -> MuscleModel:
             own = _choose_values(problem, values, part)
             return assemble(unknowns.build, part.muscle, own, task=rows, anchor=part.anchor)
 
@@ -1113,7 +1121,9 @@ def _validate(
     return validation, min(better, key=lambda each: each[0])[1] if better else None
 
 
-def _choose_values(problem: Problem, values: Mapping[str, float], part: Part) -> dict[str, float]:
+def _choose_values(
+    problem: Problem, values: Mapping[str, float], part: SpecimenRows
+) -> dict[str, float]:
     """Return the parameters of a specimen, also of one that was not in the fit.
 
     What each specimen has its own value of is then as measured of it, else the mean of the others.

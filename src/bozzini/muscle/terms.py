@@ -10,17 +10,16 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..checks import broadcast, check_array, check_fields, check_kind, check_range, quantity
 from ..errors import InputError
+from ..numeric.arrays import Floats
 from ..numeric.estimation import make_blocks, measure_spread
 from ..results import Result, measured
 from .compose import find_limits
 from .design import Muscle
 from .model import MuscleModel
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)

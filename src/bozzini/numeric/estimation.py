@@ -17,7 +17,8 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from .arrays import Floats
+
 Places = NDArray[np.int64]
 
 RUNS = 10
@@ -135,7 +136,7 @@ def make_blocks(labels: Sequence[str] | NDArray[np.str_], *, apart: bool = False
 
 
 @dataclass(frozen=True)
-class Spread:
+class FitCovariance:
     """Covariance of what was fitted.
 
     Parameters
@@ -179,7 +180,7 @@ def measure_spread(
     rows: Places | None = None,
     weights: tuple[Floats, Floats] | None = None,
     lost: bool = False,
-) -> Spread:
+) -> FitCovariance:
     """Return the covariance at a minimum: the jackknife of blocks, linearised.
 
     Where one block alone determines a constant, or there is one block only, nothing is known of how
@@ -227,7 +228,7 @@ def measure_spread(
     if lost:
         away = known.basis[~kept].T / known.singular[~kept] / known.lengths[:, None]
         covariance = covariance + square * away @ away.T
-    return Spread(covariance, freedom, rule)
+    return FitCovariance(covariance, freedom, rule)
 
 
 def find_lost(found: Determination) -> list[tuple[tuple[int, ...], int]]:

@@ -12,7 +12,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from .arrays import Floats
+
 Ends = tuple[Floats, Floats]
 Excess = Callable[[NDArray[np.intp], Floats], Floats]
 """From indices (k,) of elements and points (k,) to values (k,)."""

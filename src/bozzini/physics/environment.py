@@ -19,13 +19,14 @@ from numpy.typing import NDArray
 from ..checks import check_array, check_integer, check_kind, check_path, check_word
 from ..errors import InputError, MissingExtraError
 from ..motion.scope import Introducer, Scope
+from ..numeric.arrays import Floats
 from ..numeric.polylines import interpolate_polyline, measure_arc_length
 from ..results import Json
 from .execute import follow_way
 from .options import ScopeOptions, WallOptions
 from .robots import PushDrive, find_bends, stand_outside
 from .simulate import Chain, Dynamics, Simulation
-from .walls import Floats, LumenWall
+from .walls import LumenWall
 
 try:
     import gymnasium

@@ -12,12 +12,13 @@ from numpy.typing import NDArray
 
 from ..anatomy.tract import name_place
 from ..checks import check_points
+from ..numeric.arrays import Floats
 from ..numeric.polylines import measure_arc_length
 from ..progress import Progress, no_progress
 from ..results import Json, Result, measured, take_axes
 from .robots import Drive
 from .simulate import Dynamics, Simulation, Touch
-from .walls import Floats, LumenWall, find_normals
+from .walls import LumenWall, find_normals
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

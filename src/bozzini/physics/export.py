@@ -8,10 +8,11 @@ from xml.etree import ElementTree
 import numpy as np
 
 from ..motion.plan import Plan
+from ..numeric.arrays import Floats
 from .options import ScopeOptions
 from .robots import PlanDrive
 from .simulate import Chain, Dynamics
-from .walls import Floats, LumenWall
+from .walls import LumenWall
 
 METRE = 1e-3
 

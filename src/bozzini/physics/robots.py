@@ -15,10 +15,10 @@ from ..errors import InputError
 from ..motion.actuate.actuation import Actuation
 from ..motion.plan import Plan
 from ..motion.scope import Introducer
+from ..numeric.arrays import Floats
 from ..numeric.polylines import carry_frames, interpolate_polyline, measure_arc_length
 from .options import ScopeOptions
 from .simulate import Chain, Route, Simulation
-from .walls import Floats
 
 SERVO_DAMPING_S = 0.0045
 """Damping of a joint's servo over its gain [s]; assumed."""

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from ..checks import check_fields, quantity
 from ..errors import InputError, MissingExtraError
-from .walls import MARGIN_MM, NEWTON, Floats, LumenWall
+from ..numeric.arrays import Floats
+from .walls import MARGIN_MM, NEWTON, LumenWall
 
 try:
     import mujoco

@@ -23,10 +23,9 @@ from ..anatomy.tract import LabelTract, SurfaceTract, name_place
 from ..duct.base import Duct
 from ..errors import GeometryError, InputError
 from ..motion.scope import Introducer
+from ..numeric.arrays import Floats as Floats
 from ..scene.make_view import draw_wall
 from .options import WallOptions
-
-Floats = NDArray[np.float64]
 
 NEWTON = 1e3
 """Of the unit of force of a scene in mm, kg and s: mN."""

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_number, check_points
 from ..errors import InputError
+from ..numeric.arrays import Floats
 from .style import (
     AMBER,
     BLUE,
@@ -228,8 +229,6 @@ def _spread_colors(count: int) -> list[tuple[float, float, float, float]]:
 
     return [colormaps["viridis"](value) for value in np.linspace(0.0, 0.88, max(count, 1))]
 
-
-Floats = NDArray[np.float64]
 
 _COLORS = (BLUE, AMBER, GREEN, RED, "#6f4fa8", "#2a94b8", "#7a6a58", "#c0508f")
 _STYLES: dict[str, tuple[str, Dash]] = {

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_integer, check_points
 from ..errors import InputError
+from ..numeric.arrays import Floats
 from .style import (
     AMBER,
     BLUE,
@@ -43,8 +44,6 @@ if TYPE_CHECKING:
     )
 
 # Drawn without pyplot; `bozzini.plot.write_figure` writes the figures.
-
-Floats = NDArray[np.float64]
 
 _OWN = {"R": RED, "G": GREEN, "B": BLUE}
 _RISING, _FALLING = (0, (4, 1.5)), (0, (1, 1.5))

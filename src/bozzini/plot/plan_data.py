@@ -19,6 +19,7 @@ from ..errors import InputError
 from ..motion.measures import measure_displacement
 from ..motion.plan import Measures, Plan
 from ..motion.refusal import needs_mm
+from ..numeric.arrays import Floats
 from ..results import Json
 
 if TYPE_CHECKING:
@@ -56,8 +57,6 @@ def read_parts(values: Record, key: str) -> list[Record]:
 #
 # A planner bends the head's path for the length of the links, and may end it before the goal.
 # Places along the tract are arc lengths of the centreline, which all plans of a tract share.
-
-Floats = NDArray[np.float64]
 
 _MATCHED = 800
 

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..numeric.arrays import Floats
 from ..results import take_axes
 from .style import AMBER, BLUE, GREEN, INK, LUMEN, RED, make_panels, style_axes
 
@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-Floats = NDArray[np.float64]
 
 BINS = 60
 
@@ -55,7 +54,7 @@ def draw_uncertainty(
         Of each draw: the clearance [mm], and where along the centreline that is [mm].
     stations, diameters : mapping
         Columns of `bozzini.study.wall.Stations.list_columns` and
-        `bozzini.study.contact.ContactRisk.over_diameters`.
+        `bozzini.study.contact_risk.ContactRisk.over_diameters`.
     diameter : float
         Of the scope [mm].
     certified : float

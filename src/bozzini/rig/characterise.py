@@ -164,7 +164,7 @@ _NAME_IN_BRACES = re.compile(r"\{(\w+)\}")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Step:
+class StairStep:
     """A step of the stairs, as it was measured.
 
     Attributes
@@ -208,7 +208,7 @@ class Characterisation(Result):
     ----------
     stairs : Stairs
         What was asked for.
-    rows : tuple of Step
+    rows : tuple of StairStep
         What was measured.
     start : datetime
         When it began (UTC).
@@ -217,7 +217,7 @@ class Characterisation(Result):
     """
 
     stairs: Stairs
-    rows: tuple[Step, ...] = field(repr=False)
+    rows: tuple[StairStep, ...] = field(repr=False)
     start: datetime
     end: str = ""
 
@@ -461,7 +461,7 @@ class _Run:
         self, host: Host, stairs: Stairs, gauge: Gauge | None, hook: PictureHook | None
     ) -> None:
         self.host, self.stairs, self.gauge, self.hook = host, stairs, gauge, hook
-        self.rows: list[Step] = []
+        self.rows: list[StairStep] = []
         self.start = datetime.now(UTC)
         self.end = ""
         self.setpoint = SetPoint((0.0,) * MUSCLES)
@@ -491,7 +491,7 @@ class _Run:
             ended = link.now - begin
             image, trouble = self._take_picture(index, repeat, direction, setpoint)
             self.rows.append(
-                Step(
+                StairStep(
                     repeat=repeat,
                     direction=direction,
                     setpoint=setpoint,

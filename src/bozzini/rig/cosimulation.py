@@ -7,17 +7,17 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..checks import check_number, show_apart
 from ..errors import InputError
+from ..numeric.arrays import Floats
 from ..results import ClosedForm, measured, take_axes
 from .plant import MUSCLES, Plant
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Floats = NDArray[np.float64]
 
 PERIOD = 1e-3
 """Time between two exchanges of voltages and duties [s]."""

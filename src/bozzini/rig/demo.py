@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..numeric.arrays import Floats
 from ..progress import Progress, no_progress
 from ..results import Json, Result, take_axes
 from .cosimulation import Cosimulation
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 
     from ..effector import Effector
 
-Floats = NDArray[np.float64]
 
 STEPS = ((0.6, 0.3, 0.1), (0.1, 0.6, 0.8))
 """Set-points of the three muscles [MPa], one second each."""

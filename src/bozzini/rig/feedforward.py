@@ -7,16 +7,15 @@ from collections import deque
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..checks import check_array, check_number, check_range
 from ..errors import InputError
+from ..numeric.arrays import Floats
 from .kernels import plant as kernels
 from .plant import MUSCLES, Chamber, PlantDesign
 from .pneumatics import ATMOSPHERE
 from .protocol import SETPOINT_MAX, Configuration, Notice, SetPoint, Telemetry
-
-Floats = NDArray[np.float64]
 
 LINE_DELAY = 3e-3
 """From a measurement through the host to the opening that answers it [s], without the waiting:

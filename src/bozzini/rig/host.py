@@ -11,12 +11,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..checks import check_number
 from ..errors import InputError
 from ..io.files import check_parquet, write_parquet
 from ..io.sheets import read_sheet, take_numbers, write_table
+from ..numeric.arrays import Floats
 from ..progress import Progress, no_progress
 from ..results import Json, Result, take_axes
 from .link import Link
@@ -45,7 +46,6 @@ if TYPE_CHECKING:
     import pandas
     from matplotlib.axes import Axes
 
-Floats = NDArray[np.float64]
 _Frame = TypeVar("_Frame", bound=Frame)
 
 ANSWER_LIMIT = 0.5

@@ -5,16 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..checks import check_array
 from ..errors import InputError
 from ..muscle.hysteresis import InvertibleOperator, Operator
 from ..muscle.model import MuscleModel
+from ..numeric.arrays import Floats
 from .plant import MUSCLES, Chamber, Plant, PlantDesign
 from .protocol import SETPOINT_MAX
-
-Floats = NDArray[np.float64]
 
 
 class HystereticPlant(Plant):

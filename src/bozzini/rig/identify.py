@@ -13,11 +13,12 @@ import numpy as np
 
 from ..checks import check_number, show_apart
 from ..errors import InputError
+from ..numeric.arrays import Floats
 from ..numeric.estimation import make_blocks, measure_spread
 from ..results import Result, measured, take_axes
 from .curves import PressureCurve
 from .kernels import fill as kernels
-from .pneumatics import ATMOSPHERE, NOZZLE_RATIO, NOZZLE_SPEED, Floats, Orifice
+from .pneumatics import ATMOSPHERE, NOZZLE_RATIO, NOZZLE_SPEED, Orifice
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

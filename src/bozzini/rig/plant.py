@@ -22,9 +22,10 @@ from ..checks import (
     show_apart,
 )
 from ..errors import InputError
+from ..numeric.arrays import Floats
 from ..results import ClosedForm, measured, take_axes
 from .kernels import plant as kernels
-from .pneumatics import ATMOSPHERE, HEAT_RATIO, NOZZLE_RATIO, NOZZLE_SPEED, Floats, Orifice
+from .pneumatics import ATMOSPHERE, HEAT_RATIO, NOZZLE_RATIO, NOZZLE_SPEED, Orifice
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -6,13 +6,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..checks import check_array, check_fields, check_number, check_range, quantity
 from ..errors import InputError
+from ..numeric.arrays import Floats
 from .kernels.orifice import LINEAR_RATIO
-
-Floats = NDArray[np.float64]
 
 ATMOSPHERE = 0.101325
 """Pressure of the surroundings [MPa absolute]; pressures are otherwise gauge."""

@@ -18,11 +18,10 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ..errors import InputError
+from ..numeric.arrays import Floats
 from ..results import Json
 
 # The scope's skin: one tube over all links, rounded at the head, closed at the tail.
-
-Floats = NDArray[np.float64]
 
 _SIDES = 16
 _CAP_RINGS = 4
@@ -30,7 +29,7 @@ _INSET = 0.2
 
 
 @dataclass(frozen=True, kw_only=True)
-class Tube:
+class SkinnedTube:
     """A skinned mesh, in the pose in which it is bound.
 
     Attributes
@@ -52,7 +51,7 @@ class Tube:
     weights: Floats
 
 
-def build_tube(joints: Floats, frames: Floats, *, radius: float) -> Tube:
+def build_tube(joints: Floats, frames: Floats, *, radius: float) -> SkinnedTube:
     """Build the skin around a chain of links.
 
     Each link carries two rigid rings, set in from its joints; where two links meet, one more ring
@@ -119,7 +118,7 @@ def build_tube(joints: Floats, frames: Floats, *, radius: float) -> Tube:
     weights = np.zeros((len(vertices), 4))
     indices[:, 0], indices[shared, 1] = first, second[shared]
     weights[:, 0], weights[shared, 1] = np.where(shared, 0.5, 1.0), 0.5
-    return Tube(
+    return SkinnedTube(
         vertices=vertices,
         normals=all_normals,
         faces=_connect(len(rows)),

@@ -20,6 +20,7 @@ from ..errors import GeometryError, InputError
 from ..motion.actuate.actuation import Actuation
 from ..motion.plan import Plan
 from ..motion.scope import Introducer
+from ..numeric.arrays import Floats
 from ..numeric.level_sets import find_level_set
 from ..plot.plan_data import (
     PlanCentreline,
@@ -31,15 +32,7 @@ from ..plot.plan_data import (
 from ..plot.scope import REST
 from ..plot.style import choose_clearance_scale
 from .scene import TractMesh, prepare_tract
-from .view import (
-    Body,
-    Chart,
-    Cloud,
-    Floats,
-    Mark,
-    Surface,
-    View,
-)
+from .view import Body, Chart, Cloud, Mark, Surface, View
 
 Wall = LabelTract | SurfaceTract | Duct
 Shown = (

@@ -25,6 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..checks import check_fields, check_number, check_points, quantity
 from ..errors import InputError
 from ..io.files import write_bytes
+from ..numeric.arrays import Floats
 from ..results import Json
 from .gltf import ARRAY_BUFFER, UPRIGHT_QUATERNION, GlbDocument, add_scope, choose_keys
 
@@ -139,8 +140,6 @@ def _find_normals(mesh: trimesh.Trimesh) -> Floats:
     normals[cancelled] = one[cancelled]
     return np.asarray(normals / np.linalg.norm(normals, axis=1, keepdims=True))
 
-
-Floats = NDArray[np.float64]
 
 _METRE = 1e-3
 _LIGHTS = "KHR_lights_punctual"

@@ -27,10 +27,10 @@ from numpy.typing import NDArray
 from ..anatomy.frame import check_frame, find_axis
 from ..checks import check_number, check_points, check_word
 from ..errors import InputError
+from ..numeric.arrays import Floats
 from ..plot.style import ClearanceScale, list_clearance_colors
 from ..results import Json
 
-Floats = NDArray[np.float64]
 MarkKind = Literal["start", "goal", "tight", "refused", "place"]
 Role = Literal["scope", "line"]
 

@@ -1,9 +1,9 @@
-from .contact import ContactRisk, study_contact
+from .contact_risk import ContactRisk, study_contact
 from .definition import Study
 from .factors import Factor, Limit, Sampling, Search, StudySpec
 from .insertion import InsertionStudy, run_insertion
 from .jobs import JOBS, Job, RowJob, Rows
-from .options import ContactOptions, InsertionOptions, PathOptions, ReadOptions, TractFitOptions
+from .options import ContactRiskOptions, InsertionOptions, PathOptions, ReadOptions, TractFitOptions
 from .population import Population, count_fits
 from .run import Engine, StudyResult, read_rows, run_study
 from .sensitivity import StudySpread, analyse_rows, analyse_study
@@ -13,8 +13,8 @@ from .traverse import LimitsStudy, run_limits
 from .wall import WallError, bound_contact
 
 __all__ = [
-    "ContactOptions",
     "ContactRisk",
+    "ContactRiskOptions",
     "Engine",
     "Factor",
     "FitStudy",

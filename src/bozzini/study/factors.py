@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from ..checks import Quantity, check_fields, quantity, show_value
 from ..errors import InputError
+from ..numeric.arrays import Floats
 from ..units import parse_quantity
 
-Floats = NDArray[np.float64]
 Value = float | str
 """A number, a quantity as text with its unit, or a word."""
 

@@ -541,7 +541,6 @@ JOBS: Registry[Job] = Registry(
         kind.name: kind for kind in (EffectorJob, MuscleJob, InsertionJob, RoutingJob, RobotJob)
     },
     noun="study job",
-    arguments=1,
 )
 """Jobs by name: this package's, and those that other packages add as ``bozzini.studies``."""
 

@@ -333,7 +333,7 @@ def explain_scale(tract: LabelTract | SurfaceTract) -> Iterator[None]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ContactOptions:
+class ContactRiskOptions:
     """How far the wall may be from where it is said to be, and what is drawn of it.
 
     Parameters

@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import MissingExtraError
+from ..numeric.arrays import Floats
 from ..progress import Progress
 from .definition import Study
 from .factors import Search
 from .parts import part_name, write_part
 
-Floats = NDArray[np.float64]
 Measure = Callable[[Floats], tuple[Floats, NDArray[np.bool_]]]
 """Takes shares (n, d); gives what is to be small (n, k), and whether rows are feasible (n,)."""
 

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from ..checks import check_number, check_word
 from ..errors import InputError
+from ..numeric.arrays import Floats
 from ..progress import Progress, no_progress
 from ..results import ClosedForm, Json, to_plain
 from .definition import Study
@@ -31,7 +32,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-Floats = NDArray[np.float64]
 FailureRule = Literal["refuse", "indicator", "box"]
 FAILURE_RULES: tuple[FailureRule, ...] = ("refuse", "indicator", "box")
 

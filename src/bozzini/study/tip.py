@@ -18,7 +18,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..checks import check_fields, check_number, check_path, list_quantities, quantity, show_apart
 from ..continuum.calibration import RobotCalibration
@@ -33,13 +32,13 @@ from ..muscle.ends import EndEffects
 from ..muscle.files import MuscleFile
 from ..muscle.prediction import find_spread, read_values
 from ..muscle.problem import change_model, move_model
+from ..numeric.arrays import Floats
 from ..results import Json, Result, to_plain
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-Floats = NDArray[np.float64]
 FindTips = Callable[[Floats], Floats]
 """Takes errors (n, k); gives the tips (n, 2 or 3) [mm], NaN where there is none."""
 

@@ -24,13 +24,13 @@ from ..duct.base import Duct
 from ..errors import InputError
 from ..motion.certify import Certificate, find_waiting
 from ..motion.plan import Plan
-from ..motion.recheck import Tube, Wall
+from ..motion.recheck import EntryTube, TriangleWall
 from ..motion.space import FreeSpace
+from ..numeric.arrays import Floats
 from ..plot.plan_data import read_centreline
 from ..progress import Progress, no_progress
 from ..results import Json
 
-Floats = NDArray[np.float64]
 Interval = tuple[float, float]
 
 FEATURES = 400
@@ -205,7 +205,7 @@ def _find_least(groups: NDArray[np.int64], values: Floats) -> NDArray[np.int64]:
     return np.asarray(order[np.diff(groups[order], prepend=-1) != 0])
 
 
-def sample_body(plan: Plan, duct: Duct, wall: Wall) -> BodySamples:
+def sample_body(plan: Plan, duct: Duct, wall: TriangleWall) -> BodySamples:
     """Sample a body over a motion, and measure the exact distances to the wall.
 
     Of each cube of 0.5 mm the place of the axis that is nearest to the wall is taken. What stands
@@ -216,7 +216,7 @@ def sample_body(plan: Plan, duct: Duct, wall: Wall) -> BodySamples:
     plan : Plan
     duct : Duct
         The lumen that it was made in: it chooses the sample of a cube.
-    wall : Wall
+    wall : TriangleWall
         Before inflation; the plan's is added to its distances.
 
     Raises
@@ -232,7 +232,7 @@ def sample_body(plan: Plan, duct: Duct, wall: Wall) -> BodySamples:
     waiting = find_waiting(joints, space, radius=radius)
     if plan.introducer is not None:
         entry, outward = plan.introducer.entry, plan.introducer.outward
-        tube = Tube(entry=entry, outward=outward, bore=float(space.pack_exempt(radius)[6]))
+        tube = EntryTube(entry=entry, outward=outward, bore=float(space.pack_exempt(radius)[6]))
     shares = np.linspace(0.0, 1.0, max(2, math.ceil(length / PITCH_MM) + 1))[:, None]
     low = joints.min(axis=(0, 1)) - CUBE_MM
     sides = np.ceil((joints.max(axis=(0, 1)) - low) / CUBE_MM).astype(np.int64) + 2

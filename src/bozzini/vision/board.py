@@ -22,7 +22,7 @@ from ..checks import check_fields, quantity, show_value
 from ..errors import FileFormatError, InputError
 from ..io.files import write_bytes, write_text
 from ..io.records import load_data, read_record, write_record
-from .camera import Floats
+from ..numeric.arrays import Floats
 from .pictures import Grey, Picture, import_opencv
 
 MARKER_SHARE = 0.65

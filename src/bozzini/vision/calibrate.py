@@ -22,11 +22,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_fields, quantity, show_apart
 from ..errors import FileFormatError, InputError
+from ..numeric.arrays import Floats
 from ..numeric.vectors import nearest_rotation
 from ..progress import Progress, no_progress
 from ..results import Json, Result, take_axes, to_plain
 from .board import CHECK_LINE, Board, Detection
-from .camera import Area, Camera, CameraSet, Floats, align, triangulate
+from .camera import Area, Camera, CameraSet, align, triangulate
 from .pictures import SUFFIXES, Grey, import_opencv, measure_each, read_picture
 
 if TYPE_CHECKING:
@@ -96,7 +97,7 @@ BASELINE_TOLERANCE = 0.02
 
 
 @dataclass(frozen=True)
-class View:
+class BoardView:
     """A board seen by each camera at the same time.
 
     Attributes
@@ -140,14 +141,14 @@ class HoldOut:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Calibration(Result):
+class CameraCalibration(Result):
     """Calibrated cameras, or the reason why they are refused.
 
     Attributes
     ----------
     cameras : CameraSet
         The cameras; not to be used if `converged` is False.
-    views : tuple of View
+    views : tuple of BoardView
         All views, those not used with their reasons.
     coverage : tuple of float
         Share of each camera's picture in which corners were seen.
@@ -168,7 +169,7 @@ class Calibration(Result):
     """
 
     cameras: CameraSet
-    views: tuple[View, ...]
+    views: tuple[BoardView, ...]
     coverage: tuple[float, ...]
     tilt: float
     hold_out: HoldOut
@@ -321,14 +322,14 @@ def detect_views(
     *,
     jobs: int = 1,
     progress: Progress = no_progress,
-) -> tuple[tuple[str, ...], list[View]]:
+) -> tuple[tuple[str, ...], list[BoardView]]:
     """Find a board in a folder of pictures.
 
     Returns
     -------
     cameras : tuple of str
         Names of the cameras.
-    views : list of View
+    views : list of BoardView
         A picture that is missing or cannot be read is a detection with its reason.
     """
     cameras, pairs = list_pictures(folder)
@@ -339,7 +340,8 @@ def detect_views(
     found = [row.get("found", _nothing(row["reason"])) for row in rows]
     count = len(cameras)
     return cameras, [
-        View(name, tuple(found[k * count : (k + 1) * count])) for k, (name, _) in enumerate(pairs)
+        BoardView(name, tuple(found[k * count : (k + 1) * count]))
+        for k, (name, _) in enumerate(pairs)
     ]
 
 
@@ -367,18 +369,18 @@ class _Fit:
 
 
 def calibrate_cameras(
-    views: Sequence[View],
+    views: Sequence[BoardView],
     board: Board,
     names: Sequence[str] = ("camera",),
     *,
     options: CalibrationOptions = CalibrationOptions(),
     progress: Progress = no_progress,
-) -> Calibration:
+) -> CameraCalibration:
     """Calibrate one camera or two from views of a board.
 
     Parameters
     ----------
-    views : sequence of View
+    views : sequence of BoardView
         As `detect_views` gives them.
     board : Board
     names : sequence of str
@@ -388,7 +390,7 @@ def calibrate_cameras(
 
     Returns
     -------
-    Calibration
+    CameraCalibration
         It is refused, with the reason, where corners cover too little of a picture, the board was
         never tilted, the residuals are too large, or the baseline is not the expected one.
 
@@ -428,7 +430,7 @@ def calibrate_cameras(
     coverage = tuple(_measure_coverage(used, i) for i in range(len(names)))
     pair = len(names) > 1
     spread = _spread([_measure_baseline(each) for each in drawn]) if pair else math.nan
-    found = Calibration(
+    found = CameraCalibration(
         cameras=cameras,
         views=tuple(views),
         coverage=coverage,
@@ -444,7 +446,7 @@ def calibrate_cameras(
     return dataclasses.replace(found, reason=_find_fault(found, options))
 
 
-def _fit_sound(views: list[View]) -> tuple[list[View], _Fit]:
+def _fit_sound(views: list[BoardView]) -> tuple[list[BoardView], _Fit]:
     """Fit all views, once more without those that do not fit, and mark the views."""
     used = _list_used(views)
     fit = _fit(used)
@@ -464,7 +466,7 @@ def _fit_sound(views: list[View]) -> tuple[list[View], _Fit]:
     return [dataclasses.replace(view, rms=rms.get(view.name, math.nan)) for view in views], fit
 
 
-def _list_rms(fit: _Fit, used: Sequence[View]) -> dict[str, float]:
+def _list_rms(fit: _Fit, used: Sequence[BoardView]) -> dict[str, float]:
     """Return the root mean square length of each view's residuals [px]."""
     return {
         view.name: _measure_rms(fit.cameras, view, pose)
@@ -472,7 +474,7 @@ def _list_rms(fit: _Fit, used: Sequence[View]) -> dict[str, float]:
     }
 
 
-def _list_errors(fit: _Fit, used: Sequence[View]) -> tuple[Floats, ...]:
+def _list_errors(fit: _Fit, used: Sequence[BoardView]) -> tuple[Floats, ...]:
     """Return the pixels and residuals (n, 4) of all corners of each camera."""
     tables: list[list[Floats]] = [[] for _ in fit.cameras]
     for view, pose in zip(used, fit.poses, strict=True):
@@ -482,7 +484,7 @@ def _list_errors(fit: _Fit, used: Sequence[View]) -> tuple[Floats, ...]:
     return tuple(np.concatenate(table) for table in tables)
 
 
-def _choose(views: list[View], names: Sequence[str]) -> list[View]:
+def _choose(views: list[BoardView], names: Sequence[str]) -> list[BoardView]:
     """Return the views, those that cannot be used with the reason."""
     sizes: list[tuple[int, int]] = []
     for i in range(len(names)):
@@ -512,11 +514,11 @@ def _choose(views: list[View], names: Sequence[str]) -> list[View]:
     return chosen
 
 
-def _list_used(views: Sequence[View]) -> list[View]:
+def _list_used(views: Sequence[BoardView]) -> list[BoardView]:
     return [view for view in views if not view.reason]
 
 
-def _share_ids(view: View) -> NDArray[np.int64]:
+def _share_ids(view: BoardView) -> NDArray[np.int64]:
     """Return the numbers of the corners that all cameras see."""
     ids = view.detections[0].ids
     for found in view.detections[1:]:
@@ -524,7 +526,7 @@ def _share_ids(view: View) -> NDArray[np.int64]:
     return np.sort(ids)
 
 
-def _share(view: View) -> tuple[Floats, list[Floats]]:
+def _share(view: BoardView) -> tuple[Floats, list[Floats]]:
     """Return the corners that all cameras see: on the board and in each picture."""
     ids = _share_ids(view)
     rows = []
@@ -537,7 +539,7 @@ def _share(view: View) -> tuple[Floats, list[Floats]]:
     ]
 
 
-def _fit(views: Sequence[View], start: _Fit | None = None) -> _Fit:
+def _fit(views: Sequence[BoardView], start: _Fit | None = None) -> _Fit:
     """Fit lenses, the second camera's pose, and the board's pose in each view."""
     cv2 = import_opencv()
     shared = [_share(view) for view in views]
@@ -602,7 +604,7 @@ def _make_camera(matrix: ArrayLike, lens: ArrayLike, size: tuple[int, int]) -> C
 
 
 def _list_residuals(
-    cameras: Sequence[Camera], view: View, pose: tuple[Floats, Floats]
+    cameras: Sequence[Camera], view: BoardView, pose: tuple[Floats, Floats]
 ) -> list[Floats]:
     """Return for each camera the residuals (n, 2) of a view [px]."""
     points, pixels = _share(view)
@@ -611,13 +613,13 @@ def _list_residuals(
     return [seen - camera.project(placed) for camera, seen in zip(cameras, pixels, strict=True)]
 
 
-def _measure_rms(cameras: Sequence[Camera], view: View, pose: tuple[Floats, Floats]) -> float:
+def _measure_rms(cameras: Sequence[Camera], view: BoardView, pose: tuple[Floats, Floats]) -> float:
     """Return the root mean square length of a view's residuals [px]."""
     residuals = np.concatenate(_list_residuals(cameras, view, pose))
     return math.sqrt(float(np.mean(np.sum(residuals**2, axis=1))))
 
 
-def _find_pose(cameras: Sequence[Camera], view: View) -> tuple[Floats, Floats]:
+def _find_pose(cameras: Sequence[Camera], view: BoardView) -> tuple[Floats, Floats]:
     """Return the pose of a board from all cameras, in the frame that the cameras are in."""
     points, pixels = _share(view)
     if len(cameras) > 1:
@@ -627,13 +629,13 @@ def _find_pose(cameras: Sequence[Camera], view: View) -> tuple[Floats, Floats]:
     return np.asarray(cv2.Rodrigues(turn)[0]), np.ravel(shift)
 
 
-def _place_world(cameras: Sequence[Camera], view: View) -> tuple[Camera, ...]:
+def _place_world(cameras: Sequence[Camera], view: BoardView) -> tuple[Camera, ...]:
     """Return the cameras in the frame of the board of a view."""
     pose = _find_pose(cameras, view)
     return tuple(camera.move_world(*pose) for camera in cameras)
 
 
-def _find_world(views: Sequence[View], name: str) -> View:
+def _find_world(views: Sequence[BoardView], name: str) -> BoardView:
     """Return the view whose board is the world."""
     for view in views:
         if name in ("", view.name):
@@ -650,7 +652,7 @@ def _draw(rng: np.random.Generator, count: int) -> list[int]:
             return [int(k) for k in chosen]
 
 
-def _draw_corners(rng: np.random.Generator, view: View) -> View:
+def _draw_corners(rng: np.random.Generator, view: BoardView) -> BoardView:
     """Return a view with a draw of the corners that all cameras see, with replacement."""
     points, pixels = _share(view)
     rows = rng.integers(0, len(points), len(points))
@@ -664,7 +666,7 @@ def _draw_corners(rng: np.random.Generator, view: View) -> View:
     )
 
 
-def _hold_out(views: Sequence[View]) -> HoldOut:
+def _hold_out(views: Sequence[BoardView]) -> HoldOut:
     """Calibrate from three quarters of the views and measure in the others."""
     out = list(views[::_HOLD_OUT_EVERY])
     kept = [view for view in views if view not in out]
@@ -698,14 +700,14 @@ def _measure_baseline(cameras: Sequence[Camera]) -> float:
     return float(np.linalg.norm(cameras[1].centre - cameras[0].centre))
 
 
-def _measure_coverage(views: Sequence[View], camera: int) -> float:
+def _measure_coverage(views: Sequence[BoardView], camera: int) -> float:
     """Return the share of a picture's cells in which a corner was seen."""
     corners = np.concatenate([view.detections[camera].corners for view in views])
     cells = np.floor((corners + 0.5) / views[0].detections[camera].size * _CELLS).astype(int)
     return len(np.unique(cells, axis=0)) / (_CELLS[0] * _CELLS[1])
 
 
-def _find_area(views: Sequence[View], camera: int) -> Area:
+def _find_area(views: Sequence[BoardView], camera: int) -> Area:
     """Return the least and greatest x and y of the corners in a camera's pictures [px]."""
     corners = np.concatenate([view.detections[camera].corners for view in views])
     left, top = corners.min(axis=0).tolist()
@@ -720,7 +722,7 @@ def _measure_tilt(poses: Sequence[tuple[Floats, Floats]]) -> float:
 
 
 def _list_flags(
-    views: Sequence[View], board: Board, hold_out: HoldOut, coverage: dict[str, float]
+    views: Sequence[BoardView], board: Board, hold_out: HoldOut, coverage: dict[str, float]
 ) -> tuple[str, ...]:
     """Return what should be known beside the figures."""
     flags = [
@@ -739,7 +741,7 @@ def _list_flags(
     return tuple(flags)
 
 
-def _find_fault(found: Calibration, options: CalibrationOptions) -> str:
+def _find_fault(found: CameraCalibration, options: CalibrationOptions) -> str:
     """Return why a calibration is refused, or nothing."""
     names = found.cameras.names
     for name, covered in zip(names, found.coverage, strict=True):

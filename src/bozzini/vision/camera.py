@@ -20,9 +20,8 @@ from numpy.typing import ArrayLike, NDArray
 from ..checks import check_array, check_number, check_points
 from ..errors import FileFormatError, InputError
 from ..io.records import load_record, save_record
+from ..numeric.arrays import Floats
 from ..numeric.vectors import nearest_rotation
-
-Floats = NDArray[np.float64]
 
 _UNDISTORT_STEPS = 20
 _UNDISTORT_TOLERANCE = 1e-12

@@ -19,9 +19,10 @@ from numpy.typing import NDArray
 
 from ..checks import check_fields, quantity, show_apart
 from ..errors import GeometryError, InputError
+from ..numeric.arrays import Floats
 from ..results import Json, Result, take_axes
 from .board import BORDER, Detection, StripBoard
-from .camera import Camera, Floats, distort
+from .camera import Camera, distort
 from .pictures import Picture, import_opencv
 from .render import HungMuscle, Sensor
 

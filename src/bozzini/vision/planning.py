@@ -22,10 +22,11 @@ import numpy as np
 from ..checks import check_fields, check_integer, check_number, quantity
 from ..errors import BozziniError
 from ..io.files import new_directory, write_text
+from ..numeric.arrays import Floats
 from ..progress import Progress, no_progress
 from ..results import Json, Result, take_axes
 from .board import StripBoard
-from .camera import Camera, CameraSet, Floats, aim_camera
+from .camera import Camera, CameraSet, aim_camera
 from .length import LengthOptions, measure_length, predict_budget
 from .pictures import Picture, write_picture, write_summary
 from .render import HungMuscle, Sensor, render_picture

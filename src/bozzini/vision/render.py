@@ -21,10 +21,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_fields, check_integer, check_points, quantity
 from ..errors import InputError
+from ..numeric.arrays import Floats
 from ..numeric.polylines import measure_arc_length, resample_polyline
 from ..numeric.vectors import nearest_rotation
 from .board import Board, StripBoard
-from .camera import Camera, Floats, aim_camera
+from .camera import Camera, aim_camera
 from .pictures import Grey, Picture
 
 PAPER_MARGIN = 10.0

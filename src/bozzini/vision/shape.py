@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from ..checks import check_fields, quantity, show_apart
 from ..errors import GeometryError, InputError
+from ..numeric.arrays import Floats
 from ..numeric.polylines import (
     carry_frames,
     interpolate_polyline,
@@ -26,7 +27,7 @@ from ..numeric.polylines import (
     resample_polyline,
 )
 from ..results import Json, Result, list_coordinates, take_axes, to_plain
-from .camera import Camera, CameraSet, Floats, distort, triangulate
+from .camera import Camera, CameraSet, distort, triangulate
 from .kernels.rods import bend_rod, match_curves, miss_line, outline_tube
 from .pictures import Picture
 from .silhouette import BLUR, BLURRED_CONTRAST, Silhouette, find_silhouette, sample_values
@@ -636,7 +637,7 @@ def _open_eye(seen: Silhouette, picture: Picture, camera: Camera, options: Shape
 
 
 @dataclass(frozen=True, eq=False)
-class Edges:
+class TubeEdges:
     """What a picture shows of the tube, in the plane at the focal length.
 
     Attributes
@@ -706,7 +707,9 @@ def _fit_edges(profiles: Floats, blur: float, reach: float) -> tuple[Floats, Flo
     return found, fall, np.sqrt(mid / len(offsets))
 
 
-def _find_edges(eye: Eye, theta: Floats, options: ShapeOptions, reach: float, blur: float) -> Edges:
+def _find_edges(
+    eye: Eye, theta: Floats, options: ShapeOptions, reach: float, blur: float
+) -> TubeEdges:
     """Return the edges and rings near those of a rod; a blur of 0 is found first."""
     points, tangents = bend_rod(theta, STEPS)
     s = np.linspace(0.0, theta[LENGTH], STEPS + 1)
@@ -747,7 +750,7 @@ def _find_edges(eye: Eye, theta: Floats, options: ShapeOptions, reach: float, bl
         across = there - here
         limbs.append(np.hstack([here, across / np.linalg.norm(across, axis=1)[:, None]]))
     rings = np.stack([_locate_ring(eye, theta, k, options) for k in range(2)])
-    return Edges((limbs[0], limbs[1]), rings, float(np.mean(share)), blur)
+    return TubeEdges((limbs[0], limbs[1]), rings, float(np.mean(share)), blur)
 
 
 def _find_hidden(pixels: Floats, limbs: Floats) -> NDArray[np.bool_]:
@@ -895,7 +898,7 @@ def _sum_correlation(residuals: Floats) -> float:
 # The fit.
 
 
-def _miss_edges(theta: Floats, eyes: Sequence[Eye], edges: Sequence[Edges]) -> list[Floats]:
+def _miss_edges(theta: Floats, eyes: Sequence[Eye], edges: Sequence[TubeEdges]) -> list[Floats]:
     """Return, for each picture, the misses of its limbs and then of its rings [px]."""
     points, tangents = bend_rod(theta, STEPS)
     beyond = 0.1 * theta[LENGTH]
@@ -914,7 +917,7 @@ def _miss_edges(theta: Floats, eyes: Sequence[Eye], edges: Sequence[Edges]) -> l
 
 
 def _fit_rod(
-    theta: Floats, eyes: Sequence[Eye], edges: Sequence[Edges], options: ShapeOptions
+    theta: Floats, eyes: Sequence[Eye], edges: Sequence[TubeEdges], options: ShapeOptions
 ) -> tuple[Floats, Floats]:
     """Return the parameters that fit edges and rings best, and the Jacobian of the residuals."""
     weights = []
@@ -936,13 +939,13 @@ def _fit_rod(
 
 
 @dataclass(frozen=True, eq=False)
-class Fit:
+class RodFit:
     """A fitted rod, the Jacobian of its residuals, and what it was fitted to."""
 
     theta: Floats
     jacobian: Floats
     eyes: Sequence[Eye]
-    edges: Sequence[Edges]
+    edges: Sequence[TubeEdges]
     flags: tuple[str, ...]
 
 
@@ -970,13 +973,13 @@ def _fit_shape(
         flags.append("ring_dropped")
         theta, jacobian = _fit_rod(theta, eyes, edges, options)
         misses = _miss_edges(theta, eyes, edges)
-    fit = Fit(theta, jacobian, eyes, edges, tuple(dict.fromkeys(flags)))
+    fit = RodFit(theta, jacobian, eyes, edges, tuple(dict.fromkeys(flags)))
     return _judge(seen, cameras, fit, matched, options)
 
 
 def _fit_in_passes(
     theta: Floats, eyes: Sequence[Eye], options: ShapeOptions
-) -> tuple[Floats, Floats, list[Edges]]:
+) -> tuple[Floats, Floats, list[TubeEdges]]:
     """Return a rod fitted to edges that are looked for nearer and nearer to it."""
     blurs = [0.0, 0.0]
     wide = 2.0 * theta[RADIUS] * min(eye.measure_scale(theta[None, :3]) for eye in eyes)
@@ -1007,7 +1010,7 @@ def _worst_ring(misses: Sequence[Floats]) -> tuple[float, int, int]:
     return float(rings.max()), int(i), int(k)
 
 
-def _find_spread(fit: Fit, misses: Sequence[Floats], residual: float) -> Floats:
+def _find_spread(fit: RodFit, misses: Sequence[Floats], residual: float) -> Floats:
     """Return the covariance of the parameters.
 
     Edges next to each other are not independent, and each limb is off as a whole by its light;
@@ -1033,7 +1036,7 @@ def _find_spread(fit: Fit, misses: Sequence[Floats], residual: float) -> Floats:
 def _judge(
     seen: Sequence[Silhouette],
     cameras: CameraSet,
-    fit: Fit,
+    fit: RodFit,
     matched: Matched,
     options: ShapeOptions,
 ) -> BackboneShape:

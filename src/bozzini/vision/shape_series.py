@@ -15,10 +15,11 @@ import numpy as np
 from ..checks import check_points, check_word
 from ..errors import BozziniError, FileFormatError, InputError
 from ..io.files import new_directory
+from ..numeric.arrays import Floats
 from ..numeric.polylines import interpolate_polyline, measure_arc_length
 from ..progress import Progress, no_progress
 from ..results import DRAWN_LIMIT, Json, Result, take_axes, to_plain
-from .camera import CameraSet, Floats
+from .camera import CameraSet
 from .pictures import (
     BLUE,
     GREEN,

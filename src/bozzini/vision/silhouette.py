@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import GeometryError, MissingExtraError
+from ..numeric.arrays import Floats
 from ..numeric.polylines import measure_arc_length, resample_polyline
-from .camera import Floats
 from .pictures import Grey, Picture, import_opencv
 
 LEAST_CONTRAST = 5.0

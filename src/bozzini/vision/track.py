@@ -24,9 +24,10 @@ from ..checks import check_fields, quantity
 from ..errors import FileFormatError, GeometryError, InputError
 from ..io.files import new_directory
 from ..io.sheets import write_table
+from ..numeric.arrays import Floats
 from ..progress import Progress, no_progress
 from ..results import Json, Result, take_axes, to_plain
-from .camera import Camera, CameraSet, Floats, triangulate
+from .camera import Camera, CameraSet, triangulate
 from .pictures import (
     Manifest,
     Picture,

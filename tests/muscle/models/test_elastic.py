@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from bozzini.errors import InputError, MissingLawError
 from bozzini.muscle.models import MODELS
 from bozzini.muscle.models.ideal import (
-    Wall,
+    BladderWall,
     balance_forces,
     find_contact_pressure,
     find_radius,
@@ -104,7 +104,7 @@ def test_lengths_end_where_the_bore_closes():
 
 
 def test_a_very_thin_wall_loses_no_digits():
-    wall = Wall(braid=KOTHERA.braid, thickness=1e-9)
+    wall = BladderWall(braid=KOTHERA.braid, thickness=1e-9)
     radius = find_radius(KOTHERA.braid, LENGTHS)
     expected = 1e-9 * KOTHERA.braid.radius * 42.0 / (radius * LENGTHS)
     assert wall.thickness_at(LENGTHS) == pytest.approx(expected, rel=1e-7)

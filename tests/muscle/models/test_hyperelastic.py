@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from bozzini.errors import InputError
 from bozzini.muscle.models import MODELS
-from bozzini.muscle.models.ideal import Wall, find_radius, pull_ideal
+from bozzini.muscle.models.ideal import BladderWall, find_radius, pull_ideal
 from tests.muscle.models.catalogue import MUSCLE, build, differentiate, find_lengths
 from tests.muscle.models.relations import (
     WAYS,
@@ -36,7 +36,7 @@ def thin(share=0.99):
 
 def find_density(model, length, *, at):
     """Mooney-Rivlin energy of (2.18) and the stretches of (2.19) or (2.20), as they are printed."""
-    braid, wall = model.braid, Wall.of(model.muscle, model.braid)
+    braid, wall = model.braid, BladderWall.of(model.muscle, model.braid)
     radius, thickness = find_radius(braid, length), wall.thickness_at(length)
     across = (2.0 * radius - thickness) / (2.0 * braid.radius - wall.thickness)
     axial, hoop = length / braid.length, radius / braid.radius if at == "outer" else across
@@ -64,7 +64,7 @@ def test_energies_are_models(name):
 @pytest.mark.parametrize("name", ENERGIES)
 def test_the_pull_is_the_slope_of_the_potential(name, at):
     model = MODELS[name](STIFF, **MOONEY, stretches=at)
-    braid, volume = model.braid, Wall.of(STIFF, model.braid).volume
+    braid, volume = model.braid, BladderWall.of(STIFF, model.braid).volume
 
     def potential(length):
         gas = math.pi * find_radius(braid, length) ** 2 * length - volume

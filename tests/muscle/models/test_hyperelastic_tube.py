@@ -14,7 +14,7 @@ from bozzini.errors import InputError, MissingLawError
 from bozzini.muscle import EnergyMuscle, preset
 from bozzini.muscle.design import PRESSURE_LIMIT
 from bozzini.muscle.models import MODELS
-from bozzini.muscle.models.ideal import Wall, find_radius, pull_ideal
+from bozzini.muscle.models.ideal import BladderWall, find_radius, pull_ideal
 from bozzini.numeric.roots import find_between
 from tests.muscle.models.catalogue import MUSCLE, build, differentiate, find_lengths
 from tests.muscle.models.relations import (
@@ -187,7 +187,7 @@ def test_trivedi_as_printed_lengthens():
 def find_resultants(muscle, *, first, second):
     """Forces in a thick Mooney-Rivlin tube in a braid, by integration of its exact stresses."""
     braid = MODELS["gaylord-1"](muscle).braid
-    wall = Wall.of(muscle, braid)
+    wall = BladderWall.of(muscle, braid)
 
     def place(stretch):
         outside = float(find_radius(braid, np.asarray(stretch * braid.length))) ** 2

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from bozzini.errors import InputError, MissingLawError
 from bozzini.muscle.models import MODELS
-from bozzini.muscle.models.ideal import Wall, balance_forces, find_radius, pull_ideal
+from bozzini.muscle.models.ideal import BladderWall, balance_forces, find_radius, pull_ideal
 from bozzini.muscle.models.miniature import correct_length
 from tests.muscle.models.catalogue import MUSCLE, build, differentiate, find_lengths
 from tests.muscle.models.relations import (
@@ -228,7 +228,7 @@ def test_stiffening_is_the_full_balance():
 def test_the_pressure_on_a_wall_of_constant_thickness_is_chou():
     """What the balance adds to Gaylord's pull, with a thickness that stays: (2.5)."""
     chou = build("chou")
-    thickness = Wall.of(MUSCLE, chou.braid).thickness
+    thickness = BladderWall.of(MUSCLE, chou.braid).thickness
     lengths = find_lengths(chou)
     area = math.pi * thickness * (2.0 * find_radius(chou.braid, lengths) - thickness)
     force = balance_forces(

@@ -16,15 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import GeometryError
+from ...numeric.arrays import Floats
 from ...numeric.vectors import nearest_rotation, spread_directions
 from ...progress import Progress, no_progress
 from ..base import Duct
 from ..shapes.super_ellipses import EXPONENT_MAX, EXPONENT_MIN, SuperEllipsoids
-from .chain import Chain
+from .chain import BallChain
 from .measure import Sections, cast_rays
 from .points import fit_super_ellipsoid
-
-Floats = NDArray[np.float64]
 
 RAYS = 500
 """Rays of a candidate."""
@@ -75,7 +74,7 @@ def join_blocks(blocks: Sequence[SuperEllipsoids]) -> SuperEllipsoids:
 
 
 def make_candidates(
-    draft: Duct, chain: Chain, *, allowance: float, progress: Progress
+    draft: Duct, chain: BallChain, *, allowance: float, progress: Progress
 ) -> list[SuperEllipsoids]:
     """Return candidates on the centreline, and all over the lumen.
 
@@ -202,7 +201,7 @@ def _log_volume(e1: float, e2: float) -> float:
 
 def cover_blocks(
     draft: Duct,
-    chain: Chain,
+    chain: BallChain,
     *,
     pieces: int | None,
     max_loss: float,

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import GeometryError
+from ...numeric.arrays import Floats
 from ...numeric.polylines import carry_frames, interpolate_polyline
 from ...numeric.vectors import settle_layout
 from ...progress import Progress, no_progress
@@ -17,8 +18,6 @@ from ..shapes.cones import RoundCones
 from ..shapes.cylinders import ConnectedCylinders, measure_gaps
 from .measure import cast_rays, share_wall
 from .points import fit_circle
-
-Floats = NDArray[np.float64]
 
 SPACING_MM = 1.0
 """Distance between the places that may be kept [mm]; longer on long centrelines."""
@@ -40,7 +39,7 @@ SPAN_MAX = 120
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Chain:
+class BallChain:
     """Balls along a centreline that lie inside the duct.
 
     Attributes
@@ -62,7 +61,7 @@ class Chain:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Edges:
+class ChainCones:
     """Cones between two places of a chain.
 
     Attributes
@@ -77,7 +76,7 @@ class Edges:
     loss: Floats
 
 
-def place_chain(duct: Duct, centreline: Centreline) -> Chain:
+def place_chain(duct: Duct, centreline: Centreline) -> BallChain:
     """Return a ball at every place that may be kept.
 
     Raises
@@ -96,19 +95,19 @@ def place_chain(duct: Duct, centreline: Centreline) -> Chain:
             f"there is no proved clearance at ({place}) mm of the centreline, at "
             f"{arc[index]:.1f} mm: no shape can be put there; use a smaller voxel"
         )
-    return Chain(
+    return BallChain(
         arc_length=arc, centres=centres, tangents=find_tangents(centreline, arc), radii=radii
     )
 
 
 def measure_edges(
     duct: Duct,
-    chain: Chain,
+    chain: BallChain,
     *,
     allowance: float,
     cylinders: bool = False,
     progress: Progress = no_progress,
-) -> Edges:
+) -> ChainCones:
     """Return the cones between places that reach outside the duct by `allowance` mm at most.
 
     A ball reaches outside by no more than its radius exceeds the clearance at its centre; that is
@@ -141,17 +140,17 @@ def measure_edges(
             if failed >= PATIENCE:
                 break
         progress("chain", (i + 1) / (count - 1))
-    return Edges(ends=np.array(ends, dtype=np.int64).reshape(-1, 2), loss=np.array(losses))
+    return ChainCones(ends=np.array(ends, dtype=np.int64).reshape(-1, 2), loss=np.array(losses))
 
 
 def choose_chain(
-    edges: Edges, count: int, *, max_loss: float, pieces: int | None
+    edges: ChainCones, count: int, *, max_loss: float, pieces: int | None
 ) -> tuple[list[int], float]:
     """Return the places to keep, and the most clearance that is lost between them [mm].
 
     Parameters
     ----------
-    edges : Edges
+    edges : ChainCones
     count : int
         Number of places.
     max_loss : float
@@ -196,7 +195,7 @@ def choose_chain(
 
 
 def _measure_cones(
-    duct: Duct, chain: Chain, i: int, others: list[int]
+    duct: Duct, chain: BallChain, i: int, others: list[int]
 ) -> list[tuple[float, float]]:
     """Return how far the cones from ball i reach outside, and what clearance they lose."""
     parts, sizes = [], []
@@ -220,7 +219,7 @@ def _measure_cones(
     return found
 
 
-def _find_shortest(edges: Edges, count: int, most: float) -> list[int] | None:
+def _find_shortest(edges: ChainCones, count: int, most: float) -> list[int] | None:
     """Return the fewest places from first to last, of those the chain with the least loss."""
     from scipy.sparse import csr_matrix
     from scipy.sparse.csgraph import dijkstra
@@ -238,7 +237,7 @@ def _find_shortest(edges: Edges, count: int, most: float) -> list[int] | None:
     return path[::-1]
 
 
-def _worst(edges: Edges, path: list[int]) -> float:
+def _worst(edges: ChainCones, path: list[int]) -> float:
     table = {(i, j): loss for (i, j), loss in zip(edges.ends.tolist(), edges.loss, strict=True)}
     return float(max(table[i, j] for i, j in zip(path[:-1], path[1:], strict=True)))
 
@@ -256,7 +255,7 @@ RADIUS_MIN = 1e-3
 
 
 def inscribe_cylinders(
-    duct: Duct, chain: Chain, places: list[int], *, allowance: float
+    duct: Duct, chain: BallChain, places: list[int], *, allowance: float
 ) -> ConnectedCylinders:
     """Return cylinders through the places that reach outside by about `allowance` at most.
 
@@ -297,7 +296,7 @@ def _find_apart(centres: Floats, normals: Floats, radii: Floats) -> NDArray[np.b
     return np.asarray(ahead & (gaps > 1e-6 * steps))
 
 
-def fit_cylinder_chain(chain: Chain, places: list[int], walls: Floats) -> ConnectedCylinders:
+def fit_cylinder_chain(chain: BallChain, places: list[int], walls: Floats) -> ConnectedCylinders:
     """Return cylinders whose circles fit wall points (n, k, 3) of sections by least squares.
 
     The sections are those across the chain at the places. Circles that would meet, or stand

@@ -25,8 +25,8 @@ from ..shapes.mesh import TriangleMesh
 from ..shapes.super_ellipses import SuperEllipsoids
 from .blocks import add_balls, cover_blocks, fit_blocks, shrink_blocks
 from .chain import (
-    Chain,
-    Edges,
+    BallChain,
+    ChainCones,
     choose_chain,
     fit_cone_chain,
     fit_cylinder_chain,
@@ -383,7 +383,7 @@ class _Job:
         walls = cut_sections(self.duct, self.centreline, stations=stations).wall
         return fit_cylinder_chain(chain, places, walls)
 
-    def _measure_edges(self, chain: Chain, allowance: float) -> Edges:
+    def _measure_edges(self, chain: BallChain, allowance: float) -> ChainCones:
         return measure_edges(
             self.duct,
             chain,
@@ -392,13 +392,13 @@ class _Job:
             progress=self.progress,
         )
 
-    def _choose(self, edges: Edges, chain: Chain, share: float = 1.0) -> list[int]:
+    def _choose(self, edges: ChainCones, chain: BallChain, share: float = 1.0) -> list[int]:
         max_loss = share * self.options.max_error
         return choose_chain(edges, len(chain.radii), max_loss=max_loss, pieces=self.options.pieces)[
             0
         ]
 
-    def _join(self, chain: Chain, edges: Edges, allowance: float) -> Shapes:
+    def _join(self, chain: BallChain, edges: ChainCones, allowance: float) -> Shapes:
         """Return cones or cylinders; maybe more, as between the places more may be lost."""
         shapes = self._inscribe(chain, self._choose(edges, chain), allowance)
         if self.options.pieces is not None:
@@ -413,7 +413,7 @@ class _Job:
             shapes = self._inscribe(chain, places, allowance)
         return shapes
 
-    def _inscribe(self, chain: Chain, places: list[int], allowance: float) -> Shapes:
+    def _inscribe(self, chain: BallChain, places: list[int], allowance: float) -> Shapes:
         if self.options.kind == "cones":
             return RoundCones(chain.centres[places], chain.radii[places])
         return inscribe_cylinders(self.duct, chain, places, allowance=allowance)

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...checks import check_array, check_number, check_points, check_range
 from ...errors import GeometryError, InputError
+from ...numeric.arrays import Floats
 from ...numeric.vectors import nearest_rotation
 from ..checks import COORDINATE_MAX
 from ..shapes.super_ellipses import (
@@ -21,8 +22,6 @@ from ..shapes.super_ellipses import (
     SuperEllipsoids,
     join_norm,
 )
-
-Floats = NDArray[np.float64]
 
 FLAT_MM = 1e-9
 """Points that spread across by no more than this lie in a plane, or on a line."""

@@ -7,12 +7,10 @@ from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...numeric.arrays import Floats
 from ..base import DuctShape, PackedDuct
 from ..packed import ShapesData, measure_slack, pack_shapes
-
-Floats = NDArray[np.float64]
 
 FAMILY: dict[int, type[ShapeUnion]] = {}
 """The class of each kind of shape that kernels know, by its code in `kernels.shapes`."""

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ...checks import check_number, show_apart
 from ...errors import InputError
+from ...numeric.arrays import Floats
 from ..base import DuctShape
 from ..checks import (
     check_counts,
@@ -19,8 +20,6 @@ from ..checks import (
     set_fields,
 )
 from .base import ShapeUnion
-
-Floats = NDArray[np.float64]
 
 
 class _Balls(DuctShape):

@@ -21,6 +21,7 @@ from ...continuum import ContinuumRobot
 from ...continuum.coupling import Coupling, require_arcs
 from ...duct.base import Duct
 from ...errors import GeometryError, InputError
+from ...numeric.arrays import Floats
 from ...progress import Progress, no_progress
 from ..plan import Plan, write_record
 from ..space import FreeSpace
@@ -46,7 +47,7 @@ FINER = (0.02, 0.005)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Fit:
+class BendFit:
     """Bends along a path.
 
     Parameters
@@ -78,10 +79,10 @@ class Fit:
         """How far each section bends (n, m) [rad]."""
         return np.asarray(np.linalg.norm(self.bends, axis=2))
 
-    def cut(self, end: int, *, begin: int = 0) -> Fit:
+    def cut(self, end: int, *, begin: int = 0) -> BendFit:
         """Return the steps before `end`, from `begin` on."""
         rows = slice(begin, end)
-        return Fit(**{each.name: getattr(self, each.name)[rows] for each in fields(self)})
+        return BendFit(**{each.name: getattr(self, each.name)[rows] for each in fields(self)})
 
 
 class FitJob:
@@ -126,7 +127,7 @@ class FitJob:
         origin = duct.to_grid(entry)
         self.placing = np.concatenate([duct.to_grid(entry + axes.T) - origin, origin[None]])
 
-    def fit(self, clearance: float, *, limited: bool = True) -> Fit:
+    def fit(self, clearance: float, *, limited: bool = True) -> BendFit:
         """Fit all steps; the wall pushes where the body's clearance is less [mm]."""
         from ..kernels.actuate import fit_motion, measure_fit
 
@@ -167,7 +168,7 @@ class FitJob:
             rms,
             largest,
         )
-        return Fit(
+        return BendFit(
             heads=self.heads,
             bends=bends,
             advances=advances,
@@ -177,7 +178,7 @@ class FitJob:
             iterations=used,
         )
 
-    def certify(self, fit: Fit) -> ArcCertificate:
+    def certify(self, fit: BendFit) -> ArcCertificate:
         """Prove the clearance of a fit's motion; look closer where that settles it."""
         proof = None
         for deviation in FINER:
@@ -195,12 +196,12 @@ class FitJob:
             raise RuntimeError("no deviation was tried")
         return proof
 
-    def count_reached(self, fit: Fit) -> int:
+    def count_reached(self, fit: BendFit) -> int:
         """Return how many steps the robot is long enough for."""
         short = np.flatnonzero(fit.advances >= self.robot.length - 1e-9)
         return int(short[0]) if len(short) else len(fit.heads)
 
-    def keep_certified(self, fit: Fit) -> tuple[Fit, ArcCertificate]:
+    def keep_certified(self, fit: BendFit) -> tuple[BendFit, ArcCertificate]:
         """Return the longest start of a fit that is certified, by bisection; one step at least.
 
         Each stretch is proved once; together they prove the whole.
@@ -228,7 +229,7 @@ class FitJob:
         )
         return fit.cut(low), whole
 
-    def estimate_clearance(self, fit: Fit) -> tuple[Floats, NDArray[np.int64], Floats]:
+    def estimate_clearance(self, fit: BendFit) -> tuple[Floats, NDArray[np.int64], Floats]:
         """Estimate the body's clearance at each step, by samples outside the introducer.
 
         Returns
@@ -263,8 +264,6 @@ class FitJob:
 
 
 # Why a robot does not go all the way: which section or tendon, where, and by how much.
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -312,11 +311,11 @@ class Attempt:
     """A fit with the clearance [mm] below which the wall pushed, and what is proved of it."""
 
     clearance: float
-    fit: Fit
+    fit: BendFit
     proof: ArcCertificate
 
 
-def explain_length(job: FitJob, fit: Fit) -> Shortfall:
+def explain_length(job: FitJob, fit: BendFit) -> Shortfall:
     """State that the robot is too short, and by how many sections."""
     way = float(job.heads.max())
     missing = way - float(fit.heads[-1])
@@ -356,7 +355,7 @@ def explain_end(job: FitJob, attempt: Attempt, kept: int) -> Shortfall:
     return replace(limit, what=f"{limit.what}; without the limit, {beyond.what}")
 
 
-def _explain_bend(job: FitJob, free: Fit, over: Floats) -> Shortfall:
+def _explain_bend(job: FitJob, free: BendFit, over: Floats) -> Shortfall:
     """State which section would have to bend farthest beyond its limit."""
     step, section = np.unravel_index(int(np.argmax(over)), over.shape)
     needs, offers = float(free.angles[step, section]), float(job.limits[section])
@@ -375,7 +374,7 @@ def _explain_bend(job: FitJob, free: Fit, over: Floats) -> Shortfall:
     )
 
 
-def _explain_travel(job: FitJob, free: Fit, over: Floats) -> Shortfall:
+def _explain_travel(job: FitJob, free: BendFit, over: Floats) -> Shortfall:
     """State which tendon would have to move farthest beyond its travel."""
     step, tendon = np.unravel_index(int(np.argmax(over)), over.shape)
     needs = float(free.displacements[step, tendon])
@@ -392,7 +391,7 @@ def _explain_travel(job: FitJob, free: Fit, over: Floats) -> Shortfall:
     )
 
 
-def _explain_wall(job: FitJob, fit: Fit, proof: ArcCertificate) -> Shortfall:
+def _explain_wall(job: FitJob, fit: BendFit, proof: ArcCertificate) -> Shortfall:
     clearance, section, place = job.estimate_clearance(fit)
     step = int(np.argmin(clearance))
     if clearance[step] < 0.0:
@@ -546,7 +545,7 @@ def _try_clearances(job: FitJob, progress: Progress) -> Attempt:
     return best
 
 
-def _check_tendons(job: FitJob, fit: Fit) -> None:
+def _check_tendons(job: FitJob, fit: BendFit) -> None:
     """Raise `GeometryError` if the displacements do not bend the robot as the fit does."""
     found = job.coupling.solve(fit.displacements)
     off = np.abs(found.bends - fit.bends).max(axis=(1, 2))
@@ -562,7 +561,7 @@ def _check_tendons(job: FitJob, fit: Fit) -> None:
 
 def _finish(
     job: FitJob,
-    fit: Fit,
+    fit: BendFit,
     proof: ArcCertificate,
     shortfall: Shortfall | None,
     options: dict[str, float],

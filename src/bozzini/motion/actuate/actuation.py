@@ -25,6 +25,7 @@ from ...io.files import check_parquet, write_atomically, write_parquet, write_te
 from ...io.inputs import note_input
 from ...io.records import parse_json
 from ...io.sheets import format_table
+from ...numeric.arrays import Floats
 from ...results import Json, Result, take_axes, to_plain
 from .executed import ArcCertificate, place_bodies
 
@@ -130,8 +131,6 @@ def check_words(given: Actuation, codes: Mapping[str, str]) -> None:
 def _reserved() -> list[str]:
     return [name.removesuffix("_mm") for name in COLUMNS if name.endswith("_mm")]
 
-
-Floats = NDArray[np.float64]
 
 ACTUATION_CODES = {
     "PLAN_STOPPED": "the plan itself ends before the goal",

@@ -46,12 +46,11 @@ from numpy.typing import ArrayLike, NDArray
 from ...checks import check_array, check_integer, check_number, check_points, check_range, quantity
 from ...continuum import ContinuumRobot
 from ...errors import InputError
+from ...numeric.arrays import Floats
 from ..certify import TOLERANCE_MM, certify_motion
 from ..plan import read_record, write_record
 from ..scope import Introducer
 from ..space import FreeSpace
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

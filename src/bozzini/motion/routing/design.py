@@ -42,7 +42,7 @@ from ..space import FreeSpace
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from ...continuum.checks import Floats
+    from ...numeric.arrays import Floats
 
 RoutingKind = Literal["curved", "straight"]
 

@@ -23,8 +23,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...continuum.routing import (
     BackboneSteps,
+    BackboneTrace,
     BendTarget,
-    Trace,
     find_bends,
     fit_bend,
 )
@@ -38,7 +38,7 @@ from .options import InsertionRankOptions
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from ...continuum.checks import Floats
+    from ...numeric.arrays import Floats
 
 WaySource = Literal["curvature", "positions", "sections"]
 """Where routings come from: singular vectors of the curvature, a fit of positions, or sections."""
@@ -291,7 +291,7 @@ class Pose:
     amplitudes: Floats
     turn: Floats
     off: Floats
-    trace: Trace
+    trace: BackboneTrace
     slopes: Floats
 
     @property

@@ -39,7 +39,7 @@ from .rank import shift_curvature
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from ...continuum.checks import Floats
+    from ...numeric.arrays import Floats
 
 DIAMETER_STEP_MM = 0.1
 """Diameters that are tried are multiples of this."""
@@ -64,7 +64,7 @@ LINK_MM = 12.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class Trial:
+class RobotTrial:
     """A robot that was tried: its diameter [mm], sections, and why it does not come through."""
 
     diameter: float
@@ -89,7 +89,7 @@ class TractRobot(Result):
     plan : Plan, optional
     limits : DiameterLimits
         What the bounds say of diameters.
-    trials : tuple of Trial
+    trials : tuple of RobotTrial
         What was tried, in this order.
     reason : str
         Why there is none.
@@ -99,7 +99,7 @@ class TractRobot(Result):
     actuation: Actuation | None = field(repr=False)
     plan: Plan | None = field(repr=False)
     limits: DiameterLimits
-    trials: tuple[Trial, ...]
+    trials: tuple[RobotTrial, ...]
     reason: str = ""
 
     @property
@@ -202,7 +202,7 @@ def design_robot(
     if duct.dim != 3:
         raise InputError("the duct is planar: a robot moves in 3 dimensions")
     limits = find_diameter_limits(duct, line)
-    trials: list[Trial] = []
+    trials: list[RobotTrial] = []
     diameters = list_diameters(options, limits)
     total = len(diameters) * (1 + len(options.sections))
     for row, diameter in enumerate(diameters):
@@ -318,8 +318,8 @@ def limit_bends(robot: ContinuumRobot, motion: Actuation) -> ContinuumRobot:
 
 def _describe_trial(
     diameter: float, sections: int, clearance: float, head: float, reason: str, even: bool = True
-) -> Trial:
-    return Trial(
+) -> RobotTrial:
+    return RobotTrial(
         diameter=diameter,
         sections=sections,
         even=even,
@@ -330,7 +330,7 @@ def _describe_trial(
     )
 
 
-def _explain(options: RobotSearch, limits: DiameterLimits, trials: list[Trial]) -> str:
+def _explain(options: RobotSearch, limits: DiameterLimits, trials: list[RobotTrial]) -> str:
     """Return why no robot came through."""
     if not trials:
         return (

@@ -5,14 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ...checks import check_number, refuse_first, show_apart
 from ...errors import InputError
+from ...numeric.arrays import Floats
 from ..kernels import hysteresis as kernels
 from .operator import HysteresisFit, LoopOptions, Loops, Operator, number
-
-Floats = NDArray[np.float64]
 
 _HIGHEST = 20.0
 _SHARE = 1e3

@@ -6,10 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ...checks import broadcast, check_array, check_number, refuse_first
 from ...errors import InputError
+from ...numeric.arrays import Floats
 from ..kernels import hysteresis as kernels
 from .operator import (
     LIMIT,
@@ -26,8 +27,6 @@ from .operator import (
     take_same_count,
 )
 from .prandtl_ishlinskii import BEYOND, PrandtlIshlinskii, choose_thresholds
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

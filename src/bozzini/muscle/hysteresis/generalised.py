@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...checks import check_array, check_integer, check_number, check_range
 from ...errors import InputError
+from ...numeric.arrays import Floats
 from .operator import (
     EVALUATIONS,
     LIMIT,
@@ -25,8 +26,6 @@ from .operator import (
     take_increasing,
 )
 from .prandtl_ishlinskii import PrandtlIshlinskii, choose_thresholds, trace_symmetric_plays
-
-Floats = NDArray[np.float64]
 
 _LEAST_WEIGHT = 1e-3  # of the play of width 0, so that there is an inverse
 _LEAST_SLOPE = 1e-3  # of the output curve that a fit tries, in mean slopes of the loops

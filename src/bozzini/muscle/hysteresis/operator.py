@@ -20,6 +20,7 @@ from ...checks import (
     show_apart,
 )
 from ...errors import InputError
+from ...numeric.arrays import Floats
 from ...numeric.vectors import settle_layout
 from ...results import Result
 
@@ -44,8 +45,6 @@ class Hysteresis(Protocol):
         """
         ...
 
-
-Floats = NDArray[np.float64]
 
 LIMIT = 1e12
 """Largest legal size of an input or a constant, in any unit: a limit of the arithmetic."""

@@ -9,10 +9,11 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ...checks import check_integer, check_number, name_at, show_apart
 from ...errors import InputError
+from ...numeric.arrays import Floats
 from ..kernels import hysteresis as kernels
 from .operator import (
     LIMIT,
@@ -29,8 +30,6 @@ from .operator import (
     take_increasing,
     take_numbers,
 )
-
-Floats = NDArray[np.float64]
 
 
 class Plays(NamedTuple):

@@ -6,10 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ...checks import broadcast, check_array, check_integer, check_range, refuse_first
 from ...errors import InputError
+from ...numeric.arrays import Floats
 from ..kernels import hysteresis as kernels
 from .operator import (
     LIMIT,
@@ -24,8 +25,6 @@ from .operator import (
     take_history,
     take_increasing,
 )
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

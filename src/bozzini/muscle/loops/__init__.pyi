@@ -1,4 +1,4 @@
-from .fit import LoopFit, LoopFitOptions, fit_loop
+from .loop_fit import LoopFit, LoopFitOptions, fit_loop
 from .model import OPERATORS, Compensation, LoopModel, load_loop_model, save_loop_model
 from .record import LoopRecord, LoopSamples, read_loop
 

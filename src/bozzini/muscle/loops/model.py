@@ -24,6 +24,7 @@ from ...checks import (
 from ...errors import FileFormatError, InputError
 from ...io.files import write_text
 from ...io.records import format_yaml, load_data, read_record, write_record
+from ...numeric.arrays import Floats
 from ...results import Json, Result, measured, take_axes
 from ..design import PRESSURE_LIMIT
 from ..ends import MountedMuscle
@@ -47,7 +48,6 @@ from .record import RESPONSES, Response
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Floats = NDArray[np.float64]
 
 OPERATORS: dict[str, type[Operator]] = {
     "generalised": GeneralisedPrandtlIshlinskii,

@@ -8,10 +8,10 @@ from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...checks import check_array, check_integer, check_path, check_range, check_word, name_at
 from ...errors import FileFormatError, InputError
+from ...numeric.arrays import Floats
 from ...results import take_axes
 from ..design import PRESSURE_LIMIT
 from ..hysteresis.operator import LIMIT
@@ -21,7 +21,6 @@ from ..table import ZERO_SHARE, read_columns
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Floats = NDArray[np.float64]
 Response = Literal["contraction", "force"]
 
 RESPONSES = {"contraction": "mm", "force": "N"}

@@ -33,7 +33,6 @@ class ModelRegistry(Registry[MuscleModel]):
             "bozzini.muscles",
             lambda: MuscleModel,
             lambda: collect_named(MODULES, MuscleModel),  # type: ignore[type-abstract]
-            arguments=1,
         )
 
     @property

@@ -23,8 +23,9 @@ from ...checks import (
     show_beside,
     show_range,
 )
-from ...errors import BozziniError, InputError, PluginError
+from ...errors import BozziniError, InputError
 from ...numeric import roots as numeric_roots
+from ...numeric.arrays import Floats
 from ...results import Json
 from ..design import LOCKING_ANGLE, PRESSURE_LIMIT, Braid, Muscle, check_muscle
 from ..hysteresis import Hysteresis
@@ -38,8 +39,6 @@ from ..model import (
     parse_direction,
 )
 from .card import Card, describe_card, take_keywords
-
-Floats = NDArray[np.float64]
 
 STEPS = 64
 """Lengths tried between the free length and the end of the legal ones."""
@@ -240,8 +239,6 @@ class ExplicitModel(MuscleModel):
                 low, high = self._find_lengths(at)
                 legal = self._holds(at)
                 pull = self._find_total(at, np.clip(lengths, low, high), signs)
-        except PluginError:
-            raise
         except BozziniError:  # a law that has no answer somewhere
             return super().try_force(pressure, contraction, direction=direction)
         held = (at == pressures) & (lengths >= low - slack) & (lengths <= high + slack) & legal
@@ -316,8 +313,6 @@ class ExplicitModel(MuscleModel):
         legal = (at == pressures) & (held == loads) & holds
         try:
             roots = self._search_roots(at[holds], held[holds], signs[holds])
-        except PluginError:
-            raise
         except BozziniError:  # no answer on the way of one of them
             return super().try_contraction(pressure, load, direction=direction)
         found, good = np.zeros(at.shape), np.zeros(at.shape, dtype=np.bool_)

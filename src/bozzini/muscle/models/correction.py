@@ -10,11 +10,10 @@ from numpy.typing import NDArray
 
 from ...checks import check_range, show_apart
 from ...errors import InputError
+from ...numeric.arrays import Floats
 from .base import ANGLES, TYPICAL_PRESSURE, CatalogueModel
 from .card import BRAID_FIELDS, SHAPE_FIELDS, Card, Choice, Parameter, make_friction
 from .ideal import bracket, measure_ideal, pull_by_strain
-
-Floats = NDArray[np.float64]
 
 _FACTORS = (1e-6, 1e6)
 """Legal factors of the strain: without sign change, and finite."""

@@ -11,17 +11,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...checks import check_array, check_range
+from ...numeric.arrays import Floats
 from ...numeric.roots import find_between
 from .card import WALL_FIELDS, Card, Choice, Law, Parameter, make_friction
 from .ideal import (
+    BladderWall,
     ForceBalanceModel,
-    Wall,
     WalledModel,
     find_radius,
     pull_ideal,
 )
-
-Floats = NDArray[np.float64]
 
 
 class ConstantThickness(ForceBalanceModel):
@@ -244,7 +243,7 @@ class Stretches:
         return factor * spread(logs[0]), factor * spread(logs[1])
 
 
-def find_stretches(wall: Wall, length: Floats, *, at: str) -> Stretches:
+def find_stretches(wall: BladderWall, length: Floats, *, at: str) -> Stretches:
     """Return the stretches of a wall at lengths [mm].
 
     The hoop stretch is taken at the ``"middle"``, ``(2 r - t) / (2 r0 - t0)`` of (2.19), or the

@@ -6,14 +6,12 @@ import math
 from abc import abstractmethod
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...numeric.arrays import Floats
 from ..design import Muscle
 from .base import TYPICAL_PRESSURE, CatalogueModel
 from .card import SHAPE_FIELDS, WALL_FIELDS, Card, Law, Parameter
 from .ideal import Chou, measure_ideal
-
-Floats = NDArray[np.float64]
 
 _PAPERS = "One of the references [92] and [125]-[129] of the thesis, which gives them together"
 _WHO = "several, together in the survey"

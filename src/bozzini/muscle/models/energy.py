@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...checks import check_word, name_at, show_apart
 from ...errors import InputError
+from ...numeric.arrays import Floats
 from ...numeric.vectors import settle_layout
 from ..design import PRESSURE_LIMIT, Muscle, check_muscle
 from ..hysteresis import Hysteresis
@@ -30,8 +31,6 @@ from ..model import (
     is_as_defined,
     take_arguments,
 )
-
-Floats = NDArray[np.float64]
 
 PAST_LOCKING = 0.35
 """Cosine of the braid angle at which a muscle with friction ends."""

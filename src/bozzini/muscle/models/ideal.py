@@ -9,8 +9,8 @@ from functools import cached_property, lru_cache
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...numeric.arrays import Floats
 from ...numeric.roots import bisect
 from ..design import Braid, Muscle
 from .base import CatalogueModel
@@ -37,22 +37,19 @@ from .card import BRAID_FIELDS, WALL_FIELDS, Card
 # be compressed and resists nothing the stress is the pressure on it: with ``s_z = s_h = -P`` the
 # second term goes, and Gaylord's pull is left, as from the energy of such a wall.
 
-
-Floats = NDArray[np.float64]
-
 _OPEN_BORE_SHARE = 1e-4
 """Share of the bore's area at rest that is left at the ends of the legal lengths."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Wall:
+class BladderWall:
     """A bladder that touches its braid and keeps its volume; the thickness is at rest [mm]."""
 
     braid: Braid
     thickness: float
 
     @classmethod
-    def of(cls, muscle: Muscle, braid: Braid) -> Wall:
+    def of(cls, muscle: Muscle, braid: Braid) -> BladderWall:
         """Return the wall of a muscle whose tube has grown to the braid, as thick as it was."""
         return cls(braid=braid, thickness=muscle.outer_radius - muscle.inner_radius)
 
@@ -97,9 +94,9 @@ class Wall:
 
 @lru_cache(maxsize=256)
 def _find_lengths(
-    wall: Wall, low: float, high: float, keeps_thickness: bool
+    wall: BladderWall, low: float, high: float, keeps_thickness: bool
 ) -> tuple[float, float]:
-    """Return the answer of `Wall.find_lengths`, which a fit asks for again and again."""
+    """Return the answer of `BladderWall.find_lengths`, which a fit asks for again and again."""
     left = _OPEN_BORE_SHARE * wall.bore_at_rest**2
     strand, turns = wall.braid.strand_length, wall.braid.turns
     volume, thinnest = wall.volume / math.pi, wall.thickness + math.sqrt(left)
@@ -170,9 +167,9 @@ class WalledModel(CatalogueModel):
     """Whether the wall is as thick as at rest at every length, instead of keeping its volume."""
 
     @cached_property
-    def wall(self) -> Wall:
+    def wall(self) -> BladderWall:
         """The wall at rest."""
-        return Wall.of(self.muscle, self.braid)
+        return BladderWall.of(self.muscle, self.braid)
 
     def _base_lengths(self) -> tuple[float, float]:
         ends = super()._base_lengths()

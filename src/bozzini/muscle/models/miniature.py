@@ -6,18 +6,17 @@ import math
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ...checks import add_hint, broadcast, check_array, check_range, name_at, show_apart
 from ...errors import InputError
+from ...numeric.arrays import Floats
 from ...numeric.roots import bisect
 from ..design import PRESSURE_LIMIT, Braid
 from ..model import LOAD_LIMIT
 from .base import ANGLES, CatalogueModel
 from .card import SHAPE_FIELDS, WALL_FIELDS, Card, Choice, Law, Parameter
-from .ideal import ForceBalanceModel, Wall, find_radius, measure_ideal, pull_ideal
-
-Floats = NDArray[np.float64]
+from .ideal import BladderWall, ForceBalanceModel, find_radius, measure_ideal, pull_ideal
 
 
 class DeVolder(CatalogueModel):
@@ -162,7 +161,7 @@ class Sangian(CatalogueModel):
 
     def _contact_pressure(self, pressure: Floats, length: Floats) -> Floats:
         braid = self.braid
-        thickness = Wall.of(self.muscle, braid).thickness
+        thickness = BladderWall.of(self.muscle, braid).thickness
         radius = find_radius(braid, length)
         scale = self.muscle.modulus * thickness / braid.radius**2
         acting = pressure - self.dead_band()

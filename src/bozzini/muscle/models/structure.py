@@ -6,15 +6,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...checks import check_range, show_apart
 from ...errors import InputError, MissingLawError
+from ...numeric.arrays import Floats
 from .base import CatalogueModel
 from .card import BRAID_FIELDS, WALL_FIELDS, Card, Law, Parameter, make_friction
-from .ideal import Wall, WalledModel, find_radius, pull_ideal
-
-Floats = NDArray[np.float64]
+from .ideal import BladderWall, WalledModel, find_radius, pull_ideal
 
 _LENGTH = ("length [mm]",)
 _STATE = ("length [mm]", "pressure [MPa]")
@@ -181,7 +179,7 @@ class Doumit(CatalogueModel):
 
     def _base_lengths(self) -> tuple[float, float]:
         lost = self._thickness + 2.0 * self.muscle.strand_radius
-        wall = Wall(braid=self.braid, thickness=lost)
+        wall = BladderWall(braid=self.braid, thickness=lost)
         return wall.find_lengths(*super()._base_lengths(), keeps_thickness=True)
 
 

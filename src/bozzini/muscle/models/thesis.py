@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...checks import check_array, check_word, name_at, refuse_first, show_apart, show_range
 from ...errors import InputError
+from ...numeric.arrays import Floats
 from ...numeric.roots import bisect
 from ..design import Muscle, check_muscle
 from ..hysteresis import Hysteresis
@@ -92,8 +93,6 @@ PRESSURE_LIMIT = 10.0
 
 ANGLE_LIMIT = math.radians(60.0)
 """Largest legal braid angle [rad]; the thesis's own curve overshoots the locking angle a little."""
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...checks import check_fields, choose, quantity
 from ...errors import InputError
+from ...numeric.arrays import Floats
 from ...results import Json, Result, take_axes, to_plain
 from ..hysteresis import HysteresisFit, LoopOptions, Operator
 from ..model import MuscleModel
@@ -19,7 +19,6 @@ from .record import LoopRecord, LoopSamples
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Floats = NDArray[np.float64]
 
 DRIFTS = ("linear", "log", "none")
 LOG_TIME = 1.0

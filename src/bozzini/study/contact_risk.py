@@ -24,12 +24,12 @@ from ..motion.moving import ReplanOptions, replan
 from ..motion.plan import Plan
 from ..motion.space import grid_of
 from ..motion.verify import build_wall, certify_plan, rebuild_field
+from ..numeric.arrays import Floats
 from ..progress import Progress, no_progress
 from ..results import Json, Result, measured, to_plain
-from .options import ContactOptions
+from .options import ContactRiskOptions
 from .wall import (
     QUANTILES,
-    Floats,
     Interval,
     Stations,
     WallError,
@@ -154,7 +154,7 @@ def replan_draws(
     error: WallError,
     *,
     duct: Duct,
-    options: ContactOptions,
+    options: ContactRiskOptions,
     progress: Progress = no_progress,
 ) -> Replannings:
     """Plan anew in the walls of the first `options.replan` draws.
@@ -498,7 +498,7 @@ def study_contact(
     plan: Plan,
     tract: LabelTract | SurfaceTract,
     *,
-    options: ContactOptions | None = None,
+    options: ContactRiskOptions | None = None,
     duct: Duct | None = None,
     progress: Progress = no_progress,
 ) -> ContactRisk:
@@ -509,7 +509,7 @@ def study_contact(
     plan : Plan
     tract : LabelTract or SurfaceTract
         What it was made from.
-    options : ContactOptions, optional
+    options : ContactRiskOptions, optional
     duct : Duct, optional
         The tract's field as the plan states it; built unless given.
     progress : Progress
@@ -520,7 +520,7 @@ def study_contact(
         If `options.sd` is not given for a surface, the plan is planar, or never leaves the
         introducer; or is to be planned anew and does not reach its goal.
     """
-    options = ContactOptions() if options is None else options
+    options = ContactRiskOptions() if options is None else options
     check_kind("plan", plan, Plan)
     sd, notes = _take_sd(tract, options)
     error = WallError(sd=sd, correlation=options.correlation, mean=options.mean)
@@ -566,7 +566,7 @@ def study_contact(
 
 
 def _take_sd(
-    tract: LabelTract | SurfaceTract, options: ContactOptions
+    tract: LabelTract | SurfaceTract, options: ContactRiskOptions
 ) -> tuple[float, tuple[str, ...]]:
     """Return the standard deviation [mm], and a note if it is the default."""
     if options.sd is not None:

@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 
 from ..checks import check_integer, check_kind, check_word, show_apart
 from ..errors import BozziniError, InputError
+from ..numeric.arrays import Floats
 from ..numeric.estimation import (
-    Spread,
+    FitCovariance,
     describe_lost,
     determine,
     find_lost,
@@ -30,7 +31,6 @@ from ..numeric.estimation import (
 from ..progress import Progress, no_progress
 from ..results import Json, Result, take_axes, to_plain
 from .calibration import RobotCalibration
-from .checks import Floats
 from .kinematics import ContinuumRobot
 from .measured import RobotMeasurements
 from .models import CONTINUUM_MODELS
@@ -781,7 +781,6 @@ def _compare(observation: Observation, found: Observed) -> RobotPrediction:
 
 # Validation.
 
-
 Folds = tuple[NDArray[np.int64], ...]
 """The rows of each block that is left out."""
 
@@ -1033,7 +1032,11 @@ def _conclude(
 
 
 def _estimate(
-    one: Unknown, setups: tuple[RobotSetup, RobotSetup], change: float, error: float, spread: Spread
+    one: Unknown,
+    setups: tuple[RobotSetup, RobotSetup],
+    change: float,
+    error: float,
+    spread: FitCovariance,
 ) -> Estimate:
     """Return a number, of setups before and after, with its interval.
 
@@ -1060,7 +1063,7 @@ def _estimate(
     return Estimate(one.name, value, low, high, unit, value * error)
 
 
-def _measure_spread(search: _Search, found: _Found) -> Spread:
+def _measure_spread(search: _Search, found: _Found) -> FitCovariance:
     """Return the covariance of the changes."""
     data, rows = search.observation.data, search.observation.rows
     misfit, seen = search.miss(found.observed), search.seen

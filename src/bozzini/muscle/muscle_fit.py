@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ..checks import check_integer, check_number, describe_fields, show_apart
 from ..errors import BozziniError, InputError
+from ..numeric.arrays import Floats
 from ..numeric.estimation import Blocks, determine, judge_fit, make_blocks, measure_spread
 from ..results import Json, Result, take_axes, to_plain
 from .data import Measurements
@@ -56,7 +57,6 @@ if TYPE_CHECKING:
     from .model import MuscleModel
     from .models.card import Parameter
 
-Floats = NDArray[np.float64]
 
 # Which parameters of a muscle can be determined from which data.
 #
@@ -64,7 +64,6 @@ Floats = NDArray[np.float64]
 # pressures up to 827 kPa, errors of 0.1 mm. There one curve determines the modulus and the dead
 # length (to 0.006 MPa and 0.17 mm); the braid angle is lost in the dead length unless there are
 # rows under load or blocked, and so is friction unless there are both directions.
-
 
 GAP_PRESSURES = 3
 GAP_SPAN = 3.0
@@ -153,7 +152,6 @@ def judge_repeats(
 #
 # Constants of a model can have several minima, and rows without an answer on the way. So they are
 # searched for from several starts, each a little, and the best of those searches go on.
-
 
 EVALUATIONS = 200
 """Largest number of evaluations of one search."""
@@ -365,7 +363,6 @@ def _move_contact(
 # between their bounds: misfits in force have a minimum with a weak wall at a small braid angle
 # beside that of the muscle. From each, the constants that the force is linear in are found by
 # bounded linear least squares as well.
-
 
 _TRIALS = 16
 _SPREAD = 4, 6  # trials with fields anywhere between their bounds: 2^4 by 2 for each, at most 2^6

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_array, check_number, check_points
-from ..errors import InputError
+from bozzini.checks import check_array, check_number, check_points
+from bozzini.errors import InputError
 
 
 def super_ellipsoid_form(

@@ -5,7 +5,7 @@ a segment between two joints with a body of some radius around it (a capsule).
 
 They refute for ducts the hypothesis of thesis 5.3.5, that a link may be as long as the diameter of
 a circle that rolls along the wall; under one curve alone such a link can ride in that circle.
-`bozzini.thesis.traverse_curvature` has the test by rolling circles.
+`validation.thesis.traverse_curvature` has the test by rolling circles.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from ..checks import check_integer, check_number, show_apart
-from ..errors import InputError
+from bozzini.checks import check_integer, check_number, show_apart
+from bozzini.errors import InputError
 
 SIZE_MIN_MM, SIZE_MAX_MM = 1e-6, 1e6
 """Radius and half width of a bend lie between these."""

@@ -7,23 +7,19 @@ import re
 from pathlib import Path
 
 from bozzini.muscle.models import count_statuses
-from bozzini.report.catalogue_page import GROUPS, format_catalogue, format_counts
 from tests.muscle.models.catalogue import SURVEY
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 REMEDY = "run python docs/make_catalogue.py"
 
 
-def load_script():
-    spec = importlib.util.spec_from_file_location("make", ROOT / "docs" / "make_catalogue.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+_spec = importlib.util.spec_from_file_location("make_catalogue", ROOT / "docs/make_catalogue.py")
+catalogue = importlib.util.module_from_spec(_spec)
+_spec.loader.exec_module(catalogue)
 
 
 def test_the_page_is_up_to_date():
-    script = load_script()
-    assert script.PAGE.read_text("utf-8") == format_catalogue(), REMEDY
+    assert catalogue.PAGE.read_text("utf-8") == catalogue.format_catalogue(), REMEDY
 
 
 def test_the_readme_counts_the_models():
@@ -31,7 +27,7 @@ def test_the_readme_counts_the_models():
 
 
 def test_every_model_has_a_section_with_its_equation_and_its_source():
-    page = format_catalogue()
+    page = catalogue.format_catalogue()
     for name, kind in SURVEY.items():
         _, section = page.split(f"\n## {name}\n")
         section = section.split("\n## ")[0]
@@ -44,23 +40,27 @@ def test_every_model_has_a_section_with_its_equation_and_its_source():
             assert word in section
         (used,) = re.findall(r"^- Of the muscle: (.+)\.$", section, re.M)
         group, *others = used.split(", ")
-        assert {*GROUPS[group], *(word.strip("`") for word in others)} == set(card.uses)
+        assert {*catalogue.GROUPS[group], *(word.strip("`") for word in others)} == set(card.uses)
         assert f"(#{name})" in page
 
 
 def test_groups_of_fields_are_told_as_they_are():
-    head = format_catalogue().partition("## All models")[0].partition("**Fields of the muscle**")[2]
+    head = (
+        catalogue.format_catalogue()
+        .partition("## All models")[0]
+        .partition("**Fields of the muscle**")[2]
+    )
     told, known = {}, set()
     for group, text in re.findall(r"\*(\w+)\* is\s(.+?)[;.]", head, re.S):
         known |= set(re.findall(r"`(\w+)`", text))
         told[group] = set(known)
-    assert told == {group: set(fields) for group, fields in GROUPS.items()}
+    assert told == {group: set(fields) for group, fields in catalogue.GROUPS.items()}
 
 
 def test_counts_add_up():
     counts = count_statuses([kind.card for kind in SURVEY.values()])
     assert sum(counts.values()) == len(SURVEY)
-    table = format_counts()
+    table = catalogue.format_counts()
     for status, count in counts.items():
         (line,) = re.findall(rf"^\| {status} \|.*$", table, re.M)
         assert f"| {count} |" in line
@@ -68,14 +68,14 @@ def test_counts_add_up():
 
 
 def test_tables_have_as_many_cells_as_their_head():
-    for table in re.findall(r"(?:^\|.*\n)+", format_catalogue(), re.M):
+    for table in re.findall(r"(?:^\|.*\n)+", catalogue.format_catalogue(), re.M):
         cells = {line.count("|") for line in table.splitlines()}
         assert len(cells) == 1, table
 
 
 def test_the_upper_sign_is_that_of_inflating():
     """Friction takes from the pull on the way up: a minus above, or a plus in what is taken off."""
-    said = format_catalogue().split("## All models")[0]
+    said = catalogue.format_catalogue().split("## All models")[0]
     assert "the upper one is of the way up, inflating" in said
     for name, kind in SURVEY.items():
         signs = re.findall(r"\\(?:mp|pm)\b", kind.card.latex)

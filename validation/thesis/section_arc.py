@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..continuum.checks import check_directions, check_places
-from ..continuum.kernels.arc import put_arc
-from ..errors import GeometryError, InputError
+from bozzini.continuum.checks import check_directions, check_places
+from bozzini.continuum.kernels.arc import put_arc
+from bozzini.errors import GeometryError, InputError
 
 Floats = NDArray[np.float64]
 

@@ -20,10 +20,10 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import broadcast, check_array, check_number, check_points
-from ..duct.base import Duct, SampledField
-from ..duct.checks import check_places, check_size
-from ..errors import GeometryError, InputError
+from bozzini.checks import broadcast, check_array, check_number, check_points
+from bozzini.duct.base import Duct, SampledField
+from bozzini.duct.checks import check_places, check_size
+from bozzini.errors import GeometryError, InputError
 
 
 def relative_curvature(curvatures: ArrayLike, radius: float) -> NDArray[np.float64]:

@@ -11,10 +11,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_array, check_number
-from ..duct.checks import check_half_axes, check_places, check_rotation, check_size
-from ..duct.shapes.quads import invert_quads
-from ..errors import GeometryError, InputError
+from bozzini.checks import check_array, check_number
+from bozzini.duct.checks import check_half_axes, check_places, check_rotation, check_size
+from bozzini.duct.shapes.quads import invert_quads
+from bozzini.errors import GeometryError, InputError
 
 Array = NDArray[np.float64]
 
