@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bozzini.cockpit.planning import Bench, Job, Planning, Superseded, merge
+from bozzini.cockpit.planning import Bench, Planning, PlanningRequest, Superseded, merge
 from bozzini.cockpit.run import Cockpit, CockpitOptions
 from bozzini.cockpit.server import bind
 from bozzini.cockpit.session import Session
@@ -35,8 +35,8 @@ def tracts(tmp_path_factory: pytest.TempPathFactory) -> Tracts:
     return write_tracts(tmp_path_factory.mktemp("tracts"))
 
 
-def make_job(tracts: Tracts) -> Job:
-    return Job(
+def make_job(tracts: Tracts) -> PlanningRequest:
+    return PlanningRequest(
         source=tracts.volume,
         reading=ReadOptions(),
         options=PathOptions(),
@@ -168,7 +168,7 @@ def test_changes_add_up() -> None:
 class Heard:
     """A planning process, and what it says."""
 
-    def __init__(self, job: Job) -> None:
+    def __init__(self, job: PlanningRequest) -> None:
         self.messages: queue.Queue = queue.Queue()
         self.planning = Planning(job, lambda kind, what: self.messages.put((kind, what)))
 
@@ -387,7 +387,7 @@ def test_tract_that_cannot_be_moved_says_so(tracts) -> None:
 
 def test_file_that_cannot_be_read_is_refused(tmp_path) -> None:
     (tmp_path / "bad.stl").write_text("no surface")
-    job = Job(
+    job = PlanningRequest(
         source=tmp_path / "bad.stl",
         reading=ReadOptions(),
         options=PathOptions(),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bozzini.cockpit.planning import Bench, Job
+from bozzini.cockpit.planning import Bench, PlanningRequest
 from bozzini.cockpit.wire import Change
 from bozzini.motion import Plan, Scope, insertion
 from bozzini.progress import no_progress
@@ -25,7 +25,7 @@ def answer(plan: Plan) -> tuple[str, str, float | None]:
 
 
 def open_bench(tract) -> Bench:
-    class OneTract(Job):
+    class OneTract(PlanningRequest):
         def read(self):
             return tract
 

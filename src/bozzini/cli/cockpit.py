@@ -90,7 +90,7 @@ def command(
     listener = bind(host, port)
     with listener:
         from ..cockpit.drive import check_rig
-        from ..cockpit.planning import Job
+        from ..cockpit.planning import PlanningRequest
         from ..cockpit.run import Cockpit, CockpitOptions
 
         check_rig(rig)
@@ -104,7 +104,7 @@ def command(
             raise InputError(
                 f"--moving is '{moving}': it must be breathing, peristalsis or a file that is there"
             )
-        job = Job(
+        job = PlanningRequest(
             source=source,
             reading=reading,
             options=options,

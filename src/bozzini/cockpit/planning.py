@@ -20,10 +20,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..checks import check_number
 from ..errors import BozziniError, InputError
+from ..numeric.arrays import Floats
 from ..progress import Progress
 from ..results import Json
 from ..study.options import InsertionOptions, PathOptions, ReadOptions
@@ -39,8 +39,6 @@ if TYPE_CHECKING:
     from ..motion import Plan, Scope
     from ..scene.view import View
     from ..study.case import Case, CasePlan
-
-Floats = NDArray[np.float64]
 
 MOST_JOINTS = 1_000_000
 """Joints of all steps of a plan; beyond that the head steps farther."""
@@ -59,7 +57,7 @@ CLICK_REACH = 1.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Job:
+class PlanningRequest:
     """What is planned for.
 
     Attributes
@@ -100,11 +98,11 @@ class Bench:
 
     Parameters
     ----------
-    job : Job
+    job : PlanningRequest
     progress : Progress
     """
 
-    def __init__(self, job: Job, progress: Progress) -> None:
+    def __init__(self, job: PlanningRequest, progress: Progress) -> None:
         from ..study.case import Case
 
         progress("read", 0.0)
@@ -519,7 +517,7 @@ def _describe(plan: Plan, asked: Change, seconds: float) -> Json:
     }
 
 
-def work(pipe: Connection, job: Job, first: Change) -> None:
+def work(pipe: Connection, job: PlanningRequest, first: Change) -> None:
     """Plan whatever comes through a pipe, until it is closed: the process's main function."""
     from ..scene.view import encode_view
 
@@ -587,13 +585,13 @@ class Planning:
 
     Parameters
     ----------
-    job : Job
+    job : PlanningRequest
     hear : callable
         Is given each message, in the thread: its kind and what belongs to it. ``"lost"`` is the
         last one of a process that has ended; the next change starts another.
     """
 
-    def __init__(self, job: Job, hear: Callable[[str, Any], None]) -> None:
+    def __init__(self, job: PlanningRequest, hear: Callable[[str, Any], None]) -> None:
         self._job, self._hear = job, hear
         self._lock = threading.Lock()
         self._waiting: Change | None = None

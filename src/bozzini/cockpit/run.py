@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import BozziniError, InputError
 from .guard import LOOPBACK, Access
-from .planning import PATIENCE, Job, Planning
+from .planning import PATIENCE, Planning, PlanningRequest
 from .session import Session, run_beside
 from .wire import Change
 
@@ -70,14 +70,14 @@ class Cockpit:
 
     Parameters
     ----------
-    job : Job
+    job : PlanningRequest
         What is planned for.
     options : CockpitOptions
     listener : socket
         That `bozzini.cockpit.server.bind` has made.
     """
 
-    def __init__(self, job: Job, options: CockpitOptions, *, listener: socket) -> None:
+    def __init__(self, job: PlanningRequest, options: CockpitOptions, *, listener: socket) -> None:
         self.job, self.options, self.listener = job, options, listener
         needs_token = options.is_open or options.rig is not None
         self.access = Access(

@@ -1,3 +1,4 @@
+from .case import Case, CasePlan, open_phantom
 from .contact_risk import ContactRisk, study_contact
 from .definition import Study
 from .factors import Factor, Limit, Sampling, Search, StudySpec
@@ -13,6 +14,8 @@ from .traverse import LimitsStudy, run_limits
 from .wall import WallError, bound_contact
 
 __all__ = [
+    "Case",
+    "CasePlan",
     "ContactRisk",
     "ContactRiskOptions",
     "Engine",
@@ -44,6 +47,7 @@ __all__ = [
     "bound_contact",
     "count_fits",
     "effector_tip_error",
+    "open_phantom",
     "read_rows",
     "robot_tip_error",
     "run_fit",

@@ -338,7 +338,7 @@ class Case:
         return verify_plan(plan, field, wall=build_wall(self.tract), progress=self.progress)
 
     def state(
-        self, plan: Plan, centreline: OrientedCentreline, findings: Sequence[Finding]
+        self, plan: Plan, *, centreline: OrientedCentreline, findings: Sequence[Finding]
     ) -> Plan:
         """Return a plan that states what it was made from, and what was found."""
         line = centreline.line

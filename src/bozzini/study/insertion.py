@@ -547,7 +547,7 @@ def run_case(case: Case, scope: Scope, *, robot: ContinuumRobot | None = None) -
                 progress("compare", len(comparison) / len(others))
 
     def state(each: Plan) -> Plan:
-        return case.state(each, found.centreline, findings)
+        return case.state(each, centreline=found.centreline, findings=findings)
 
     return InsertionStudy(
         tract=case.tract,

@@ -25,6 +25,7 @@ from ..motion.scope import Scope
 from ..muscle import MODELS, Muscle, MuscleModel
 from ..muscle import preset as muscle_preset
 from ..muscle.design import PRESETS, PRESSURE_LIMIT
+from ..numeric.arrays import Floats
 from ..registry import Registry
 from .factors import FREE, Value
 from .options import INFLATION_MAX, ORGANS, InsertionOptions
@@ -33,8 +34,6 @@ if TYPE_CHECKING:
     from .case import Case, CasePlan
 
 Columns = Mapping[str, NDArray[np.generic]]
-Floats = NDArray[np.float64]
-
 ERROR = -1
 """Code of a row whose computation raised an error; its text is the reason."""
 
