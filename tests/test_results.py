@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import dataclass
 from typing import Any
 
 import matplotlib as mpl
@@ -33,7 +34,7 @@ from bozzini.muscle import (
 )
 from bozzini.muscle import preset as muscle_preset
 from bozzini.muscle.hysteresis import PrandtlIshlinskii
-from bozzini.results import Result
+from bozzini.results import ClosedForm, ReasonedResult, Result, measured, rows_of, tabulated
 
 mpl.use("Agg")
 
@@ -84,6 +85,50 @@ def test_a_result_is_plain_values_a_table_and_a_picture(name: str) -> None:
         assert axes.get_xlabel().endswith("]") or axes.get_xlabel() in ("row", "design")
         assert found.plot(axes) is axes
         mpl.pyplot.close(axes.figure)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Step:
+    """A row of `Walk`."""
+
+    place: float = tabulated("mm")
+    note: str = tabulated(name="why")
+    hidden: int = 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Walk(ClosedForm):
+    """A result that says in its fields what its table is."""
+
+    names: tuple[str, ...] = ("left", "right")
+    tip: Any = tabulated("mm", "tip_{}")
+    pulls: Any = tabulated("N", "pull_{}", over="names")
+    count: Any = tabulated()
+    length: float = measured("mm")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Walked(ReasonedResult):
+    """A result whose rows are items."""
+
+    steps: tuple[Step, ...] = rows_of(Step)
+    reason: str = ""
+    residual: float = 0.0
+
+
+def test_fields_are_the_columns_of_a_table() -> None:
+    tips, pulls = np.arange(12.0).reshape(2, 2, 3), np.arange(8.0).reshape(2, 2, 2)
+    walk = Walk(tip=tips, pulls=pulls, count=np.arange(4).reshape(2, 2), length=3.0)
+    frame = walk.to_frame()
+    assert list(frame) == ["tip_x_mm", "tip_y_mm", "tip_z_mm", "pull_left_N", "pull_right_N",
+                           "count"]  # fmt: skip
+    assert np.array_equal(frame.to_numpy()[:, :3], tips.reshape(4, 3))
+    assert np.array_equal(frame["pull_right_N"], pulls[..., 1].ravel())
+    assert walk.to_dict()["length_mm"] == 3.0
+    walked = Walked(steps=(Step(place=1.0, note="a"), Step(place=2.0, note="b")))
+    assert walked.list_table() == {"place_mm": [1.0, 2.0], "why": ["a", "b"]}
+    assert walked.list_table().keys() == Walked(steps=()).list_table().keys()
+    assert walked.converged and not Walked(steps=(), reason="none").converged
 
 
 def test_a_cell_names_the_reason() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import operator
 import os
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
     import numpy as np
     import pandas
     from matplotlib.axes import Axes
-    from numpy.typing import NDArray
+    from numpy.typing import ArrayLike, NDArray
 
 Json = dict[str, Any]
 """Values by name that JSON takes."""
@@ -109,22 +110,35 @@ class Result:
         return columns
 
     def list_columns(self) -> Mapping[str, object]:
-        """Return the columns of `to_frame`: by default one row, of what is a single value."""
-        return {
+        """Return the columns of `to_frame`: the fields made by `tabulated` and `rows_of`.
+
+        Without any: one row, of what is a single value.
+        """
+        columns: Json = {}
+        for field in dataclasses.fields(self):  # type: ignore[arg-type]
+            value = getattr(self, field.name)
+            if "rows" in field.metadata:
+                for item in dataclasses.fields(field.metadata["rows"]):
+                    if "column" in item.metadata:
+                        name = _name_column(item)
+                        columns[name] = [getattr(row, item.name) for row in value]
+            elif "column" in field.metadata:
+                columns |= self._spread(_name_column(field), value, field.metadata["over"])
+        return columns or {
             name: [value]
             for name, value in self.to_dict().items()
             if not isinstance(value, (dict, list))
         }
 
-    def list_measured(self) -> Json:
-        """Return the fields that have a unit as columns, a value of the batch each row."""
+    def _spread(self, name: str, value: ArrayLike, over: str) -> Json:
+        """Return an array as columns: one, or with a gap in the name one for each last index."""
         import numpy
 
-        return {
-            add_unit(field.name, field.metadata["unit"]): numpy.ravel(getattr(self, field.name))
-            for field in dataclasses.fields(self)  # type: ignore[arg-type]
-            if "unit" in field.metadata
-        }
+        if "{}" not in name:
+            return {name: numpy.ravel(value)}
+        names = operator.attrgetter(over)(self) if over else "xyz"
+        flat = numpy.reshape(value, (-1, numpy.shape(value)[-1]))
+        return {name.format(names[k]): column for k, column in enumerate(flat.T)}
 
     def _repr_html_(self) -> str | None:
         """Return what a notebook shows; without ``pandas`` it shows the representation."""
@@ -156,6 +170,15 @@ def make_frame(columns: Mapping[str, object]) -> pandas.DataFrame:
     return pandas.DataFrame(columns)
 
 
+class ReasonedResult(Result):
+    """A result that has converged unless there is a reason against it."""
+
+    @property
+    def converged(self) -> bool:
+        """Whether all is as was asked for: there is no `reason`."""
+        return not self.reason
+
+
 class ClosedForm(Result):
     """The result of a closed form: it always converges, and nothing is left over."""
 
@@ -176,7 +199,36 @@ def measured(unit: str) -> Any:
     return dataclasses.field(metadata={"unit": unit})
 
 
-def to_plain(value: object, *, unknown: Callable[[Any], Any] = repr) -> Any:
+def tabulated(
+    unit: str = "", name: str = "", *, over: str = "", default: object = dataclasses.MISSING
+) -> Any:
+    """Return a dataclass field like `measured` that stands in the table too.
+
+    Parameters
+    ----------
+    unit : str
+        Added to the name.
+    name : str
+        Of the column, without the unit; that of the field if empty. With ``{}`` there is a column
+        for each last index of the array, and ``{}`` stands for x, y, z.
+    over : str
+        The attribute of the result with the names that ``{}`` stands for instead.
+    default : object
+    """
+    metadata = {"unit": unit, "column": name, "over": over}
+    return dataclasses.field(default=default, metadata=metadata)
+
+
+def rows_of(kind: type) -> Any:
+    """Return a dataclass field whose items, each a dataclass, are the rows of the table."""
+    return dataclasses.field(metadata={"rows": kind})
+
+
+def _name_column(field: dataclasses.Field[object]) -> str:
+    return add_unit(field.metadata["column"] or field.name, field.metadata["unit"])
+
+
+def to_plain(value: object, *, unknown: Callable[[object], object] = repr) -> Any:
     """Return a value made of plain types: numbers, texts, lists, dictionaries with text as keys.
 
     A number that is not finite becomes None, and what has no plain form `unknown` of it: by

@@ -13,7 +13,7 @@ from ..errors import InputError
 from ..muscle import MuscleModel
 from ..numeric.arrays import Floats
 from ..numeric.roots import MAX_ITERATIONS, polish
-from ..results import Json, Result, measured, take_axes
+from ..results import Json, Result, tabulated, take_axes
 from .kernels import balance as kernels
 from .linkage import describe_end, lateral_deflection
 from .model import EffectorModel
@@ -183,10 +183,10 @@ class Balance(Result):
     rows_have_verdict = True
 
     name: str
-    pressure: Floats = measured("MPa")
-    contraction: Floats = measured("mm")
-    lateral: Floats = measured("mm")
-    force: Floats = measured("N")
+    pressure: Floats = tabulated("MPa")
+    contraction: Floats = tabulated("mm")
+    lateral: Floats = tabulated("mm")
+    force: Floats = tabulated("N")
     iterations: NDArray[np.int64]
     converged: NDArray[np.bool_]
     saturated: NDArray[np.bool_]
@@ -199,10 +199,6 @@ class Balance(Result):
         """Return `table` of a single pressure as rows, units in the names."""
         names = ("force_N", "contraction_mm", "lateral_mm", "next_force_N")
         return [dict(zip(names, row, strict=True)) for row in self.table.tolist()]
-
-    def list_columns(self) -> dict[str, Floats]:
-        """Return the columns of `to_frame`, a row for each pressure."""
-        return self.list_measured()
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the deflection over the pressure, and return the axes."""

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..checks import check_array, check_points, check_word
 from ..errors import GeometryError, InputError
 from ..numeric.arrays import Floats
-from ..results import Json, Result, check_drawn, list_coordinates, measured, take_axes
+from ..results import Json, Result, check_drawn, measured, tabulated, take_axes
 from .equilibrium import Settled, explain_equilibrium, list_muscles, settle_muscles
 from .kernels import balance as kernels
 from .kernels import pose as pose_kernels
@@ -165,7 +165,7 @@ class EffectorPose(Result):
     rows_have_verdict = True
 
     names: tuple[str, ...]
-    pressures: Floats = measured("MPa")
+    pressures: Floats = tabulated("MPa", "pressure_{}", over="names")
     contraction: Floats = measured("mm")
     force: Floats = measured("N")
     iterations: NDArray[np.int64]
@@ -173,8 +173,8 @@ class EffectorPose(Result):
     lateral: Floats = measured("mm")
     azimuth: Floats = measured("rad")
     demanded_lateral: Floats = measured("mm")
-    tip: Floats = measured("mm")
-    holder_tip: Floats = measured("mm")
+    tip: Floats = tabulated("mm", "tip_{}")
+    holder_tip: Floats = tabulated("mm", "holder_tip_{}")
     direction: Floats
     backbone: Floats = measured("mm")
     saturated: NDArray[np.bool_]
@@ -203,15 +203,9 @@ class EffectorPose(Result):
         )
         return super().to_dict() | {"muscles": muscles}
 
-    def list_columns(self) -> dict[str, Floats]:
+    def list_columns(self) -> Mapping[str, object]:
         """Return the columns of `to_frame`, a row for each pose."""
-        columns = {
-            f"pressure_{name}_MPa": np.atleast_2d(self.pressures)[..., k].ravel()
-            for k, name in enumerate(self.names)
-        }
-        columns |= list_coordinates("tip", self.tip)
-        columns |= list_coordinates("holder_tip", self.holder_tip)
-        return {**columns, "lateral_mm": np.ravel(self.lateral)}
+        return {**super().list_columns(), "lateral_mm": np.ravel(self.lateral)}
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the backbones, each in the plane of its bend, and return the axes.

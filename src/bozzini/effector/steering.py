@@ -21,7 +21,7 @@ from ..checks import (
     quantity,
 )
 from ..errors import InputError
-from ..results import Json, Result, list_coordinates, take_axes, to_plain
+from ..results import Json, Result, tabulated, take_axes, to_plain
 from .equilibrium import balance
 from .inverse import (
     MISS_TOLERANCE_MM,
@@ -319,10 +319,10 @@ class Trace(Result):
         Lateral positions of the model at these pressures, by `pose` [mm].
     tip, holder_tip : (n, 3) float
         End of the backbone and of the holder at these pressures [mm].
-    reachable : (n,) bool
-        Whether the target lies in the workspace.
     error : (n,) float
         Distance of `achieved` from `targets` [mm], whether these are in reach or not.
+    reachable : (n,) bool
+        Whether the target lies in the workspace.
     settled : (n,) bool
         Whether inverse and pose were solved, for the target or for what is given in its place.
     pressure_map : {"exact", "cubic"}
@@ -331,14 +331,14 @@ class Trace(Result):
 
     kind: Literal["line", "circle", "path"]
     names: tuple[str, ...]
-    targets: NDArray[np.float64]
-    pressures: NDArray[np.float64]
+    targets: NDArray[np.float64] = tabulated("mm", "target_{}")
+    pressures: NDArray[np.float64] = tabulated("MPa", "pressure_{}", over="names")
     displacements: NDArray[np.float64]
-    achieved: NDArray[np.float64]
+    achieved: NDArray[np.float64] = tabulated("mm", "achieved_{}")
     tip: NDArray[np.float64]
     holder_tip: NDArray[np.float64]
-    reachable: NDArray[np.bool_]
-    error: NDArray[np.float64]
+    error: NDArray[np.float64] = tabulated("mm")
+    reachable: NDArray[np.bool_] = tabulated()
     settled: NDArray[np.bool_]
     pressure_map: Literal["exact", "cubic"]
 
@@ -397,14 +397,6 @@ class Trace(Result):
             "largest_distance_mm": self.largest_error,
             "columns": to_plain(self.list_columns()),
         }
-
-    def list_columns(self) -> dict[str, NDArray[np.generic]]:
-        """Return the columns of `to_frame`, a row for each target."""
-        columns: dict[str, NDArray[np.generic]] = list_coordinates("target", self.targets)
-        for k, name in enumerate(self.names):
-            columns[f"pressure_{name}_MPa"] = self.pressures[:, k]
-        columns |= list_coordinates("achieved", self.achieved)
-        return {**columns, "error_mm": self.error, "reachable": self.reachable}
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw targets and achieved places, seen along the axis, and return the axes."""

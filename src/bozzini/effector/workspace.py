@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..checks import check_array, check_integer, check_points
 from ..errors import InputError
 from ..numeric.arrays import Floats
-from ..results import ClosedForm, Json, list_coordinates, measured, take_axes
+from ..results import ClosedForm, Json, measured, tabulated, take_axes
 from .design import EffectorDesign
 from .equilibrium import settle_muscles
 from .inverse import Reach, Sectors, find_reach, solve_inverse, split, take_place
@@ -63,9 +63,9 @@ class Workspace(ClosedForm):
         Amplitudes of the muscles.
     """
 
-    boundary: Floats = measured("mm")
-    boundary_tip: Floats = measured("mm")
-    boundary_holder_tip: Floats = measured("mm")
+    boundary: Floats = tabulated("mm", "{}")
+    boundary_tip: Floats = tabulated("mm", "tip_{}")
+    boundary_holder_tip: Floats = tabulated("mm", "holder_tip_{}")
     interior: Floats = measured("mm")
     tip: Floats = measured("mm")
     holder_tip: Floats = measured("mm")
@@ -90,14 +90,6 @@ class Workspace(ClosedForm):
             "saturated": dict(zip(known.names, known.saturated.tolist(), strict=True)),
             "largest_deflection_mm": known.peak,
             "gaps": self.reason,
-        }
-
-    def list_columns(self) -> dict[str, Floats]:
-        """Return the columns of `to_frame`: the boundary."""
-        return {
-            **list_coordinates("", self.boundary),
-            **list_coordinates("tip", self.boundary_tip),
-            **list_coordinates("holder_tip", self.boundary_holder_tip),
         }
 
     def plot(self, ax: Axes | None = None) -> Axes:

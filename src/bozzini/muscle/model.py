@@ -16,7 +16,7 @@ from ..checks import broadcast, check_array, check_number, check_range, name_at,
 from ..errors import BozziniError, InputError
 from ..numeric import roots
 from ..numeric.arrays import Floats
-from ..results import Result, measured, take_axes
+from ..results import Result, tabulated, take_axes
 from .design import PRESSURE_LIMIT, Muscle
 from .hysteresis import Hysteresis
 
@@ -76,13 +76,13 @@ class MuscleState(Result):
 
     rows_have_verdict = True
 
-    contraction: Floats = measured("mm")
-    length: Floats = measured("mm")
-    braid_angle: Floats = measured("rad")
-    contact_pressure: Floats = measured("MPa")
-    force: Floats = measured("N")
+    contraction: Floats = tabulated("mm")
+    length: Floats = tabulated("mm")
+    braid_angle: Floats = tabulated("rad")
+    contact_pressure: Floats = tabulated("MPa")
+    force: Floats = tabulated("N")
     converged: NDArray[np.bool_]
-    residual: Floats = measured("N")
+    residual: Floats = tabulated("N")
     iterations: NDArray[np.int64]
     reason: NDArray[np.str_]
 
@@ -90,10 +90,6 @@ class MuscleState(Result):
     def in_contact(self) -> NDArray[np.bool_]:
         """Whether the braid presses on the tube."""
         return np.asarray(self.contact_pressure > 0.0)
-
-    def list_columns(self) -> dict[str, NDArray[np.generic]]:
-        """Return the columns of `to_frame`, a row for each state."""
-        return self.list_measured()
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from ..checks import check_points
 from ..numeric.arrays import Floats
 from ..numeric.polylines import measure_arc_length
 from ..progress import Progress, no_progress
-from ..results import Json, Result, measured, take_axes
+from ..results import Json, Result, measured, tabulated, take_axes
 from .robots import Drive
 from .simulate import Dynamics, Simulation, Touch
 from .walls import LumenWall, find_normals
@@ -74,8 +74,6 @@ class Execution(Result):
         Sum of the normal forces [N]: in a groove more than the resultant.
     normal_peak : (s,) ndarray
         Largest normal force of one contact [N].
-    contacts : (s,) ndarray
-        How many places touch.
     clearance : (s,) ndarray
         Least distance between the body and the wall [mm]; negative where it is pressed in.
     tip_error : (s,) ndarray
@@ -84,6 +82,8 @@ class Execution(Result):
         Arc length of the way's place nearest to the tip [mm].
     work : (s,) ndarray
         Work of all drives since the start [N mm].
+    contacts : (s,) ndarray
+        How many places touch.
     complete : bool
         Whether the tip came to the end of the way.
     looped_at : float
@@ -103,17 +103,17 @@ class Execution(Result):
     """
 
     drive: str
-    time: Floats = measured("s")
-    inserted: Floats = measured("mm")
-    push_force: Floats = measured("N")
-    resultant: Floats = measured("N")
-    normal_sum: Floats = measured("N")
-    normal_peak: Floats = measured("N")
-    contacts: NDArray[np.int64] = field()
-    clearance: Floats = measured("mm")
-    tip_error: Floats = measured("mm")
-    tip_progress: Floats = measured("mm")
-    work: Floats = measured("N mm")
+    time: Floats = tabulated("s")
+    inserted: Floats = tabulated("mm")
+    push_force: Floats = tabulated("N")
+    resultant: Floats = tabulated("N")
+    normal_sum: Floats = tabulated("N")
+    normal_peak: Floats = tabulated("N")
+    clearance: Floats = tabulated("mm")
+    tip_error: Floats = tabulated("mm")
+    tip_progress: Floats = tabulated("mm")
+    work: Floats = tabulated("N mm")
+    contacts: NDArray[np.int64] = tabulated()
     complete: bool
     outside: bool
     looped_at: float = measured("mm")
@@ -128,17 +128,6 @@ class Execution(Result):
     radius: float = field(repr=False)
     touched: Floats = field(repr=False)
     """(c, 9): row, link, place [mm], force [N], normal force [N]."""
-
-    def list_columns(self) -> Mapping[str, object]:
-        """Return the columns of `to_frame`: a row for each of the record."""
-        return {**self.list_measured_rows(), "contacts": self.contacts}
-
-    def list_measured_rows(self) -> Json:
-        """Return the columns with units."""
-        count = len(self.time)
-        return {
-            name: values for name, values in self.list_measured().items() if len(values) == count
-        }
 
     def list_contacts(self) -> Mapping[str, Floats]:
         """Return a table of contacts: in each row of the record, when the largest force acted."""

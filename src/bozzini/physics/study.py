@@ -25,7 +25,7 @@ from ..motion.scope import Scope
 from ..motion.verify import rebuild_field
 from ..numeric.polylines import interpolate_polyline, measure_arc_length
 from ..progress import Progress, no_progress
-from ..results import Json, Result, measured, to_plain
+from ..results import Json, Result, tabulated, to_plain
 from ..scene import write_scene
 from ..scene.make_view import draw_wall
 from ..scene.page import render_page
@@ -465,14 +465,14 @@ class Trials(Result):
         Seeds that the planner refused, and why.
     """
 
-    seed: Floats = field()
-    repeat: Floats = field()
-    complete: Floats = field()
-    normal_peak: Floats = measured("N")
-    normal_sum: Floats = measured("N")
-    push_force: Floats = measured("N")
-    tip_error: Floats = measured("mm")
-    reasons: tuple[str, ...]
+    seed: Floats = tabulated()
+    repeat: Floats = tabulated()
+    complete: Floats = tabulated()
+    normal_peak: Floats = tabulated("N")
+    normal_sum: Floats = tabulated("N")
+    push_force: Floats = tabulated("N")
+    tip_error: Floats = tabulated("mm")
+    reasons: tuple[str, ...] = tabulated(name="reason")
     refused: Mapping[int, str]
 
     @property
@@ -496,13 +496,6 @@ class Trials(Result):
     def residual(self) -> float:
         """Share of the runs that did not come through."""
         return 1.0 - self.share
-
-    def list_columns(self) -> Mapping[str, object]:
-        """Return the columns of `to_frame`: a row for each run."""
-        return {
-            "seed": self.seed, "repeat": self.repeat, "complete": self.complete,
-            **self.list_measured(), "reason": self.reasons,
-        }  # fmt: skip
 
     def to_dict(self) -> Json:
         """Return the completion, the largest forces, and who was refused."""

@@ -26,7 +26,7 @@ from ..motion.space import grid_of
 from ..motion.verify import build_wall, certify_plan, rebuild_field
 from ..numeric.arrays import Floats
 from ..progress import Progress, no_progress
-from ..results import Json, Result, measured, to_plain
+from ..results import Json, Result, tabulated, to_plain
 from .options import ContactRiskOptions
 from .wall import (
     QUANTILES,
@@ -247,9 +247,9 @@ class ContactRisk(Result):
     seed: int
     certificate: Certificate
     uniform: Interval
-    clearance: Floats = measured("mm")
-    place: Floats = measured("mm")
-    insertion: Floats = measured("mm")
+    clearance: Floats = tabulated("mm")
+    place: Floats = tabulated("mm")
+    insertion: Floats = tabulated("mm")
     samples: int
     deciding: int
     nearest: float
@@ -304,7 +304,7 @@ class ContactRisk(Result):
 
     def list_columns(self) -> Mapping[str, object]:
         """Return the columns of `to_frame`: a row each draw."""
-        columns: Json = {"draw": np.arange(self.draws), **self.list_measured()}
+        columns: Json = {"draw": np.arange(self.draws), **super().list_columns()}
         columns["contact"] = self.clearance < 0.0
         if self.replanned is not None:
             found = self.replanned
