@@ -10,12 +10,12 @@ from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..checks import check_array, check_kind, show_apart
 from ..errors import InputError
 from ..numeric.arrays import Floats
-from ..results import Json, Result, measured, take_axes, to_plain
+from ..results import Json, Result, measured, tabulated, take_axes, to_plain
 from .contact_solver import (
     DEEP,
     WARM,
@@ -121,15 +121,15 @@ class ContactShape(Result):
     """
 
     robot: RobotDesign = field(repr=False)
-    arc_length: Floats = measured("mm")
-    points: Floats = measured("mm")
+    arc_length: Floats = tabulated("mm")
+    points: Floats = tabulated("mm", "{}")
     tangents: Floats = field()
     inserted: float = measured("mm")
     displacements: Floats = measured("mm")
     tensions: Floats = measured("N")
-    gaps: Floats = measured("mm")
-    normal_forces: Floats = measured("N")
-    forces: Floats = measured("N")
+    gaps: Floats = tabulated("mm", "gap")
+    normal_forces: Floats = tabulated("N", "normal_force")
+    forces: Floats = tabulated("N", "force_{}")
     loads: Floats = measured("N")
     base_force: Floats = measured("N")
     base_moment: Floats = measured("N mm")
@@ -180,13 +180,6 @@ class ContactShape(Result):
             for k in touching
         ]
         return {**super().to_dict(), **to_plain({**plain, "contacts": contacts})}
-
-    def list_columns(self) -> Mapping[str, NDArray[np.generic]]:
-        """Return the columns of `to_frame`: a row for each station."""
-        columns: dict[str, NDArray[np.generic]] = {"arc_length_mm": self.arc_length}
-        columns |= {f"{axis}_mm": self.points[:, k] for k, axis in enumerate("xyz")}
-        columns |= {"gap_mm": self.gaps, "normal_force_N": self.normal_forces}
-        return columns | {f"force_{axis}_N": self.forces[:, k] for k, axis in enumerate("xyz")}
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw body, walls and forces in the plane that the body fills most; return the axes."""

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..numeric.arrays import Floats
-from ..results import Json, Result, list_coordinates, take_axes, to_plain
+from ..results import Json, ReasonedResult, list_coordinates, take_axes, to_plain
 from .equilibrium import Equilibrium, Factors, LoadedRod, TendonCommand
 from .kernels.energy import TURN_LIMIT
 from .shape import Shape
@@ -41,7 +41,7 @@ SEARCHES = 40
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class EquilibriumPath(Result):
+class EquilibriumPath(ReasonedResult):
     """Equilibria along a path on which a factor of loads or command changes, both ways.
 
     Parameters
@@ -70,11 +70,6 @@ class EquilibriumPath(Result):
     limit_points: tuple[int, ...]
     branch_points: tuple[int, ...]
     reason: str
-
-    @property
-    def converged(self) -> bool:
-        """Whether the path reaches its last factor."""
-        return not self.reason
 
     @property
     def residual(self) -> float:

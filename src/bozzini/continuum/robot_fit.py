@@ -29,7 +29,7 @@ from ..numeric.estimation import (
     measure_spread,
 )
 from ..progress import Progress, no_progress
-from ..results import Json, Result, take_axes, to_plain
+from ..results import Json, Result, rows_of, tabulated, take_axes, to_plain
 from .calibration import RobotCalibration
 from .kinematics import ContinuumRobot
 from .measured import RobotMeasurements
@@ -126,12 +126,12 @@ class Estimate:
         Whether the number of the robot file was multiplied or moved.
     """
 
-    name: str
-    value: float
-    low: float
-    high: float
-    unit: str
-    standard_error: float
+    name: str = tabulated()
+    value: float = tabulated()
+    low: float = tabulated()
+    high: float = tabulated()
+    unit: str = tabulated()
+    standard_error: float = tabulated()
     change: Change = "factor"
 
 
@@ -305,7 +305,7 @@ class RobotFit(Result):
     """
 
     setup: RobotSetup
-    estimates: tuple[Estimate, ...]
+    estimates: tuple[Estimate, ...] = rows_of(Estimate)
     correlations: Floats
     condition: float
     interval_rule: str
@@ -421,11 +421,6 @@ class RobotFit(Result):
             "residual": self.residual,
         }
         return {name: to_plain(value) for name, value in values.items()}
-
-    def list_columns(self) -> dict[str, list[object]]:
-        """Return the columns of `to_frame`, a row for each fitted number."""
-        names = ("name", "value", "low", "high", "unit", "standard_error")
-        return {name: [getattr(one, name) for one in self.estimates] for name in names}
 
     def format_table(self) -> str:
         """Return the estimates as text, angles in degrees, and what to know of them."""
