@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from dataclasses import field as dataclass_field
 from typing import TYPE_CHECKING, Literal
@@ -30,7 +30,7 @@ from ..duct.deformation import Displacement, carry_tissue
 from ..duct.moving import MovedField, MovingField
 from ..errors import DeformationError, InputError
 from ..numeric.arrays import Floats
-from ..results import Json, Result, take_axes
+from ..results import Json, Result, rows_of, tabulated, take_axes
 from .certify import certify_motion, find_waiting
 from .moving import ReplanOptions, cut_ahead, replan
 from .plan import Plan
@@ -96,8 +96,6 @@ class LiveFrame:
         Since the loop began, of the tissue's motion [s].
     status : {"held", "now", "lost", "refused"}
         See `FrameStatus`.
-    reason : str
-        Why it is not "held", or why nothing ahead is planned; empty otherwise.
     clearance : float or None
         Certified for the body and the next stretch, the wall standing as in this frame [mm].
     carried : float or None
@@ -124,6 +122,8 @@ class LiveFrame:
         Nodes of the field, and how many of them were measured.
     tissue_move : float
         How far the path's tissue moved since the last frame [mm].
+    reason : str
+        Why it is not "held", or why nothing ahead is planned; empty otherwise.
     plan : Plan
         The plan that is valid now.
     step, next_step : int
@@ -133,24 +133,24 @@ class LiveFrame:
         The lumen it is certified in; None where the frame was refused, and in a `LiveRun`.
     """
 
-    number: int
-    time: float
-    status: FrameStatus
-    reason: str = ""
-    clearance: float | None = None
-    carried: float | None = None
-    margin: float = 0.0
-    rest: float | None = None
-    head: float = 0.0
-    ahead: float = 0.0
-    latency: float = 0.0
-    field_time: float = 0.0
-    plan_time: float = 0.0
-    rest_time: float = 0.0
-    sweeps: int = 0
-    band: int = 0
-    measured: int = 0
-    tissue_move: float = 0.0
+    number: int = tabulated(name="frame")
+    time: float = tabulated("s")
+    status: FrameStatus = tabulated()
+    clearance: float | None = tabulated("mm", default=None)
+    carried: float | None = tabulated("mm", default=None)
+    margin: float = tabulated("mm", default=0.0)
+    rest: float | None = tabulated("mm", default=None)
+    head: float = tabulated("mm", default=0.0)
+    ahead: float = tabulated("mm", default=0.0)
+    latency: float = tabulated("s", default=0.0)
+    field_time: float = tabulated("s", "field", default=0.0)
+    plan_time: float = tabulated("s", "plan", default=0.0)
+    rest_time: float = tabulated("s", "rest", default=0.0)
+    sweeps: int = tabulated(default=0)
+    band: int = tabulated(name="band_nodes", default=0)
+    measured: int = tabulated(name="measured_nodes", default=0)
+    tissue_move: float = tabulated("mm", default=0.0)
+    reason: str = tabulated(default="")
     plan: Plan = dataclass_field(repr=False)
     step: int = 0
     next_step: int = 0
@@ -160,29 +160,6 @@ class LiveFrame:
     def body(self) -> Floats:
         """The joints as they stand after the tissue has moved (joints, 3), world frame [mm]."""
         return np.asarray(self.plan.joints[self.step])
-
-
-COLUMNS = {
-    "frame": "number",
-    "time_s": "time",
-    "status": "status",
-    "clearance_mm": "clearance",
-    "carried_mm": "carried",
-    "margin_mm": "margin",
-    "rest_mm": "rest",
-    "head_mm": "head",
-    "ahead_mm": "ahead",
-    "latency_s": "latency",
-    "field_s": "field_time",
-    "plan_s": "plan_time",
-    "rest_s": "rest_time",
-    "sweeps": "sweeps",
-    "band_nodes": "band",
-    "measured_nodes": "measured",
-    "tissue_move_mm": "tissue_move",
-    "reason": "reason",
-}
-"""Columns of a run's table, and the attribute of a frame in each."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -198,7 +175,7 @@ class LiveRun(Result):
         No tissue is faster than this [mm/s].
     """
 
-    frames: tuple[LiveFrame, ...]
+    frames: tuple[LiveFrame, ...] = rows_of(LiveFrame)
     rate: float
     speed: float
 
@@ -284,12 +261,6 @@ class LiveRun(Result):
             "converged": self.converged,
             "reason": self.reason,
             "residual": self.residual,
-        }
-
-    def list_columns(self) -> Mapping[str, object]:
-        """Return the frames as columns, a row each."""
-        return {
-            name: [getattr(frame, key) for frame in self.frames] for name, key in COLUMNS.items()
         }
 
     def plot(self, ax: Axes | None = None) -> Axes:

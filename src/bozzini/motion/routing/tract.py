@@ -25,7 +25,7 @@ from ...duct.base import Duct
 from ...duct.centreline import Centreline
 from ...errors import GeometryError, InputError
 from ...progress import Progress, no_progress
-from ...results import Json, Result, take_axes, to_plain
+from ...results import Json, Result, rows_of, tabulated, take_axes, to_plain
 from ..actuate import Actuation, actuate_plan
 from ..plan import Plan
 from ..planner import plan_insertion
@@ -67,13 +67,13 @@ LINK_MM = 12.0
 class RobotTrial:
     """A robot that was tried: its diameter [mm], sections, and why it does not come through."""
 
-    diameter: float
-    sections: int
-    even: bool
-    passed: bool
-    clearance: float
-    head: float
-    reason: str
+    diameter: float = tabulated("mm")
+    sections: int = tabulated()
+    even: bool = tabulated(name="even_lengths")
+    passed: bool = tabulated()
+    clearance: float = tabulated("mm")
+    head: float = tabulated("mm")
+    reason: str = tabulated(name="why_not")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -99,7 +99,7 @@ class TractRobot(Result):
     actuation: Actuation | None = field(repr=False)
     plan: Plan | None = field(repr=False)
     limits: DiameterLimits
-    trials: tuple[RobotTrial, ...]
+    trials: tuple[RobotTrial, ...] = rows_of(RobotTrial)
     reason: str = ""
 
     @property
@@ -140,19 +140,6 @@ class TractRobot(Result):
         if self.robot is None:
             raise GeometryError(self.reason)
         return self.robot.to_yaml(path)
-
-    def list_columns(self) -> dict[str, list[object]]:
-        """Return the columns of `to_frame`, a row each trial."""
-        names = {
-            "diameter": "diameter_mm",
-            "sections": "sections",
-            "even": "even_lengths",
-            "passed": "passed",
-            "clearance": "clearance_mm",
-            "head": "head_mm",
-            "reason": "why_not",
-        }
-        return {to: [getattr(t, name) for t in self.trials] for name, to in names.items()}
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw how far each trial came, and return the axes."""
