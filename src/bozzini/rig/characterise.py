@@ -24,7 +24,7 @@ from ..io.files import write_text
 from ..io.sheets import format_table, write_table
 from ..muscle.data import Measurements
 from ..progress import Progress, no_progress
-from ..results import Json, Result, take_axes, to_plain
+from ..results import Json, ReasonedResult, take_axes, to_plain
 from .host import Host, describe_faults
 from .plant import MUSCLES, Plant
 from .protocol import SetPoint, State
@@ -201,7 +201,7 @@ class StairStep:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Characterisation(Result):
+class Characterisation(ReasonedResult):
     """What was measured, a step each row; steps that did not settle are flagged, not left out.
 
     Attributes
@@ -225,11 +225,6 @@ class Characterisation(Result):
     def flagged(self) -> int:
         """How many steps are flagged."""
         return sum(bool(row.flags) for row in self.rows)
-
-    @property
-    def converged(self) -> bool:
-        """Whether all steps were measured and none is flagged."""
-        return not self.reason
 
     @property
     def reason(self) -> str:

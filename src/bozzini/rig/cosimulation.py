@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from ..checks import check_number, show_apart
 from ..errors import InputError
 from ..numeric.arrays import Floats
-from ..results import ClosedForm, measured, take_axes
+from ..results import ClosedForm, tabulated, take_axes
 from .plant import MUSCLES, Plant
 
 if TYPE_CHECKING:
@@ -67,32 +67,17 @@ class CosimulationRecord(ClosedForm):
         Mean duties during the period: fill valves, bleed valves, supply valve.
     """
 
-    time: Floats = measured("s")
-    pressures: Floats = measured("MPa")
-    line_pressures: Floats = measured("MPa")
-    contractions: Floats = measured("mm")
-    reservoir_pressure: Floats = measured("MPa")
-    voltages: Floats = measured("V")
-    duty: Floats
+    time: Floats = tabulated("s")
+    pressures: Floats = tabulated("MPa", "pressure_{}", over="muscles")
+    line_pressures: Floats = tabulated("MPa", "line_pressure_{}", over="muscles")
+    contractions: Floats = tabulated("mm", "contraction_{}", over="muscles")
+    reservoir_pressure: Floats = tabulated("MPa")
+    voltages: Floats = tabulated("V", "voltage_{}", over="inputs")
+    duty: Floats = tabulated(name="{}", over="valves")
 
-    def list_columns(self) -> Mapping[str, object]:
-        """Return the columns of `to_frame`, a row each period."""
-        columns: dict[str, object] = {"time_s": self.time}
-        for k in range(MUSCLES):
-            columns[f"pressure_{k + 1}_MPa"] = self.pressures[:, k]
-        for k in range(MUSCLES):
-            columns[f"line_pressure_{k + 1}_MPa"] = self.line_pressures[:, k]
-        for k in range(MUSCLES):
-            columns[f"contraction_{k + 1}_mm"] = self.contractions[:, k]
-        columns["reservoir_pressure_MPa"] = self.reservoir_pressure
-        for k, name in enumerate(("1", "2", "3", "reservoir", "stick_x", "stick_y")):
-            columns[f"voltage_{name}_V"] = self.voltages[:, k]
-        for k in range(MUSCLES):
-            columns[f"fill_{k + 1}"] = self.duty[:, k]
-        for k in range(MUSCLES):
-            columns[f"bleed_{k + 1}"] = self.duty[:, MUSCLES + k]
-        columns["supply"] = self.duty[:, 2 * MUSCLES]
-        return columns
+    muscles = tuple(str(k + 1) for k in range(MUSCLES))
+    inputs = (*muscles, "reservoir", "stick_x", "stick_y")
+    valves = (*(f"{way}_{k + 1}" for way in ("fill", "bleed") for k in range(MUSCLES)), "supply")
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the pressures in the muscles over time, and return the axes."""

@@ -19,7 +19,7 @@ from ..io.files import check_parquet, write_parquet
 from ..io.sheets import read_sheet, take_numbers, write_table
 from ..numeric.arrays import Floats
 from ..progress import Progress, no_progress
-from ..results import Json, Result, take_axes
+from ..results import Json, ReasonedResult, Result, take_axes
 from .link import Link
 from .protocol import (
     PROTOCOL_VERSION,
@@ -67,7 +67,7 @@ set-points and further columns of the log."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class HostRun(Result):
+class HostRun(ReasonedResult):
     """A run of the host: a row for each period.
 
     Attributes
@@ -104,11 +104,6 @@ class HostRun(Result):
     gaps: int
     refused: int
     reason: str = ""
-
-    @property
-    def converged(self) -> bool:
-        """Whether the run went to its end."""
-        return not self.reason
 
     @property
     def residual(self) -> float:
