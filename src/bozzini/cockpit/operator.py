@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from ..numeric.arrays import Floats
-from ..results import Json, Result, list_coordinates, take_axes
+from ..results import Json, ReasonedResult, list_coordinates, take_axes
 from .drive import SEEN, DriveState, EffectorDrive
 from .guard import Access
 
@@ -78,7 +78,7 @@ class Figure:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Drawing(Result):
+class Drawing(ReasonedResult):
     """What the operator drew.
 
     Attributes
@@ -103,11 +103,6 @@ class Drawing(Result):
     def __post_init__(self) -> None:
         if not self.states:
             object.__setattr__(self, "reason", self.reason or "nothing was drawn")
-
-    @property
-    def converged(self) -> bool:
-        """Whether the whole figure was drawn, all of it in the workspace."""
-        return not self.reason
 
     @property
     def residual(self) -> float:

@@ -25,7 +25,7 @@ from ..errors import FileFormatError, InputError
 from ..numeric.arrays import Floats
 from ..numeric.vectors import nearest_rotation
 from ..progress import Progress, no_progress
-from ..results import Json, Result, take_axes, to_plain
+from ..results import Json, ReasonedResult, take_axes, to_plain
 from .board import CHECK_LINE, Board, Detection
 from .camera import Area, Camera, CameraSet, align, triangulate
 from .pictures import SUFFIXES, Grey, import_opencv, measure_each, read_picture
@@ -141,7 +141,7 @@ class HoldOut:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class CameraCalibration(Result):
+class CameraCalibration(ReasonedResult):
     """Calibrated cameras, or the reason why they are refused.
 
     Attributes
@@ -178,11 +178,6 @@ class CameraCalibration(Result):
     errors: tuple[Floats, ...] = dataclasses.field(repr=False)
     flags: tuple[str, ...] = ()
     reason: str = ""
-
-    @property
-    def converged(self) -> bool:
-        """Whether the calibration is accepted."""
-        return not self.reason
 
     @property
     def residual(self) -> float:

@@ -26,7 +26,7 @@ from ..numeric.polylines import (
     measure_arc_length,
     resample_polyline,
 )
-from ..results import Json, Result, list_coordinates, take_axes, to_plain
+from ..results import Json, ReasonedResult, list_coordinates, take_axes, to_plain
 from .camera import Camera, CameraSet, distort, triangulate
 from .kernels.rods import bend_rod, match_curves, miss_line, outline_tube
 from .pictures import Picture
@@ -123,7 +123,7 @@ class ShapeOptions:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class BackboneShape(Result):
+class BackboneShape(ReasonedResult):
     """The measured shape of a tube, with its uncertainty; NaN where it is refused.
 
     Attributes
@@ -207,11 +207,6 @@ class BackboneShape(Result):
     ring_pixels: Floats = field(repr=False)
     options: ShapeOptions = ShapeOptions()
     world: str = ""
-
-    @property
-    def converged(self) -> bool:
-        """Whether there is a shape."""
-        return not self.reason
 
     @property
     def uncertainty(self) -> Floats:

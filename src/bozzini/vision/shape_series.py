@@ -18,7 +18,7 @@ from ..io.files import new_directory
 from ..numeric.arrays import Floats
 from ..numeric.polylines import interpolate_polyline, measure_arc_length
 from ..progress import Progress, no_progress
-from ..results import DRAWN_LIMIT, Json, Result, take_axes, to_plain
+from ..results import DRAWN_LIMIT, Json, ReasonedResult, Result, take_axes, to_plain
 from .camera import CameraSet
 from .pictures import (
     BLUE,
@@ -48,7 +48,7 @@ _NAMED = 12
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class ShapeComparison(Result):
+class ShapeComparison(ReasonedResult):
     """How far curves of a model are from measured shapes.
 
     Attributes
@@ -71,11 +71,6 @@ class ShapeComparison(Result):
     predicted: Floats
     uncertainty: Floats
     reason: str = ""
-
-    @property
-    def converged(self) -> bool:
-        """Whether there is a pose to compare."""
-        return not self.reason
 
     @property
     def distances(self) -> Floats:

@@ -14,7 +14,7 @@ from ...anatomy.tract import LabelTract, SurfaceTract
 from ...checks import check_integer, check_number, check_word
 from ...errors import GeometryError, InputError
 from ...progress import Progress, no_progress
-from ...results import Result
+from ...results import ReasonedResult
 from ..base import Duct, SampledField
 from ..centreline import Centreline, find_centreline
 from ..field import build_field, check_tract
@@ -182,7 +182,7 @@ class ShapeFitOptions:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class FittedDuct(Result):
+class FittedDuct(ReasonedResult):
     """A duct made of shapes, and what they keep of the true one.
 
     Attributes
@@ -204,11 +204,6 @@ class FittedDuct(Result):
     options: ShapeFitOptions
     report: FitReport
     reason: str
-
-    @property
-    def converged(self) -> bool:
-        """Whether all was reached."""
-        return not self.reason
 
     @property
     def residual(self) -> float:
