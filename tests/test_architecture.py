@@ -13,7 +13,7 @@ import bozzini
 
 SOURCE = Path(bozzini.__file__).resolve().parent
 
-BASE = ("errors", "units", "checks", "progress", "numeric", "registry", "results", "io")
+BASE = ("errors", "units", "checks", "progress", "numeric", "registry", "views", "results", "io")
 """Modules and packages that all may import; each may import those to its left."""
 
 MAY_IMPORT = {
@@ -35,6 +35,16 @@ MAY_IMPORT["physics"] = {"anatomy", "continuum", "duct", "motion", "plot", "scen
 MAY_IMPORT["cockpit"] = set(MAY_IMPORT)
 MAY_IMPORT["cli"] = set(MAY_IMPORT)
 
+BY_NAME = {
+    "__init__.py": "packages and public names, when they are first asked for",
+    "muscle/__init__.py": "its own modules, when they are first asked for",
+    "cli/main.py": "the module of the command that is run",
+    "cli/doctor.py": "whatever is to be tried, so that a fault in one does not hide the next",
+    "study/jobs.py": "the function of a user",
+    "numeric/signatures.py": "kernels that are compiled ahead, of all packages, from a list in a file",
+}
+"""Who imports modules by names that stand in no text of the source, and which."""
+
 MODULES = sorted(path.relative_to(SOURCE) for path in SOURCE.rglob("*.py"))
 
 
@@ -43,19 +53,43 @@ def _nodes(path: Path) -> tuple[ast.AST, ...]:
     return tuple(ast.walk(ast.parse((SOURCE / path).read_text(encoding="utf-8"))))
 
 
-def _imported(path: Path) -> Iterator[tuple[str, ...]]:
-    """Give every module of Bozzini that a file imports, as its parts after ``bozzini``."""
+def _resolve(path: Path, name: str, level: int = 0) -> tuple[str, ...]:
+    """Return a module's parts, its name taken as in a file, with so many dots before it."""
     here = ("bozzini", *path.parent.parts)
+    base = here[: len(here) - level + 1] if level else ()
+    return (*base, *filter(None, name.split(".")))
+
+
+def _name_module(path: Path, call: ast.Call) -> tuple[str, ...] | None:
+    """Return the module that a call imports by name: none if its name is not in the source."""
+    first = call.args[0] if call.args else None
+    if not (isinstance(first, ast.Constant) and isinstance(first.value, str)):
+        return None
+    return _resolve(path, first.value, len(first.value) - len(first.value.lstrip(".")))
+
+
+def _calls_by_name(path: Path) -> Iterator[ast.Call]:
+    for node in _nodes(path):
+        if isinstance(node, ast.Call):
+            called = getattr(node.func, "attr", getattr(node.func, "id", ""))
+            if called in ("import_module", "__import__"):
+                yield node
+
+
+def _imported(path: Path) -> Iterator[tuple[str, ...]]:
+    """Give every module of Bozzini that a file imports, as its parts after ``bozzini``.
+
+    Those imported inside functions, for types alone and by name are among them.
+    """
+    names: list[tuple[str, ...]] = []
     for node in _nodes(path):
         if isinstance(node, ast.Import):
-            names = [tuple(alias.name.split(".")) for alias in node.names]
+            names += [_resolve(path, alias.name) for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
-            base = here[: len(here) - node.level + 1] if node.level else ()
-            base = (*base, *(node.module.split(".") if node.module else ()))
-            names = [(*base, alias.name) for alias in node.names]
-        else:
-            continue
-        yield from (name[1:] for name in names if name[0] == "bozzini" and len(name) > 1)
+            base = _resolve(path, node.module or "", node.level)
+            names += [(*base, alias.name) for alias in node.names]
+    names += filter(None, (_name_module(path, call) for call in _calls_by_name(path)))
+    yield from (name[1:] for name in names if name[0] == "bozzini" and len(name) > 1)
 
 
 def _package(path: Path) -> str:
@@ -92,6 +126,24 @@ def test_imports_point_to_the_left(path: Path) -> None:
         legal = {package, *BASE, *MAY_IMPORT[package], "__version__"}
     for name in _imported(path):
         assert name[0] in legal, f"{path} imports bozzini.{'.'.join(name)}"
+
+
+def test_few_import_by_a_name_that_is_not_in_the_source() -> None:
+    found = {
+        path.as_posix()
+        for path in MODULES
+        for call in _calls_by_name(path)
+        if _name_module(path, call) is None
+    }
+    assert found == set(BY_NAME)
+
+
+@pytest.mark.parametrize("path", MODULES, ids=str)
+def test_nobody_takes_packages_from_bozzini_itself(path: Path) -> None:
+    """Its attributes load packages, which no import would show."""
+    for node in _nodes(path):
+        if isinstance(node, ast.Import) and path.parts != ("__main__.py",):
+            assert "bozzini" not in [alias.name for alias in node.names], path
 
 
 @pytest.mark.parametrize("path", MODULES, ids=str)

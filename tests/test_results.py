@@ -131,6 +131,12 @@ def test_fields_are_the_columns_of_a_table() -> None:
     assert walked.converged and not Walked(steps=(), reason="none").converged
 
 
+def test_a_result_without_a_view_says_so() -> None:
+    with pytest.raises(InputError, match="there is no view of a Walked"):
+        Walked(steps=()).show()
+    assert "<iframe" in EFFECTOR.forward({"R": 0.5}).show()._repr_html_()
+
+
 def test_a_cell_names_the_reason() -> None:
     assert "the target is 300 mm away" in EFFECTOR.inverse([300.0, 0.0])._repr_html_()
 

@@ -10,6 +10,8 @@ import importlib as _importlib
 import os as _os
 from typing import TYPE_CHECKING as _TYPE_CHECKING
 
+from .views import load_views_by as _load_views_by
+
 if _TYPE_CHECKING:
     from . import anatomy, continuum, duct, effector, motion, muscle, plot, study
     from .anatomy import make_phantom, read_tract
@@ -64,6 +66,13 @@ if not all(_os.access(place, _os.W_OK) for place in (*__path__, _os.path.expandu
     from .io.files import provide_caches
 
     provide_caches()
+
+
+def _load_views() -> None:
+    from .scene import page  # noqa: F401  # it registers itself
+
+
+_load_views_by(_load_views)  # here, where all packages are known
 
 
 def __getattr__(name: str) -> object:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from .checks import show_value
 from .errors import InputError, MissingExtraError
 from .units import add_unit
+from .views import find_view
 
 if TYPE_CHECKING:
     import numpy as np
@@ -86,6 +87,21 @@ class Result:
         for name in ("converged", "reason", "residual"):
             values.setdefault(name, getattr(self, name))
         return {name: to_plain(value) for name, value in values.items()}
+
+    def show(self, wall: object = None) -> object:
+        """Return the result in 3-D, as a notebook shows it; see `bozzini.scene.show`.
+
+        Parameters
+        ----------
+        wall : tract or duct, optional
+            What is round it; without it a plan has the widest tube round its centreline.
+
+        Raises
+        ------
+        InputError
+            If there is no view of such a result.
+        """
+        return find_view(type(self))(self, wall)
 
     def to_frame(self) -> pandas.DataFrame:
         """Return the result as a table of pandas; units are in the names of the columns.

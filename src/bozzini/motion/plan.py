@@ -17,7 +17,6 @@ import zipfile
 import zlib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeVar, get_args
 
@@ -632,17 +631,6 @@ class Plan(Result):
         axes.axhline(0.0, color="0.0", linewidth=0.8)
         axes.legend()
         return axes
-
-    def show(self, wall: object = None) -> object:
-        """Return the plan in 3-D, as a notebook shows it; see `bozzini.scene.show`.
-
-        Parameters
-        ----------
-        wall : tract or duct, optional
-            The wall; without it the widest tube round the centreline is shown.
-        """
-        # By name: pages know motions, and motions no pages.
-        return import_module("bozzini.scene").show(self, wall)
 
     def save(self, path: str | os.PathLike[str]) -> Path:
         """Write the plan as a compressed ``.npz`` and return its path.

@@ -19,8 +19,10 @@ from functools import cache
 from html import escape
 from importlib.resources import files
 from pathlib import Path
+from typing import get_args
 
 from ..io.files import write_text
+from ..views import register_view
 from .make_view import Shown, Wall, make_view
 from .view import View, encode_view
 
@@ -139,6 +141,7 @@ class Page:
         return write_text(path, render_page(self.view))
 
 
+@register_view(*get_args(Shown))
 def show(thing: Shown, wall: Wall | None = None) -> Page:
     """Return a page that shows anything that has a shape; see `make_view`.
 
