@@ -41,7 +41,7 @@ BY_NAME = {
     "cli/main.py": "the module of the command that is run",
     "cli/doctor.py": "whatever is to be tried, so that a fault in one does not hide the next",
     "study/jobs.py": "the function of a user",
-    "numeric/signatures.py": "kernels that are compiled ahead, of all packages, from a list in a file",
+    "numeric/signatures.py": "kernels of any package, compiled ahead from the list in a file",
 }
 """Who imports modules by names that stand in no text of the source, and which."""
 
