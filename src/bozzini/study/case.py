@@ -139,7 +139,7 @@ class Case:
 
     def __post_init__(self) -> None:
         check_tract("tract", self.tract)
-        _ = self._places  # wrong ends are told before any long work
+        _ = self.stated  # wrong ends and inputs are told before any long work
 
     @classmethod
     def open(
@@ -349,13 +349,15 @@ class Case:
         )
         return replace(
             plan,
-            input=TractInput.read(self._list_inputs()),
+            input=self.stated,
             centreline=rounded,
             findings=tuple(f"{item.severity}: {item.message}" for item in findings),
             more={"ends": [candidate.describe() for candidate in centreline.candidates]},
         )
 
-    def _list_inputs(self) -> Json:
+    @cached_property
+    def stated(self) -> TractInput:
+        """What a plan states of its tract."""
         given: Json = {"source": self.tract.source, **self.inputs}
         start, end, via = self._places
         for name, place in (("start", start), ("end", end)):
@@ -363,7 +365,7 @@ class Case:
                 given[name] = place.given
         if via:
             given["via"] = [place.given for place in via]
-        return given
+        return TractInput.read(given)
 
     def _make_plan(
         self, space: FreeSpace, scope: Scope, *, advise: bool = False, reach: bool = True
