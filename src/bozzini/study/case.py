@@ -22,7 +22,7 @@ from ..checks import floor_mm
 from ..duct import Centreline, SampledField, build_field
 from ..duct.field import RefinedField, check_tract, refine_field
 from ..motion.largest import Largest, find_largest
-from ..motion.moving import plan_with_soft_wall
+from ..motion.moving import plan_with_soft_wall, replan
 from ..motion.plan import Plan, TractInput
 from ..motion.scope import Scope
 from ..motion.space import FreeSpace, Passage, find_passage
@@ -329,6 +329,10 @@ class Case:
                 freedom=freedom,
                 progress=self.progress,
             )
+
+    def replan(self, plan: Plan) -> Plan:
+        """Return a plan that was made in another wall, carried over to this one and proved."""
+        return replan(plan, self.field)
 
     def certify(self, plan: Plan) -> Verification:
         """Check a plan in this tract, sampled as the plan states, and prove it anew."""
