@@ -43,9 +43,12 @@ def _is_print(node: ast.AST) -> bool:
     return isinstance(node, ast.Call) and getattr(node.func, "id", "") == "print"
 
 
-@cache  # of what is looked at alone: whole trees would be gone through at each collection of garbage
+@cache
 def _nodes(path: Path) -> tuple[ast.AST, ...]:
-    """Return the imports, assertions and calls of ``print`` of a file."""
+    """Return the imports, assertions and calls of ``print`` of a file.
+
+    Nothing else is kept: whole trees would be gone through at each collection of garbage.
+    """
     looked_at = (ast.Import, ast.ImportFrom, ast.Assert)
     nodes = ast.walk(ast.parse((SOURCE / path).read_text(encoding="utf-8")))
     return tuple(node for node in nodes if isinstance(node, looked_at) or _is_print(node))
