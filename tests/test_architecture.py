@@ -6,6 +6,7 @@ import ast
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
+from typing import TypeGuard
 
 import pytest
 
@@ -48,19 +49,32 @@ BY_NAME = {
 MODULES = sorted(path.relative_to(SOURCE) for path in SOURCE.rglob("*.py"))
 
 
+def _is_call(node: ast.AST, *names: str) -> TypeGuard[ast.Call]:
+    """Return whether it calls a function or method of one of these names."""
+    if not isinstance(node, ast.Call):
+        return False
+    return getattr(node.func, "attr", getattr(node.func, "id", "")) in names
+
+
 def _is_print(node: ast.AST) -> bool:
-    return isinstance(node, ast.Call) and getattr(node.func, "id", "") == "print"
+    return _is_call(node, "print") and isinstance(node.func, ast.Name)
+
+
+def _is_import(node: ast.AST) -> TypeGuard[ast.Call]:
+    return _is_call(node, "import_module", "__import__")
 
 
 @cache
 def _nodes(path: Path) -> tuple[ast.AST, ...]:
-    """Return the imports, assertions and calls of ``print`` of a file.
+    """Return the imports, assertions, and calls of ``print`` or of an import of a file.
 
     Nothing else is kept: whole trees would be gone through at each collection of garbage.
     """
     looked_at = (ast.Import, ast.ImportFrom, ast.Assert)
     nodes = ast.walk(ast.parse((SOURCE / path).read_text(encoding="utf-8")))
-    return tuple(node for node in nodes if isinstance(node, looked_at) or _is_print(node))
+    return tuple(
+        node for node in nodes if isinstance(node, looked_at) or _is_print(node) or _is_import(node)
+    )
 
 
 def _resolve(path: Path, name: str, level: int = 0) -> tuple[str, ...]:
@@ -78,14 +92,6 @@ def _name_module(path: Path, call: ast.Call) -> tuple[str, ...] | None:
     return _resolve(path, first.value, len(first.value) - len(first.value.lstrip(".")))
 
 
-def _calls_by_name(path: Path) -> Iterator[ast.Call]:
-    for node in _nodes(path):
-        if isinstance(node, ast.Call):
-            called = getattr(node.func, "attr", getattr(node.func, "id", ""))
-            if called in ("import_module", "__import__"):
-                yield node
-
-
 def _imported(path: Path) -> Iterator[tuple[str, ...]]:
     """Give every module of Bozzini that a file imports, as its parts after ``bozzini``.
 
@@ -98,7 +104,7 @@ def _imported(path: Path) -> Iterator[tuple[str, ...]]:
         elif isinstance(node, ast.ImportFrom):
             base = _resolve(path, node.module or "", node.level)
             names += [(*base, alias.name) for alias in node.names]
-    names += filter(None, (_name_module(path, call) for call in _calls_by_name(path)))
+    names += filter(None, (_name_module(path, node) for node in _nodes(path) if _is_import(node)))
     yield from (name[1:] for name in names if name[0] == "bozzini" and len(name) > 1)
 
 
@@ -142,8 +148,8 @@ def test_few_import_by_a_name_that_is_not_in_the_source() -> None:
     found = {
         path.as_posix()
         for path in MODULES
-        for call in _calls_by_name(path)
-        if _name_module(path, call) is None
+        for node in _nodes(path)
+        if _is_import(node) and _name_module(path, node) is None
     }
     assert found == set(BY_NAME)
 
