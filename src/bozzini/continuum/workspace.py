@@ -13,7 +13,16 @@ from ..checks import check_integer, check_number, check_word
 from ..errors import InputError
 from ..numeric.arrays import Floats
 from ..progress import Progress, no_progress
-from ..results import ClosedForm, Json, Result, list_coordinates, measured, take_axes, to_plain
+from ..results import (
+    ClosedForm,
+    Json,
+    Result,
+    list_coordinates,
+    measured,
+    tabulated,
+    take_axes,
+    to_plain,
+)
 from .arc import displacements_for, jacobian
 from .checks import MAX_COORDINATE_MM, check_cell, check_places, check_values
 from .coupling import find_limits, require_arcs
@@ -49,7 +58,7 @@ class WorkspaceSample(ClosedForm):
 
     robot: RobotDesign
     bends: Floats = measured("rad")
-    displacements: Floats = measured("mm")
+    displacements: Floats = tabulated("mm", "displacement_{}", over="robot.tendon_names")
     tip_frames: Floats
     jacobians: Floats
 
@@ -65,11 +74,7 @@ class WorkspaceSample(ClosedForm):
 
     def list_columns(self) -> Json:
         """Return the columns of `to_frame`, a row for each shape."""
-        moved = zip(self.robot.tendon_names, self.displacements.T, strict=True)
-        return {
-            **list_coordinates("tip", self.tips),
-            **{f"displacement_{name}_mm": column for name, column in moved},
-        }
+        return {**list_coordinates("tip", self.tips), **super().list_columns()}
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the tips by distance from the axis and height, and return the axes."""

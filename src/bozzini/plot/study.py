@@ -129,9 +129,7 @@ def draw_all(items: Mapping[str, T], draw: Callable[[str, T, Axes], Axes]) -> Fi
     return figure
 
 
-def draw_indices(
-    name: str, table: Mapping[str, NDArray[np.generic]], ax: Axes | None = None
-) -> Axes:
+def draw_indices(name: str, table: Mapping[str, object], ax: Axes | None = None) -> Axes:
     """Draw Sobol indices of an output as bars with their intervals; return the axes.
 
     Parameters
@@ -144,7 +142,8 @@ def draw_indices(
     ax : Axes, optional
     """
     axes = take_panel(ax)
-    places = np.arange(len(table["factor"]))
+    factors = np.asarray(table["factor"])
+    places = np.arange(len(factors))
     kinds = (
         ("first", BLUE, "alone (first order)"),
         ("total", AMBER, "with all it takes part in (total)"),
@@ -158,7 +157,7 @@ def draw_indices(
         errors = np.nan_to_num(np.stack([values - low, high - values]))
         shown = np.nan_to_num(values)
         axes.barh(places + 0.4 * k - 0.2, shown, 0.38, xerr=errors, color=color, label=label)
-    axes.set_yticks(places, [show_unit(str(factor)) for factor in table["factor"]])
+    axes.set_yticks(places, [show_unit(str(factor)) for factor in factors])
     axes.invert_yaxis()
     title = show_unit(name) + ("" if varies else ": does not vary")
     axes.set(xlabel="share of the variance", title=title)

@@ -22,7 +22,7 @@ from ..checks import check_number, check_word
 from ..errors import InputError
 from ..numeric.arrays import Floats
 from ..progress import Progress, no_progress
-from ..results import ClosedForm, Json, to_plain
+from ..results import ClosedForm, Json, tabulated, to_plain
 from .definition import Study
 from .factors import Axis, Factor, draw_shares
 from .run import Engine, read_rows, run_study
@@ -69,24 +69,14 @@ class Indices(ClosedForm):
         Their probability.
     """
 
-    factors: tuple[str, ...]
-    first: Floats
-    total: Floats
-    first_interval: Floats
-    total_interval: Floats
+    factors: tuple[str, ...] = tabulated(name="factor")
+    first: Floats = tabulated()
+    first_interval: Floats = tabulated(name="first_{}", over="ends")
+    total: Floats = tabulated()
+    total_interval: Floats = tabulated(name="total_{}", over="ends")
     level: float
 
-    def list_columns(self) -> dict[str, NDArray[np.generic]]:
-        """Return a row for each factor."""
-        return {
-            "factor": np.array(self.factors),
-            "first": self.first,
-            "first_low": self.first_interval[:, 0],
-            "first_high": self.first_interval[:, 1],
-            "total": self.total,
-            "total_low": self.total_interval[:, 0],
-            "total_high": self.total_interval[:, 1],
-        }
+    ends = ("low", "high")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
