@@ -9,6 +9,7 @@ import json
 import re
 import sys
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -79,6 +80,15 @@ def format_plant() -> str:
     return PlantDesign().format_provenance()
 
 
+def format_control(table: str) -> str:
+    """Return a table of what `benchmarks/rig_control.py` measured and kept."""
+    kept = json.loads((DOCS.parent / "benchmarks" / "rig_control.json").read_text("utf-8"))
+    head, *rows = (f"| {' | '.join(cells)} |" for cells in kept[table])
+    return "\n".join([head, "|---" * len(kept[table][0]) + "|", *rows])
+
+
+CONTROL = ("steps", "plants_fast", "plants_slow", "slews", "runaway", "circle", "stick")
+
 MAKERS: dict[str, Callable[[], str]] = {
     "commands": format_commands,
     "models": format_models,
@@ -87,6 +97,7 @@ MAKERS: dict[str, Callable[[], str]] = {
     "benchmarks": format_benchmarks,
     "peers": format_peers,
     "plant": format_plant,
+    **{table: partial(format_control, table) for table in CONTROL},
 }
 """What writes in the place of a mark, by the mark's name."""
 
