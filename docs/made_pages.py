@@ -38,6 +38,14 @@ def format_commands() -> str:
     return "\n".join(_describe(root, click.Context(root, info_name="bozzini")))
 
 
+def format_overview() -> str:
+    """Return a table of the commands, each with its line of ``bozzini --help``."""
+    from bozzini.cli.main import COMMANDS
+
+    rows = [f"| `bozzini {name}` | {_escape(line)} |" for name, line in COMMANDS.items()]
+    return "\n".join(["| command | what it does |", "|---|---|", *rows])
+
+
 def format_models() -> str:
     """Return the catalogue of muscle models, from their cards."""
     from make_catalogue import format_catalogue
@@ -91,6 +99,7 @@ CONTROL = ("steps", "plants_fast", "plants_slow", "slews", "runaway", "circle", 
 
 MAKERS: dict[str, Callable[[], str]] = {
     "commands": format_commands,
+    "overview": format_overview,
     "models": format_models,
     "gallery": format_gallery,
     "figures": format_figures,

@@ -318,7 +318,7 @@ def test_every_package_has_a_page_of_its_names() -> None:
 
 
 def test_table_of_commands_is_complete() -> None:
-    text = (ROOT / "docs" / "cli.md").read_text(encoding="utf-8")
+    text = _read(ROOT / "docs" / "cli.md")
     assert set(re.findall(r"^\| `bozzini ([a-z]+)", text, re.M)) == set(COMMANDS)
 
 
