@@ -74,6 +74,13 @@ def format_benchmarks() -> str:
     return "\n".join(list_table(json.loads(MEASURED.read_text("utf-8"))["rows"]))
 
 
+def format_headlines() -> str:
+    """Return the short table of benchmarks."""
+    from benchmarks.report import MEASURED, list_headlines
+
+    return "\n".join(list_headlines(json.loads(MEASURED.read_text("utf-8"))["rows"]))
+
+
 def format_peers() -> str:
     """Return the table of other packages on the same cases."""
     from benchmarks.report import MEASURED, list_peers
@@ -104,6 +111,7 @@ MAKERS: dict[str, Callable[[], str]] = {
     "gallery": format_gallery,
     "figures": format_figures,
     "benchmarks": format_benchmarks,
+    "headlines": format_headlines,
     "peers": format_peers,
     "plant": format_plant,
     **{table: partial(format_control, table) for table in CONTROL},
