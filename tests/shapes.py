@@ -29,17 +29,35 @@ def ball_distance(centre, radius):
 
 def curve_distance(curve, radius):
     """Signed distance to the tube of `radius` (a number, or one per segment) around a polyline."""
-    start, stop = curve[:-1], curve[1:]
+    start, along = curve[:-1], np.diff(curve, axis=0)
+    squares = np.einsum("sk,sk->s", along, along)
     radii = np.broadcast_to(np.asarray(radius, dtype=float), len(start))
 
+    def measure(points, near):
+        """Distances (segments, points) to the tubes of the segments `near`."""
+        off = points.T[:, None] - start[near].T[..., None]
+        ahead = along[near].T[..., None]
+        t = np.clip(np.sum(off * ahead, axis=0) / squares[near, None], 0.0, 1.0)
+        return np.sqrt(np.sum((off - t * ahead) ** 2, axis=0)) - radii[near, None]
+
+    def fill(best, index, points, near):
+        """Put the distances of points close together, to which few segments can be nearest."""
+        low, high = points.min(axis=0), points.max(axis=0)
+        gap = measure(0.5 * (low + high)[None], near)[:, 0]
+        near = near[gap <= gap.min() + np.linalg.norm(high - low) + 1e-9]
+        half = len(points) // 2
+        if half < 200:
+            best[index] = measure(points, near).min(axis=0)
+            return
+        order = np.argpartition(points[:, np.argmax(high - low)], half)
+        for part in (order[:half], order[half:]):
+            fill(best, index[part], points[part], near)
+
     def distance(points):
-        points = np.asarray(points)
-        best = np.full(points.shape[:-1], np.inf)
-        for a, b, r in zip(start, stop, radii, strict=True):
-            along = b - a
-            t = np.clip((points - a) @ along / (along @ along), 0.0, 1.0)
-            gap = np.linalg.norm(points - a - t[..., None] * along, axis=-1)
-            best = np.minimum(best, gap - r)
+        points = np.asarray(points, dtype=float)
+        best = np.empty(points.shape[:-1])
+        flat = points.reshape(-1, 3)
+        fill(best.reshape(-1), np.arange(len(flat)), flat, np.arange(len(start)))
         return best
 
     return distance

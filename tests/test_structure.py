@@ -7,7 +7,10 @@ import importlib
 import inspect
 import tomllib
 from collections.abc import Callable, Iterator
+from functools import cache
 from pathlib import Path
+
+import pytest
 
 import bozzini
 
@@ -18,6 +21,21 @@ MODULES = {
 }
 
 
+@pytest.fixture(scope="module", autouse=True)
+def trees() -> Iterator[None]:
+    """Parse each module once, and keep no tree for later tests."""
+    yield
+    _parse.cache_clear()
+
+
+@cache
+def _parse(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
+_HOLD_STATEMENTS = (ast.stmt, ast.excepthandler, ast.match_case)
+
+
 def _is_for_types(node: ast.AST) -> bool:
     return isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"
 
@@ -26,7 +44,7 @@ def _imports(name: str) -> Iterator[str]:
     """Give the modules of Bozzini that one imports when it runs, inside functions too."""
     path = MODULES[name]
     package = name.split(".") if path.stem == "__init__" else name.split(".")[:-1]
-    waiting: list[ast.AST] = [ast.parse(path.read_text(encoding="utf-8"))]
+    waiting: list[ast.AST] = [_parse(path)]
     while waiting:
         node = waiting.pop()
         if isinstance(node, ast.ImportFrom):
@@ -38,7 +56,8 @@ def _imports(name: str) -> Iterator[str]:
         elif isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif not _is_for_types(node):
-            waiting += ast.iter_child_nodes(node)
+            children = ast.iter_child_nodes(node)
+            waiting += (child for child in children if isinstance(child, _HOLD_STATEMENTS))
 
 
 def test_no_modules_import_each_other_in_a_circle() -> None:
@@ -60,7 +79,7 @@ def test_functions_have_few_parameters() -> None:
     for name, path in MODULES.items():
         if ".kernels" in name:
             continue
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        for node in ast.walk(_parse(path)):
             if isinstance(node, ast.FunctionDef):
                 given = node.args
                 names = [a.arg for a in (*given.posonlyargs, *given.args, *given.kwonlyargs)]
@@ -99,7 +118,7 @@ def test_few_types_are_left_open() -> None:
     count = sum(
         isinstance(node, ast.Name) and node.id == "Any"
         for path in MODULES.values()
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        for node in ast.walk(_parse(path))
     )
     assert count < 100
 

@@ -33,15 +33,23 @@ def files(tmp_path_factory):
     return folder
 
 
+@pytest.fixture(scope="module")
+def context(browser):
+    """One for all pages, which keep nothing: each new one would begin a process."""
+    with browser.new_context(offline=True) as context:
+        yield context
+
+
 @pytest.fixture
-def visit(browser, files):
+def visit(context, files):
     """Give what opens a page and returns it once it has painted; nothing may go wrong meanwhile."""
     wrong: list[str] = []
     pages: list[Page] = []
 
     def visit(name="view.html", *, width=900, height=600, scheme="dark", script=""):
-        size = {"width": width, "height": height}
-        page = browser.new_page(viewport=size, color_scheme=scheme, offline=True)
+        page = context.new_page()
+        page.set_viewport_size({"width": width, "height": height})
+        page.emulate_media(color_scheme=scheme)
         pages.append(page)
         page.on("pageerror", lambda error: wrong.append(str(error)))
         page.on("console", lambda words: wrong.append(words.text) if words.type == "error" else 0)

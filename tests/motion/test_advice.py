@@ -63,7 +63,7 @@ def make_hairpin():
 @cache
 def make_random(seed):
     random = np.random.default_rng(seed)
-    curve = random_curve(random, random.uniform(90.0, 140.0), random.uniform(14.0, 40.0))
+    curve = random_curve(random, random.uniform(60.0, 90.0), random.uniform(14.0, 40.0))
     s = measure_arc_length(curve)
     radius = random.uniform(4.0, 6.0) + np.interp(s, np.linspace(0, s[-1], 9), random.random(9))
     at = random.uniform(0.3, 0.7) * s[-1]

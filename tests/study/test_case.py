@@ -24,6 +24,29 @@ def answer(plan: Plan) -> tuple[str, str, float | None]:
     return plan.status, plan.reason_code, None if proved is None else round(proved, 6)
 
 
+def test_a_plan_is_certified_and_carried_to_a_wider_wall() -> None:
+    case = Case.open(open_phantom(seed=0, voxel=3.0), InsertionOptions(head_step=HEAD_STEP))
+    found = case.plan(Scope(diameter=6.0, link_length=12.0))
+    plan = case.state(found.plan, centreline=found.centreline, findings=found.findings)
+    checked = case.certify(plan)
+    assert checked.certified and checked.certificate is not None
+    assert checked.certificate.clearance == pytest.approx(plan.proved, abs=1e-3)
+    wider = case.change(inflate=2.0)
+    assert wider.field is not case.field and case.change(method="tube").field is case.field
+    moved = wider.replan(plan)
+    assert moved.status == "complete" and moved.proved > plan.proved
+
+
+def test_judging_is_planning_without_the_way(monkeypatch) -> None:
+    case = Case.open(open_phantom(seed=0, voxel=3.0), InsertionOptions(head_step=HEAD_STEP))
+    for diameter in (6.0, 12.0, 30.0):
+        scope = Scope(diameter=diameter, link_length=12.0)
+        judged, planned = case.judge(scope).plan, case.plan(scope, advise=False).plan
+        assert answer(judged) == answer(planned)
+        if judged.status == "stopped":
+            assert judged.inserted <= planned.inserted
+
+
 def open_bench(tract) -> Bench:
     class OneTract(PlanningRequest):
         def read(self):
@@ -59,6 +82,7 @@ def test_all_routes_have_one_answer(seeds, monkeypatch) -> None:
     assert "" in met and len(met) > 2
 
 
+@pytest.mark.slow(10)
 def test_a_scope_that_the_finer_grid_lets_through_passes_in_the_cockpit_too(monkeypatch) -> None:
     monkeypatch.setattr(insertion, "find_advice", lambda job, refusal, *, progress: refusal)
     tract, scope = open_phantom(seed=0), Scope(diameter=11.2, link_length=12.0)

@@ -62,7 +62,7 @@ def no_work(monkeypatch: pytest.MonkeyPatch) -> None:
     def work(*_: object, **__: object) -> None:
         raise AssertionError("the distance field is built")
 
-    monkeypatch.setattr("bozzini.study.insertion.build_field", work)
+    monkeypatch.setattr("bozzini.study.case.build_field", work)
 
 
 # fmt: off

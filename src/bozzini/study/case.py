@@ -22,7 +22,7 @@ from ..checks import floor_mm
 from ..duct import Centreline, SampledField, build_field
 from ..duct.field import RefinedField, check_tract, refine_field
 from ..motion.largest import Largest, find_largest
-from ..motion.moving import plan_with_soft_wall
+from ..motion.moving import plan_with_soft_wall, replan
 from ..motion.plan import Plan, TractInput
 from ..motion.scope import Scope
 from ..motion.space import FreeSpace, Passage, find_passage
@@ -139,7 +139,7 @@ class Case:
 
     def __post_init__(self) -> None:
         check_tract("tract", self.tract)
-        _ = self._places  # wrong ends are told before any long work
+        _ = self.stated  # wrong ends and inputs are told before any long work
 
     @classmethod
     def open(
@@ -330,6 +330,10 @@ class Case:
                 progress=self.progress,
             )
 
+    def replan(self, plan: Plan) -> Plan:
+        """Return a plan that was made in another wall, carried over to this one and proved."""
+        return replan(plan, self.field)
+
     def certify(self, plan: Plan) -> Verification:
         """Check a plan in this tract, sampled as the plan states, and prove it anew."""
         from ..motion.verify import build_wall, rebuild_field, verify_plan
@@ -349,13 +353,15 @@ class Case:
         )
         return replace(
             plan,
-            input=TractInput.read(self._list_inputs()),
+            input=self.stated,
             centreline=rounded,
             findings=tuple(f"{item.severity}: {item.message}" for item in findings),
             more={"ends": [candidate.describe() for candidate in centreline.candidates]},
         )
 
-    def _list_inputs(self) -> Json:
+    @cached_property
+    def stated(self) -> TractInput:
+        """What a plan states of its tract."""
         given: Json = {"source": self.tract.source, **self.inputs}
         start, end, via = self._places
         for name, place in (("start", start), ("end", end)):
@@ -363,7 +369,7 @@ class Case:
                 given[name] = place.given
         if via:
             given["via"] = [place.given for place in via]
-        return given
+        return TractInput.read(given)
 
     def _make_plan(
         self, space: FreeSpace, scope: Scope, *, advise: bool = False, reach: bool = True
