@@ -6,8 +6,8 @@
     python -m benchmarks.report pages           none: write the pages from what is kept
 
 ``benchmarks/measured.json`` is the one source: every row with the machine that measured it, and the
-peers. ``make docs`` takes the tables of both pages from there; sentences of all pages get the numbers
-that `benchmarks.claims` lists.
+peers. ``make docs`` takes the tables of both pages from there; sentences of all pages get the
+numbers that `benchmarks.claims` lists.
 """
 
 from __future__ import annotations

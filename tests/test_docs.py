@@ -261,11 +261,11 @@ def test_the_theory_is_short() -> None:
 
 
 def test_all_that_is_written_by_hand_is_short() -> None:
-    assert _count_words("**") <= 68_000
+    assert 50_000 < _count_words("**") <= 68_000
 
 
 def _count_words(folder: str) -> int:
-    pages = (ROOT / "docs" / folder).glob("*.md")
+    pages = (ROOT / "docs").glob(f"{folder}/*.md")
     return sum(len(page.read_text("utf-8").split()) for page in pages)
 
 
