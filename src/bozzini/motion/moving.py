@@ -83,7 +83,7 @@ def plan_with_soft_wall(
 
     def plan_displaced(by: float, *, advise: bool) -> Plan:
         chosen = replace(options, advise=advise and options.advise)
-        moved = duct.inflate(by)
+        moved = duct.inflate(by) if by else duct  # of which the passages may be known
         return plan_insertion(
             moved, line, scope=scope, method=method, options=chosen, progress=progress
         )

@@ -63,8 +63,6 @@ class CasePlan:
         Of an organ that is not known: what came of entering at either end, the better one first.
     findings : tuple of Finding
         What is to be said of the entry and of the finer grid.
-    codes : tuple of str
-        Why each of the plans ended that were made for it, "" of one that did not.
     final : bool
         Whether no better answer follows.
     """
@@ -74,7 +72,6 @@ class CasePlan:
     duct: SampledField | RefinedField
     entries: tuple[Json, ...] = ()
     findings: tuple[Finding, ...] = ()
-    codes: tuple[str, ...] = ()
     final: bool = True
 
     __repr__ = show_briefly
@@ -268,16 +265,12 @@ class Case:
         return found
 
     def judge(self, scope: Scope) -> CasePlan:
-        """Return the plan of a scope if it comes through, else why not: as `plan`, but faster.
+        """Return the plan of a scope if it comes through; else it stands still: as `plan`, faster.
 
-        How far a scope gets that does not come through is not sought.
+        How far a scope gets that does not come through is not sought, and the reason is that of
+        the whole way: `plan` may name another one, of the place that the scope gets to.
         """
-        found = self._plan_grids(scope, reach=False)
-        code = found.plan.reason_code
-        # Of several reasons that of the plan that gets farthest counts, and it may get as far as a
-        # goal that is too narrow.
-        if code and (set(found.codes) != {code} or code == "GOAL_CLEARANCE"):
-            return self.plan(scope, advise=False)
+        *_, found = self._list_grids(scope, reach=False)
         return found
 
     def list_plans(self, scope: Scope, *, advise: bool = True) -> Iterator[CasePlan]:
@@ -300,10 +293,6 @@ class Case:
                 plan = self._make_plan(found.space, scope, advise=True)
             found = _restate_entry(replace(found, plan=_keep_grid(plan, found)))
         yield replace(found, findings=(*_find_other_entry(found), *found.findings))
-
-    def _plan_grids(self, scope: Scope, *, reach: bool) -> CasePlan:
-        *_, found = self._list_grids(scope, reach=reach)
-        return found
 
     def _list_grids(self, scope: Scope, *, reach: bool) -> Iterator[CasePlan]:
         """Give the plan on the first grid, and on the finer one if that may change it."""
@@ -392,8 +381,7 @@ class Case:
 
             def make(along: OrientedCentreline) -> CasePlan:
                 plan = self._make_plan(FreeSpace(field, along.line), scope, reach=reach)
-                codes = (plan.reason_code,)
-                return CasePlan(plan=plan, centreline=along, duct=field, codes=codes)
+                return CasePlan(plan=plan, centreline=along, duct=field)
 
             found = make(ends)
             if ends.decided:
@@ -414,8 +402,7 @@ class Case:
         else:
             note = f"tried again on {near}, which did not help"
         notes = (Finding("finer-grid", "note", note),)
-        codes = (*found.codes, fine.reason_code)
-        return _restate_entry(replace(found, findings=notes, codes=codes))
+        return _restate_entry(replace(found, findings=notes))
 
     def _refine(self, line: Centreline) -> RefinedField:
         """Return the lumen with finer nodes about a line; the last one is kept."""
@@ -509,7 +496,6 @@ def _choose_end(found: CasePlan, turned: CasePlan, *, reverse: bool) -> CasePlan
         chosen,
         centreline=replace(chosen.centreline, basis=basis),
         entries=entries,
-        codes=found.codes + turned.codes,
     )
 
 
