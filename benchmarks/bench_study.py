@@ -42,7 +42,12 @@ DESIGNS: dict[str, Any] = {
 MAP: dict[str, Any] = {
     "format": "bozzini-study-1",
     "job": "insertion-feasibility",
-    "fixed": {"tract": "upper_gi_labels_1mm.nii.gz", "labels": "1,2,3", "head_step": "1 mm"},
+    "fixed": {
+        "tract": "upper_gi_labels_1mm.nii.gz",
+        "labels": "1,2,3",
+        "organ": "upper-tract",  # else both ends are tried
+        "head_step": "1 mm",
+    },
     "factors": {
         "link_length": {"values": [4, 6, 9, 12, 16, 20, 25]},
         "diameter": {"values": [4, 5, 6, 7, 8, 8.5, 9, 10, 11]},

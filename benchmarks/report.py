@@ -6,8 +6,8 @@
     python -m benchmarks.report pages           none: write the pages from what is kept
 
 ``benchmarks/measured.json`` is the one source: every row with the machine that measured it, and the
-peers. ``docs/benchmarks-all.md`` gets every row, ``docs/benchmarks.md`` those of `HEADLINES`, and
-sentences of all pages the numbers that `benchmarks.claims` lists.
+peers. ``make docs`` takes the tables of both pages from there; sentences of all pages get the
+numbers that `benchmarks.claims` lists.
 """
 
 from __future__ import annotations
@@ -127,23 +127,13 @@ def list_peers(peers: dict[str, Any]) -> list[str]:
 
 def fill(name: str, page: str, measured: dict[str, Any]) -> str:
     """Return a page, by its name from the root, with its numbers as they were measured."""
-    parts = {"table": [], "peers": []}
-    if name == "docs/benchmarks-all.md":
-        parts = {"table": list_table(measured["rows"]), "peers": list_peers(measured["peers"])}
-    elif name == "docs/benchmarks.md":
-        parts["table"] = list_headlines(measured["rows"])
-    for part, lines in parts.items():
-        if lines:
-            marks = f"<!-- {part}: begin -->", f"<!-- {part}: end -->"
-            (before, rest), table = page.split(marks[0]), "\n".join(lines)
-            page = f"{before}{marks[0]}\n\n{table}\n\n{marks[1]}{rest.split(marks[1])[1]}"
     for claim in CLAIMS:
         if claim.page == name:
             page = claim.fill(page, measured)
     return page
 
 
-PAGES = ("README.md", "docs/trust.md", "docs/benchmarks.md", "docs/benchmarks-all.md")
+PAGES = ("README.md", "docs/trust.md", "docs/benchmarks-all.md")
 """What states numbers of the benchmarks."""
 
 

@@ -3,13 +3,16 @@
     python benchmarks/rig_control.py                    the emulated chip, 12 seeds (minutes)
     python benchmarks/rig_control.py --board native     the same code compiled for this computer
     python benchmarks/rig_control.py --seeds 2 steps    less of it
+    python benchmarks/rig_control.py --keep             for the page of the documentation
 
-Each controller gets the same plants with the same seeds. The tables are in Markdown.
+Each controller gets the same plants with the same seeds. The tables are in Markdown; those kept are
+in ``rig_control.json``, from which ``make docs`` takes them.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import shutil
 import tempfile
 from dataclasses import replace
@@ -39,6 +42,10 @@ from bozzini.rig.demo import VOLTS_PER_COUNT, judge_step
 from bozzini.rig.firmware import find_sources
 from bozzini.rig.protocol import SetPoint
 
+KEPT = Path(__file__).with_suffix(".json")
+TABLES = {}
+"""What was measured: rows of cells by the name of their table, its head first."""
+
 PARTS = ("steps", "plants", "slews", "stick")
 BOARDS = {"native": NativeBoard, "emulated": EmulatedBoard}
 STEPS = ((0.6, 0.3, 0.1), (0.1, 0.6, 0.827))  # [MPa], one second each
@@ -63,6 +70,18 @@ PLANTS = {
 FRICTION = MaxwellSlip((0.3, 0.2, 0.2), (0.01, 0.01, 0.01)).to_plays()  # [MPa]: loops of 60 kPa
 EFFECTOR = Effector(effector_preset("prototype"))
 CHAMBERS = [Chamber.from_model(model) for model in EFFECTOR.models]
+
+
+def begin(name, *head):
+    """Begin a table and print its head."""
+    TABLES[name] = [list(head)]
+    print("\n| " + " | ".join(head) + " |\n" + "|---" * len(head) + "|", flush=True)
+
+
+def add(name, *cells):
+    """Add a row to a table and print it."""
+    TABLES[name].append(list(cells))
+    print("| " + " | ".join(cells) + " |", flush=True)
 
 
 def connect(board, plant, period):
@@ -94,40 +113,36 @@ def judge_steps(board, design, period, model, seed):
     return np.moveaxis(rows, 1, 0).reshape(3, -1)
 
 
-def print_steps(name, make, design, period, model, seeds):
-    """Print a row of figures over the seeds."""
+def add_steps(table, name, make, design, period, model, seeds):
+    """Add a row of figures over the seeds."""
     found = []
     for seed in range(seeds):
         with make() as board:
             found.append(judge_steps(board, design, period, model, seed))
     settle, over, steady = np.moveaxis(found, 1, 0)
     if np.isnan(settle).any():
-        print(f"| {name} | trips | | | | |", flush=True)
+        add(table, name, "trips", *[""] * 4)
         return
-    print(
-        f"| {name} | {np.median(settle):.0f} | {settle.max():.0f} | {over.max():.1f} "
-        f"| {np.median(steady):.1f} | {steady.max():.1f} |",
-        flush=True,
-    )
+    figures = f"{over.max():.1f}", f"{np.median(steady):.1f}", f"{steady.max():.1f}"
+    add(table, name, f"{np.median(settle):.0f}", f"{settle.max():.0f}", *figures)
 
 
-def print_head(first):
-    """Print the head of a table of `print_steps`."""
-    print(
-        f"\n| {first} | settle median [ms] | largest | overshoot [kPa] | steady median | largest |"
-    )
-    print("|---|---|---|---|---|---|")
+def begin_steps(table, first):
+    """Begin a table of `add_steps`."""
+    figures = "overshoot [kPa]", "steady median", "largest"
+    begin(table, first, "settle median [ms]", "largest", *figures)
 
 
 def compare_steps(make, seeds):
     """Both controllers on the plant that the feed-forward has as its model."""
-    print_head("steps")
+    begin_steps("steps", "steps")
     for period in (FAST, SLOW):
         words = f", host {1e3 * period:g} ms"
-        print_steps("board alone" + words, make, TRUE, period, None, seeds)
-        print_steps("with feed-forward" + words, make, TRUE, period, TRUE, seeds)
+        add_steps("steps", "board alone" + words, make, TRUE, period, None, seeds)
+        add_steps("steps", "with feed-forward" + words, make, TRUE, period, TRUE, seeds)
     bound = find_bound()
-    print(f"| valves fully open until there | {np.median(bound):.0f} | {bound.max():.0f} | | | |")
+    times = f"{np.median(bound):.0f}", f"{bound.max():.0f}"
+    add("steps", "valves fully open until there", *times, *[""] * 3)
 
 
 def find_bound():
@@ -148,11 +163,11 @@ def find_bound():
 
 def compare_plants(make, seeds):
     """Both controllers on plants that the feed-forward does not know."""
-    for period in (FAST, SLOW):
-        print_head(f"plant, host {1e3 * period:g} ms")
+    for table, period in (("plants_fast", FAST), ("plants_slow", SLOW)):
+        begin_steps(table, f"plant, host {1e3 * period:g} ms")
         for name, design in PLANTS.items():
-            print_steps(f"{name}, board alone", make, design, period, None, seeds)
-            print_steps(f"{name}, with feed-forward", make, design, period, TRUE, seeds)
+            add_steps(table, f"{name}, board alone", make, design, period, None, seeds)
+            add_steps(table, f"{name}, with feed-forward", make, design, period, TRUE, seeds)
 
 
 def patch_slew(folder, slew, shaped):
@@ -172,7 +187,7 @@ def compare_slews(make, seeds):
     """Steps and runaway hosts under other slew limits."""
     short = replace(TRUE, tube_length=150.0)
     with tempfile.TemporaryDirectory() as folder:
-        print_head("slew limit [kPa/ms]: of the board alone, with feed-forward")
+        begin_steps("slews", "slew limit [kPa/ms]: of the board alone, with feed-forward")
         for slew in (20, 30, 50, 100):
             sources = patch_slew(folder, slew, slew)
             for name, design in (("", TRUE), (", tube of 150 mm", short)):
@@ -181,10 +196,11 @@ def compare_slews(make, seeds):
                     return make(sources=sources)
 
                 words = f"{slew / 10:g}{name}"
-                print_steps(f"{words}, board alone", make_patched, design, FAST, None, seeds)
-                print_steps(f"{words}, feed-forward", make_patched, design, FAST, design, seeds)
-        print("\n| runaway host, reservoir 930 kPa | fastest rise [kPa/ms] | peak [kPa] | end |")
-        print("|---|---|---|---|")
+                case = make_patched, design, FAST
+                add_steps("slews", f"{words}, board alone", *case, None, seeds)
+                add_steps("slews", f"{words}, feed-forward", *case, design, seeds)
+        figures = "fastest rise [kPa/ms]", "peak [kPa]", "end"
+        begin("runaway", "runaway host, reservoir 930 kPa", *figures)
         for slew in (20, 100):
             for words, design in (("", TRUE), (", tube of 150 mm", short)):
                 for forward in ((), (1.0, 1.0, 1.0)):
@@ -192,18 +208,18 @@ def compare_slews(make, seeds):
                         name = f"slew {slew / 10:g}{words}, " + (
                             "fill valves open for good" if forward else "set-point 827 kPa"
                         )
-                        print_runaway(name, board, design, SetPoint((0.827,) * 3, forward))
+                        add_runaway(name, board, design, SetPoint((0.827,) * 3, forward))
 
 
-def print_runaway(name, board, design, command):
-    """Print what a host does that sends one command all the time."""
+def add_runaway(name, board, design, command):
+    """Add what a host does that sends one command all the time."""
     plant = Plant(CHAMBERS, replace(design, reservoir_pressure=0.93), seed=1)
     host, link, _ = connect(board, plant, FAST)
     run = host.run(lambda time, telemetry: (command, {}), 1.0)
     _, pressures = link.list_pressures()
     rise = 1e3 * (pressures[20:] - pressures[:-20]).max() / 20.0
     end = run.reason.rpartition("(")[2].rstrip(")") or "armed"
-    print(f"| {name} | {rise:.1f} | {1e3 * pressures.max():.0f} | {end} |", flush=True)
+    add("runaway", name, f"{rise:.1f}", f"{1e3 * pressures.max():.0f}", end)
 
 
 def run_stick(board, period, forward, compensate, operator, script, duration, design=TRUE):
@@ -232,8 +248,8 @@ def run_stick(board, period, forward, compensate, operator, script, duration, de
 
 def compare_circles(make):
     """The tip against where the stick wants it, by the true state of the plant."""
-    print("\n| circle at 0.5 Hz | host [ms] | error rms [mm] | largest | by the transducers, rms |")
-    print("|---|---|---|---|---|")
+    figures = "error rms [mm]", "largest", "by the transducers, rms"
+    begin("circle", "circle at 0.5 Hz", "host [ms]", *figures)
     script = ScriptedStick.circle(0.5, 6.5)
     for operator, words in ((None, ""), (FRICTION, "hysteresis, ")):
         for period in (FAST, SLOW):
@@ -250,16 +266,13 @@ def compare_circles(make):
                     name = words + ("feed-forward" if forward else "board alone")
                     name += ", compensated" if compensate else ""
                     rms, seen = (np.sqrt(np.mean(e**2)) for e in (error, run.tip_errors[after]))
-                    print(
-                        f"| {name} | {1e3 * period:g} | {rms:.2f} | {error.max():.2f} "
-                        f"| {seen:.2f} |"
-                    )
+                    figures = f"{rms:.2f}", f"{error.max():.2f}", f"{seen:.2f}"
+                    add("circle", name, f"{1e3 * period:g}", *figures)
 
 
 def time_stick_step(make):
     """From the stick to the first 10 kPa in a muscle."""
-    print("\n| step of the stick | host [ms] | first 10 kPa after [ms] |")
-    print("|---|---|---|")
+    begin("stick", "step of the stick", "host [ms]", "first 10 kPa after [ms]")
     script = ScriptedStick(
         [0.0, 0.3, 0.3001, 1.0], [[512, 512], [512, 512], [1023, 512], [1023, 512]]
     )
@@ -271,7 +284,7 @@ def time_stick_step(make):
             time = time - run.link_start
             risen = time[np.argmax((pressures > 0.01).any(axis=1) & (time > 0.3))]
             name = "feed-forward" if forward else "board alone"
-            print(f"| {name} | {1e3 * period:g} | {1e3 * (risen - 0.3):.0f} |")
+            add("stick", name, f"{1e3 * period:g}", f"{1e3 * (risen - 0.3):.0f}")
 
 
 def main():
@@ -279,6 +292,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--board", choices=BOARDS, default="emulated")
     parser.add_argument("--seeds", type=int, default=12)
+    parser.add_argument("--keep", action="store_true", help="keep what was measured")
     parser.add_argument("parts", nargs="*", default=PARTS, help=", ".join(PARTS))
     given = parser.parse_args()
     make = BOARDS[given.board]
@@ -291,6 +305,14 @@ def main():
     if "stick" in given.parts:
         compare_circles(make)
         time_stick_step(make)
+    if given.keep:
+        kept = json.loads(KEPT.read_text("utf-8")) | TABLES
+        rows = {
+            name: ",\n".join(f"  {json.dumps(row, ensure_ascii=False)}" for row in table)
+            for name, table in kept.items()
+        }
+        text = ",\n".join(f' "{name}": [\n{part}\n ]' for name, part in rows.items())
+        KEPT.write_text(f"{{\n{text}\n}}\n", "utf-8")
 
 
 if __name__ == "__main__":

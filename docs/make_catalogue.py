@@ -1,40 +1,11 @@
-"""Write the page of the catalogue of muscle models, from the models' own cards.
-
-python docs/make_catalogue.py
-"""
+"""The table and the sections of the catalogue of muscle models, from the models' own cards."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 
 from bozzini.muscle.models import MODELS, Card, Parameter, count_statuses
 from bozzini.muscle.models.card import BRAID_FIELDS, SHAPE_FIELDS, WALL_FIELDS
-
-PAGE = Path(__file__).resolve().parent / "theory" / "catalogue.md"
-
-_HEAD = """# Catalogue of muscle models
-
-The static models that the thesis surveys in its chapter 2, and `ogden`. Each is an explicit law of
-the pull at a pressure and a length. The page is made from the models' cards, as is
-`bozzini muscle models NAME`. The [guide](../guide/muscle.md#comparing-models) has the commands,
-[Muscles](muscle.md) how models are fitted and ranked. Code: `MODELS` of
-[`bozzini.muscle`](../api/muscle.md).
-
-**Symbols**: `P` pressure, `F` pull, `l` length, `r` radius of the braid, `r_i` of the bore, `t`
-thickness of the wall, `V_b` its volume, `E` its modulus; index 0 for rest; `theta` angle between
-strands and axis, `b` length of a strand, `N` its turns, `m` number of strands, `r_n` their radius;
-`epsilon = (l_0 - l) / l_0`; `q_1 = 3 / tan(theta_0)**2`, `q_2 = 1 / sin(theta_0)**2`; `lambda_1`
-stretch along the muscle, `lambda_2` around it.
-
-Equations stand as they are implemented, and as printed where that differs; `as_printed=True`
-evaluates the print. Where they have two signs of friction,
-the upper one is of the way up, inflating; in a print it may be of either. **Constants** are fitted
-unless another source stands behind their unit; one without a default has to be given or fitted.
-A **law** is a function that the cited paper has. **Fields of the muscle** have groups: *strain* is
-`length`, `dead_length`, `braid_angle`; *braid* is these with `outer_radius` and `gap`; *wall* is
-those with `inner_radius`.
-"""
 
 GROUPS = {"strain": SHAPE_FIELDS, "braid": BRAID_FIELDS, "wall": WALL_FIELDS}
 """Fields of a `Muscle` that most models use together, by the name that the page gives them."""
@@ -69,7 +40,7 @@ def format_counts(cards: Sequence[Card] | None = None) -> str:
 
 
 def format_catalogue(cards: Sequence[Card] | None = None) -> str:
-    """Return the page: a table of all models, and a section for each.
+    """Return a table of all models, and a section for each.
 
     Parameters
     ----------
@@ -77,10 +48,10 @@ def format_catalogue(cards: Sequence[Card] | None = None) -> str:
         Those of `MODELS` by default.
     """
     taken = _take(cards)
-    lines = [_HEAD, "## All models", "", format_counts(taken)]
+    lines = [format_counts(taken)]
     for card in taken:
         lines += ["", *_format_section(card)]
-    return "\n".join(lines) + "\n"
+    return "\n".join(lines)
 
 
 def _format_section(card: Card) -> list[str]:
@@ -133,7 +104,3 @@ def _format_latex(text: str) -> list[str]:
 
 def _take(cards: Sequence[Card] | None) -> tuple[Card, ...]:
     return tuple(MODELS.cards.values()) if cards is None else tuple(cards)
-
-
-if __name__ == "__main__":
-    PAGE.write_text(format_catalogue(), "utf-8")

@@ -1,7 +1,7 @@
-"""Make the gallery: run each file of docs/gallery, keep its picture, and write the page.
+"""Make the gallery: run each file of docs/gallery and keep its picture.
 
     python docs/make_gallery.py             all
-    python docs/make_gallery.py plan force  these pictures only; the page is always whole
+    python docs/make_gallery.py plan force  these pictures only
 
 A file of the gallery is a title, a text and 10 to 40 lines that leave `figure` or `axes` behind.
 """
@@ -16,7 +16,6 @@ from pathlib import Path
 
 DOCS = Path(__file__).resolve().parent
 PICTURES = DOCS / "images" / "gallery"
-PAGE = DOCS / "gallery.md"
 WIDTH = 800.0  # of a picture [px]
 GROUPS = {
     "From a tract to a motion": [
@@ -60,9 +59,7 @@ def make_picture(script: Path, *, folder: Path = PICTURES) -> Path:
 
 
 def format_page() -> Iterator[str]:
-    """Yield the paragraphs of the page."""
-    yield "# Gallery"
-    yield "Each picture is made by the lines below it, which run as they stand."
+    """Yield the paragraphs that the page has below its title."""
     for group, names in GROUPS.items():
         yield f"## {group}"
         for name in names:
@@ -75,8 +72,7 @@ def format_page() -> Iterator[str]:
 
 
 def main(names: list[str]) -> None:
-    """Write the page, and the pictures of all files or of those named."""
-    PAGE.write_text("\n\n".join(format_page()) + "\n", "utf-8")
+    """Make the pictures of all files or of those named."""
     for script in list_scripts():
         if not names or script.stem in names:
             print(make_picture(script).relative_to(DOCS))

@@ -1,4 +1,4 @@
-"""Draw the figures of the thesis anew from the package, and write the page that shows them.
+"""Draw the figures of the thesis anew from the package, and keep pictures and values.
 
     python docs/make_thesis.py               all
     python docs/make_thesis.py 5_03 5_11     these only, by the number of their first figure
@@ -21,7 +21,6 @@ from pathlib import Path
 DOCS = Path(__file__).resolve().parent
 sys.path.append(str(DOCS.parent))  # for validation.thesis
 PICTURES = DOCS / "images" / "thesis"
-PAGE = DOCS / "thesis-figures.md"
 VALUES = PICTURES / "values.json"
 SCRIPTS = ("muscles", "effector", "robots", "ducts")
 WIDTH = 700.0  # of a picture [px]
@@ -88,17 +87,7 @@ def make_picture(name: str, *, folder: Path = PICTURES) -> tuple[Path, str]:
 
 
 def format_page(values: dict[str, str]) -> Iterator[str]:
-    """Yield the paragraphs of the page."""
-    yield "# Figures of the thesis"
-    yield (
-        "The figures of K. P. Ashwin, *Development of a Flexible Actuator and Motion Planning for "
-        "Endoscopic Robots*, PhD thesis, Indian Institute of Science, Bangalore, drawn anew from "
-        "this package by `make thesis`, or one alone by `python docs/make_thesis.py 5_03`. The "
-        "thesis prints few parameters with them: those that it "
-        "does print are used, the others are **ours** and stated, so a picture here has the shape "
-        "of the thesis's and not its numbers. **Value** is what was measured while it was drawn. "
-        "What the rest of the thesis comes to is on [its own page](thesis.md)."
-    )
+    """Yield the paragraphs that the page has below its title."""
     for name, draw in list_figures().items():
         title, notes = read_notes(draw)
         yield f'<a id="fig_{name}"></a>'
@@ -112,7 +101,7 @@ def format_page(values: dict[str, str]) -> Iterator[str]:
 
 
 def main(names: list[str]) -> None:
-    """Draw all figures, or those named, and write the page."""
+    """Draw all figures, or those named."""
     figures = list_figures()
     wrong = [name for name in names if not any(key.startswith(name) for key in figures)]
     if wrong:
@@ -124,7 +113,6 @@ def main(names: list[str]) -> None:
             print(path.relative_to(DOCS), values[name], sep=": ")
     values = {name: values.get(name, "") for name in figures}
     VALUES.write_text(json.dumps(values, indent=1, ensure_ascii=False) + "\n", "utf-8")
-    PAGE.write_text("\n\n".join(format_page(values)) + "\n", "utf-8")
 
 
 if __name__ == "__main__":

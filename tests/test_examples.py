@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from bozzini.anatomy import make_phantom
+from bozzini.continuum import ContinuumRobot
 from bozzini.motion import Scope
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
@@ -35,6 +36,16 @@ def test_every_example_is_tested():
         "muscle_calibration",
         "routed_tendons",
     }
+
+
+def test_files_of_measured_robots_are_read_and_named_on_their_page():
+    page = (EXAMPLES.parent / "docs" / "measured-robots.md").read_text("utf-8")
+    tendons = {}
+    for path in (EXAMPLES / "measured").iterdir():
+        robot = ContinuumRobot.from_yaml(path)
+        tendons[robot.to_dict()["name"]] = len(robot.tendons)
+        assert f" examples/measured/{path.name} " in page
+    assert tendons == {"tentacle": 2, "three cables": 3, "three sections": 9, "helical": 3}
 
 
 def test_breathing_plans_every_frame_again(tmp_path, capsys):

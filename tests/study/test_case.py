@@ -33,6 +33,9 @@ def test_a_plan_is_certified_and_carried_to_a_wider_wall() -> None:
     assert checked.certificate.clearance == pytest.approx(plan.proved, abs=1e-3)
     wider = case.change(inflate=2.0)
     assert wider.field is not case.field and case.change(method="tube").field is case.field
+    again = wider.plan(Scope(diameter=6.0, link_length=12.0))
+    again = wider.state(again.plan, centreline=again.centreline, findings=())
+    assert again.input.inflate == 2.0 and wider.certify(again).certified
     moved = wider.replan(plan)
     assert moved.status == "complete" and moved.proved > plan.proved
 

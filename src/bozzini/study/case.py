@@ -251,7 +251,13 @@ class Case:
         BozziniError
             If an option is not legal.
         """
-        other = replace(self, options=replace(self.options, **options), seconds={})  # type: ignore[arg-type]
+        stated = {f"{name}_mm": options[name] for name in ("voxel", "inflate") if name in options}
+        other = replace(
+            self,
+            options=replace(self.options, **options),  # type: ignore[arg-type]
+            inputs={**self.inputs, **stated},
+            seconds={},
+        )
         known, kept = vars(self), vars(other)
         if not set(options) & {*PathOptions.__dataclass_fields__, "soft_wall"}:
             kept |= {name: known[name] for name in known if name not in kept}

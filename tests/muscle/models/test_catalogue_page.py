@@ -10,16 +10,11 @@ from bozzini.muscle.models import count_statuses
 from tests.muscle.models.catalogue import SURVEY
 
 ROOT = Path(__file__).resolve().parents[3]
-REMEDY = "run python docs/make_catalogue.py"
 
-
+HEAD = (ROOT / "docs" / "theory" / "catalogue.md").read_text("utf-8")
 _spec = importlib.util.spec_from_file_location("make_catalogue", ROOT / "docs/make_catalogue.py")
 catalogue = importlib.util.module_from_spec(_spec)
 _spec.loader.exec_module(catalogue)
-
-
-def test_the_page_is_up_to_date():
-    assert catalogue.PAGE.read_text("utf-8") == catalogue.format_catalogue(), REMEDY
 
 
 def test_the_readme_counts_the_models():
@@ -45,11 +40,7 @@ def test_every_model_has_a_section_with_its_equation_and_its_source():
 
 
 def test_groups_of_fields_are_told_as_they_are():
-    head = (
-        catalogue.format_catalogue()
-        .partition("## All models")[0]
-        .partition("**Fields of the muscle**")[2]
-    )
+    head = HEAD.partition("## All models")[0].partition("**Fields of the muscle**")[2]
     told, known = {}, set()
     for group, text in re.findall(r"\*(\w+)\* is\s(.+?)[;.]", head, re.S):
         known |= set(re.findall(r"`(\w+)`", text))
@@ -75,8 +66,7 @@ def test_tables_have_as_many_cells_as_their_head():
 
 def test_the_upper_sign_is_that_of_inflating():
     """Friction takes from the pull on the way up: a minus above, or a plus in what is taken off."""
-    said = catalogue.format_catalogue().split("## All models")[0]
-    assert "the upper one is of the way up, inflating" in said
+    assert "the upper one is of the way up, inflating" in " ".join(HEAD.split())
     for name, kind in SURVEY.items():
         signs = re.findall(r"\\(?:mp|pm)\b", kind.card.latex)
         assert signs == ([] if not signs else [r"\pm"] if name == "chen" else [r"\mp"]), name
