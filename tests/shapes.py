@@ -46,7 +46,7 @@ def curve_distance(curve, radius):
         gap = measure(0.5 * (low + high)[None], near)[:, 0]
         near = near[gap <= gap.min() + np.linalg.norm(high - low) + 1e-9]
         half = len(points) // 2
-        if half < 200:
+        if half < 200 or len(near) < 4:
             best[index] = measure(points, near).min(axis=0)
             return
         order = np.argpartition(points[:, np.argmax(high - low)], half)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from pathlib import Path
 
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 
-from bozzini.continuum import ContinuumRobot, Helix, Section, Tendon
+from bozzini.continuum import ContinuumRobot, Helix, RobotCalibration, Section, Tendon
 from bozzini.errors import FileFormatError
 from tests.continuum.robots import QUARTER, ROBOT_FILE, THIRD, antagonistic_robots, make_robot
 
@@ -28,6 +29,20 @@ def test_tendons_come_base_first_and_end_with_their_section() -> None:
     assert robot.tendon_ends.tolist() == [50.0] * 3 + [100.0] * 4
     assert [tendon.end for tendon in robot.tendons] == robot.tendon_ends.tolist()
     assert robot.length == 100.0
+
+
+def test_the_scale_of_a_calibration_is_of_what_was_commanded_alone() -> None:
+    commands = np.array([[1.0, 2.0, 0.5], [0.0, 3.0, 1.0]])
+    plain = make_robot(THIRD)
+    pulled, moved = (
+        dataclasses.replace(plain, calibration=RobotCalibration(command=command, scale=1.25))
+        for command in ("tension", "displacement")
+    )
+    np.testing.assert_allclose(pulled.to_tensions(commands), 1.25 * commands)
+    np.testing.assert_allclose(pulled.to_commands(pulled.to_tensions(commands)), commands)
+    for robot in (plain, moved):
+        np.testing.assert_array_equal(robot.to_tensions(commands), commands)
+    np.testing.assert_array_equal(pulled.to_displacements(commands), commands)
 
 
 def test_stations_hold_base_and_discs() -> None:

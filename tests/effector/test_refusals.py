@@ -238,6 +238,8 @@ REFUSALS: list[tuple[Callable[[], object], str, str]] = [
     (lambda: optimise(bounds={"offset": (3.0, 4.0)}, segments=[]),
      "values of segments is", "give 1 or more"),
     (lambda: optimise(bounds={}), "there are 0 parameters to optimise", "give 1 to 4"),
+    (lambda: optimise(bounds=dict.fromkeys("abcde", (1.0, 2.0)), grid=2),
+     "there are 5 parameters to optimise", "give 1 to 4"),
     (lambda: optimise(bounds=None), "bounds is None", "map names to (low, high)"),
     (lambda: optimise(bounds={"pressure_limit": (0.1, 0.8)}),
      "parameter 'pressure_limit' does not change the p", "it cannot be in bounds"),
