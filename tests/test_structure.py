@@ -9,8 +9,7 @@ import tomllib
 from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
-
-import pytest
+from typing import NamedTuple
 
 import bozzini
 
@@ -21,18 +20,6 @@ MODULES = {
 }
 
 
-@pytest.fixture(scope="module", autouse=True)
-def trees() -> Iterator[None]:
-    """Parse each module once, and keep no tree for later tests."""
-    yield
-    _parse.cache_clear()
-
-
-@cache
-def _parse(path: Path) -> ast.Module:
-    return ast.parse(path.read_text(encoding="utf-8"))
-
-
 _HOLD_STATEMENTS = (ast.stmt, ast.excepthandler, ast.match_case)
 
 
@@ -40,11 +27,11 @@ def _is_for_types(node: ast.AST) -> bool:
     return isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"
 
 
-def _imports(name: str) -> Iterator[str]:
+def _imports(name: str, tree: ast.Module) -> Iterator[str]:
     """Give the modules of Bozzini that one imports when it runs, inside functions too."""
-    path = MODULES[name]
-    package = name.split(".") if path.stem == "__init__" else name.split(".")[:-1]
-    waiting: list[ast.AST] = [_parse(path)]
+    is_package = MODULES[name].stem == "__init__"
+    package = name.split(".") if is_package else name.split(".")[:-1]
+    waiting: list[ast.AST] = [tree]
     while waiting:
         node = waiting.pop()
         if isinstance(node, ast.ImportFrom):
@@ -60,10 +47,32 @@ def _imports(name: str) -> Iterator[str]:
             waiting += (child for child in children if isinstance(child, _HOLD_STATEMENTS))
 
 
+class Module(NamedTuple):
+    """What is looked at of a module; its tree is not kept."""
+
+    imports: set[str]
+    parameters: dict[str, int]
+    anys: int
+
+
+@cache
+def _read(name: str) -> Module:
+    tree = ast.parse(MODULES[name].read_text(encoding="utf-8"))
+    parameters, anys = {}, 0
+    for node in ast.walk(tree):
+        if isinstance(node, ast.FunctionDef):
+            given = node.args
+            names = [a.arg for a in (*given.posonlyargs, *given.args, *given.kwonlyargs)]
+            count = len(names) - (names[:1] in (["self"], ["cls"]))
+            parameters[f"{name}.{node.name}:{node.lineno}"] = count
+        anys += isinstance(node, ast.Name) and node.id == "Any"
+    return Module(set(_imports(name, tree)), parameters, anys)
+
+
 def test_no_modules_import_each_other_in_a_circle() -> None:
     # A package's own __init__ hands on names: it imports its modules, and they do not import it.
     left = {
-        name: {other for other in _imports(name) if other in MODULES and other != name}
+        name: {other for other in _read(name).imports if other in MODULES and other != name}
         for name, path in MODULES.items()
         if path.stem != "__init__"
     }
@@ -75,16 +84,13 @@ def test_no_modules_import_each_other_in_a_circle() -> None:
 
 
 def test_functions_have_few_parameters() -> None:
-    long = []
-    for name, path in MODULES.items():
-        if ".kernels" in name:
-            continue
-        for node in ast.walk(_parse(path)):
-            if isinstance(node, ast.FunctionDef):
-                given = node.args
-                names = [a.arg for a in (*given.posonlyargs, *given.args, *given.kwonlyargs)]
-                count = len(names) - (names[:1] in (["self"], ["cls"]))
-                long += [f"{name}.{node.name}: {count}"] if count > 6 else []
+    long = [
+        f"{function}: {count}"
+        for name in MODULES
+        if ".kernels" not in name
+        for function, count in _read(name).parameters.items()
+        if count > 6
+    ]
     assert len(long) < 20, long
 
 
@@ -115,12 +121,7 @@ def test_public_functions_take_two_arguments_by_their_place() -> None:
 
 
 def test_few_types_are_left_open() -> None:
-    count = sum(
-        isinstance(node, ast.Name) and node.id == "Any"
-        for path in MODULES.values()
-        for node in ast.walk(_parse(path))
-    )
-    assert count < 100
+    assert sum(_read(name).anys for name in MODULES) < 100
 
 
 def test_the_type_checker_makes_few_exceptions() -> None:

@@ -12,6 +12,7 @@ from bozzini.numeric.estimation import (
     Blocks,
     describe_lost,
     determine,
+    find_lost,
     make_blocks,
     measure_spread,
 )
@@ -133,3 +134,9 @@ def test_columns_without_effect_are_lost_even_if_all_are():
     blocks = make_blocks([""] * 20)
     assert (measure_spread(np.zeros((20, 2)), rest, blocks, lost=True).deviations > 1e6).all()
     assert (measure_spread(np.zeros((20, 2)), rest, blocks).deviations == 0.0).all()
+
+
+def test_sets_that_are_lost_are_told_apart_with_how_many_are_determined():
+    a, c, e, alone = np.random.default_rng(6).normal(size=(4, 30))
+    found = determine(np.stack([a, c, -2.0 * a, alone, c + e, e], axis=1))
+    assert sorted(find_lost(found)) == [((0, 2), 1), ((1, 4, 5), 2)]
