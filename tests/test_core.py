@@ -54,6 +54,7 @@ def _run(code: str, *words: str, cwd: Path) -> subprocess.CompletedProcess[str]:
     return done
 
 
+@pytest.mark.slow
 def test_commands_of_the_core_need_none_of_them(tmp_path: Path) -> None:
     (tmp_path / "data.csv").write_text(DATA)
     _run(

@@ -94,6 +94,7 @@ def test_few_kernels_are_compiled_for_several_types() -> None:
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "command", ["muscle solve --pressure 100psi", "effector pose --pressure R=300kPa"]
 )

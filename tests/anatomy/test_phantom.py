@@ -116,6 +116,7 @@ def test_the_standard_phantom_looks_like_the_anatomy(phantom):
     assert np.linalg.norm(duodenum[-1] - duodenum[0]) < 0.5 * phantom.region_lengths()["duodenum"]
 
 
+@pytest.mark.slow
 def test_labels_and_surface_are_the_same_lumen(phantom):
     labels, surface = phantom.to_labels(2.0), phantom.to_surface(2.0)
     assert labels.volume == pytest.approx(surface.volume, rel=0.01)

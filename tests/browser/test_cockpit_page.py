@@ -128,6 +128,7 @@ def test_page_paints_soon_and_shows_scope_and_tip_camera(visit, address) -> None
     assert "Fits" in page.locator(".verdict").inner_text()
 
 
+@pytest.mark.slow
 def test_two_windows_are_in_step_and_the_head_plays(visit, address) -> None:
     first, second = visit(address), visit(address, width=420, scheme="dark")
     for page in (first, second):
@@ -144,6 +145,7 @@ def test_two_windows_are_in_step_and_the_head_plays(visit, address) -> None:
         wait_for(page, f"() => cockpit.frame.step === {end}")
 
 
+@pytest.mark.slow
 def test_stick_of_the_page_drives_the_rig(visit, address) -> None:
     page = visit(address)
     wait_for(page, PLANNED)
@@ -169,6 +171,7 @@ def test_stick_of_the_page_drives_the_rig(visit, address) -> None:
     wait_until(page, lambda state: state["rig"] == "DISARMED")
 
 
+@pytest.mark.slow
 def test_keys_and_blur(visit, address) -> None:
     page = visit(address)
     wait_for(page, PLANNED)
@@ -204,6 +207,7 @@ def test_gamepad(visit, address) -> None:
     wait_until(page, lambda state: state["stick"] == [0.0, 0.0])
 
 
+@pytest.mark.slow
 def test_plan_is_made_anew_in_the_page(visit, address) -> None:
     page = visit(address)
     wait_for(page, PLANNED)
@@ -227,6 +231,7 @@ def is_settled(state) -> bool:
     return not state["planning"]["busy"]
 
 
+@pytest.mark.slow
 def test_ends_are_moved_by_clicks_on_the_wall_and_by_keys(visit, address) -> None:
     page = visit(address)
     wait_for(page, PLANNED)
@@ -268,6 +273,7 @@ def test_ends_are_moved_by_clicks_on_the_wall_and_by_keys(visit, address) -> Non
     assert not page.locator(".cross").is_visible()
 
 
+@pytest.mark.slow
 def test_size_that_is_refused_is_not_shown_as_in_force(visit, address) -> None:
     page = visit(address)
     wait_for(page, PLANNED)
@@ -401,6 +407,7 @@ def test_own_scripts_are_small() -> None:
     assert sum(file.stat().st_size for folder in WEB for file in folder.glob("*.js")) <= 60_000
 
 
+@pytest.mark.slow
 def test_page_connects_again(visit) -> None:
     running = Running()
     running.start()

@@ -91,6 +91,7 @@ def get_step(page):
     return page.evaluate("() => viewer.frame.step")
 
 
+@pytest.mark.slow
 def test_the_page_decodes_what_was_encoded(visit):
     page = visit()
     for step in (0, 17, PLAN.steps - 1):
@@ -107,6 +108,7 @@ def test_the_page_decodes_what_was_encoded(visit):
     assert np.abs(FIELD.signed_distance(np.reshape(wall, (-1, 3)))).max() < 0.3
 
 
+@pytest.mark.slow
 def test_it_begins_at_the_tightest_place_and_shows_something(visit):
     page = visit()
     least = PLAN.clearance.min(axis=1)
@@ -156,6 +158,7 @@ def test_it_plays_and_pauses(visit):
     page.keyboard.press(" ")
 
 
+@pytest.mark.slow
 def test_the_picture_turns_zooms_and_comes_back(visit):
     page = visit()
     page.keyboard.press("3")
@@ -176,6 +179,7 @@ def test_the_picture_turns_zooms_and_comes_back(visit):
     assert share_changed(first, take(page)) < 0.002
 
 
+@pytest.mark.slow
 def test_the_tip_sees_the_wall_small_and_large(visit):
     page = visit()
     page.evaluate("() => viewer.seek(20)")
@@ -220,6 +224,7 @@ def test_measuring_works_by_keys(visit):
     assert "Distance A to B" in page.locator(".said").inner_text()
 
 
+@pytest.mark.slow
 def test_a_section_opens_the_wall_and_closes_again(visit):
     page = visit()
     whole = take(page)
@@ -233,6 +238,7 @@ def test_a_section_opens_the_wall_and_closes_again(visit):
     assert share_changed(whole, take(page)) < 0.001
 
 
+@pytest.mark.slow
 def test_a_link_is_found_from_its_bar_and_a_place_from_its_button(visit):
     page = visit("stopped.html")
     page.evaluate(f"() => viewer.seek({PLAN.steps - 1})")
@@ -315,6 +321,7 @@ def test_without_webgl_the_page_says_so_and_goes_on(visit):
     assert get_step(page) == 0 and "step 1 of" in page.locator(".readout").inner_text()
 
 
+@pytest.mark.slow
 def test_a_lost_context_is_told_and_the_picture_comes_back(visit):
     page = visit()
     picture = take(page)
@@ -330,6 +337,7 @@ def test_a_lost_context_is_told_and_the_picture_comes_back(visit):
     assert share_changed(picture, take(page)) < 0.002
 
 
+@pytest.mark.slow
 def test_the_report_turns_and_prints_on_two_pages(visit):
     page = visit("report.html")
     page.locator("#viewer").scroll_into_view_if_needed()

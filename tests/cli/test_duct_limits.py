@@ -28,6 +28,7 @@ def answer(tracts: Tracts, tmp_path_factory: pytest.TempPathFactory):
     return run(tracts.volume, *words), picture
 
 
+@pytest.mark.slow
 def test_json(answer) -> None:
     result = answer[0]
     assert result.exit_code == 0, result.output

@@ -137,6 +137,7 @@ def test_options_of_a_file_are_those_of_the_command_line(
     assert first.input == second.input
 
 
+@pytest.mark.slow
 def test_the_command_in_a_plan_makes_it_again_at_another_place(
     ask: Callable[..., Any], tracts: Tracts, monkeypatch: pytest.MonkeyPatch
 ) -> None:

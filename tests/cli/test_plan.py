@@ -110,6 +110,7 @@ def test_without_json_people_get_sentences(tracts: Tracts, run: Run, tmp_path: P
         json.loads(outcome.out)
 
 
+@pytest.mark.slow
 def test_a_scope_that_is_too_thick_is_an_answer_not_an_error(
     tracts: Tracts, run: Run, tmp_path: Path
 ) -> None:
@@ -204,6 +205,7 @@ def test_unit_of_a_surface(tracts: Tracts, run: Run, tmp_path: Path) -> None:
         assert small.result[key] == pytest.approx(large.result[key], rel=1e-2)
 
 
+@pytest.mark.slow
 def test_force_replaces_a_result_as_a_whole_but_no_files_of_the_user(
     tracts: Tracts, run: Run, tmp_path: Path
 ) -> None:

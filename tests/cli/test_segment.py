@@ -21,6 +21,7 @@ def scan(tmp_path: Path) -> Path:
     return write_scan(tmp_path / "ct.nii.gz")
 
 
+@pytest.mark.slow
 def test_labels_picture_and_report(scan: Path, capsys: pytest.CaptureFixture[str]) -> None:
     target = scan.parent / "labels.nii.gz"
     assert main(["segment", str(scan), "--out", str(target), "--json", "--quiet"]) == 0

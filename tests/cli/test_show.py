@@ -50,6 +50,7 @@ def read_view(path: Path):
     return decode_view(gzip.decompress(base64.b64decode(packed[1])))
 
 
+@pytest.mark.slow
 def test_a_plan_is_shown_in_its_own_tract_and_in_no_other(call, plan, tracts, tmp_path):
     page = tmp_path / "page.html"
     done = call("show", plan, tracts.surface, "--out", page, "--json", "--quiet")
@@ -69,6 +70,7 @@ def test_a_plan_is_shown_in_its_own_tract_and_in_no_other(call, plan, tracts, tm
     assert "inscribed tube" in alone.result["surfaces"]
 
 
+@pytest.mark.slow
 def test_a_plan_that_does_not_name_its_file_is_compared_with_the_wall(call, plan, tracts, tmp_path):
     made = Plan.load(plan)
     nameless = tmp_path / "nameless.npz"
@@ -107,6 +109,7 @@ def test_of_two_walls_one_must_be_the_plans(call, plan, tracts, tmp_path):
     assert len(walls) == 2
 
 
+@pytest.mark.slow
 def test_a_plans_tract_is_read_as_the_plan_says_and_not_otherwise(call, tracts, tmp_path):
     folder = tmp_path / "made"
     only = ["--labels", "1", "--link", "5mm", "--diameter", "5mm", "--head-step", "1mm"]
@@ -178,6 +181,7 @@ def test_a_notebook_shows_a_plan_cut_off_from_the_notebook(tmp_path):
     assert read_view(cell.save(tmp_path / "page.html"))["bodies"][0]["radius"] == 2.0
 
 
+@pytest.mark.slow
 def test_a_film_has_as_many_pictures_as_it_says_and_they_differ(call, tmp_path):
     make_plan(dent=3.9).save(tmp_path / "plan.npz")
     film = tmp_path / "film.gif"
@@ -215,6 +219,7 @@ def test_a_film_needs_its_extra_and_a_legal_rate(call, tmp_path, monkeypatch):
     assert done.code == 2 and "bozzini[film]" in done.err and not film.exists()
 
 
+@pytest.mark.slow
 def test_the_page_is_filmed_as_it_is_shown(call, tmp_path):
     from bozzini.scene.film import find_browser
 

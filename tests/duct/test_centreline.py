@@ -68,6 +68,7 @@ def test_the_higher_found_end_is_the_start():
         assert line.points[0, 2] > line.points[-1, 2]
 
 
+@pytest.mark.slow
 def test_a_pouch_is_not_taken_for_the_far_end():
     # A wide tube bent by 180 degrees with a blind pouch on the outside of the bend: the taut way
     # to the pouch's tip is longer than to the end, the middle way is not.
@@ -133,6 +134,7 @@ def test_a_septum_between_two_ends_is_named():
         assert "narrower than 1 mm may be found with a smaller --voxel" in str(caught.value)
 
 
+@pytest.mark.slow
 def test_human_upper_gi_against_the_published_midline(upper_gi_dir):
     from bozzini.anatomy import read_tract
 

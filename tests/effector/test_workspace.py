@@ -94,6 +94,7 @@ def test_points_inside_are_where_the_pose_brings_the_tip() -> None:
     assert not outwards.reachable.any()
 
 
+@pytest.mark.slow
 def test_area_of_the_surface_against_triangles() -> None:
     effector = Effector(PROTOTYPE)
     found = workspace(effector, directions=720)

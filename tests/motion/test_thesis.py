@@ -23,6 +23,7 @@ def bend():
     return insert_tube(bend_curve(20.0, 2.5, 30.0), 6.0, diameter=4.0, link=8.0)
 
 
+@pytest.mark.slow
 def test_the_head_follows_the_path_to_its_end(bend):
     _, line, plan = bend
     assert plan.status == "complete"
@@ -48,6 +49,7 @@ def test_joints_keep_the_radius_from_the_wall(bend):
     assert field.signed_distance(plan.joints[inside]).max() <= -2.0 + 1e-8
 
 
+@pytest.mark.slow
 def test_unconstrained_joints_attenuate():
     # A straight wide tube, a slightly wavy head path: no wall is met, so nothing is amplified.
     z = np.arange(0.0, 120.0)
@@ -66,6 +68,7 @@ def test_body_may_leave_where_joints_do_not():
     assert plan.clearance_min < -0.3
 
 
+@pytest.mark.slow
 def test_a_lock_is_reported_and_not_jumped_over():
     # A half turn, joints only: a long link's tail stays behind in the near limb and is dragged
     # backward until no small move is left (thesis Fig. 5.30); a short link passes.
@@ -115,6 +118,7 @@ def test_a_finer_head_step_changes_little(bend):
     assert np.linalg.norm(coarse.joints[-1] - fine.joints[-1], axis=1).max() < 0.3
 
 
+@pytest.mark.slow
 def test_motion_is_carried_by_a_rigid_motion_of_the_tract():
     random = np.random.default_rng(0)
     turn = np.linalg.qr(random.normal(size=(3, 3)))[0]

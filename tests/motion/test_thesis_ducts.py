@@ -49,6 +49,7 @@ def test_a_chain_goes_through_every_pipe_and_is_checked_again(name):
     assert moves.max() <= 4.0 * 0.5 + 1e-9
 
 
+@pytest.mark.slow
 def test_alike_pipes_are_passed_alike():
     # The same polygon by three names, and its sampling; the same tube with facets and without.
     planar = [plan_pipe(name)[2].joints for name in ("polygon", "stitched quads")]

@@ -82,6 +82,7 @@ def test_a_straight_duct_limits_nothing() -> None:
     assert limits.judge(60.0) == "undecided"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("as_field", [False, True])
 def test_a_tube_round_a_bend_gives_the_ring_s_values(as_field: bool) -> None:
     curve = bend_curve(30.0, math.pi, 90.0)

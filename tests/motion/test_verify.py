@@ -179,6 +179,7 @@ def test_each_fault_is_named(case, plan):
     assert faults(measures=replace(plan.measures, clearance_min=3.0)) == {"measures"}
 
 
+@pytest.mark.slow
 def test_a_claim_is_held_to_the_proof_not_to_its_looseness(case, plan):
     second = recheck(plan, case.wall, tolerance=0.01)
     for claim, holds in ((0.0, True), (second.lower - 0.35, True), (second.found + 0.01, False)):

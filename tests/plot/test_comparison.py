@@ -80,6 +80,7 @@ def test_table_has_the_columns_that_are_known_and_trusts_no_text():
     assert full.rows[3][1] == "stops at 50 mm LOCKED"
 
 
+@pytest.mark.slow
 def test_any_plans_can_be_drawn_together(tmp_path):
     there_and_back = make_plan(first=80.0, reach=10.0)
     for chosen in ([make_plan()], plans(), [make_plan(steps=1), there_and_back], plans()[3:]):

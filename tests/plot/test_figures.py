@@ -93,6 +93,7 @@ def test_a_stopped_plan_shows_the_whole_way_and_the_refusal(tmp_path):
 REFUSED = {"code": "NO_PASSAGE", "at_mm": 44.0, "needs_mm": 2.0, "offers_mm": 3.0}
 
 
+@pytest.mark.slow
 def test_text_stands_clear_of_text():
     for plan in (make_stopped(), make_plan(), make_stopped(refusal=REFUSED)):
         for figure in (draw_clearance(plan), draw_depths(plan, make_field())):

@@ -38,6 +38,7 @@ def test_four_panels_show_the_motion(tmp_path):
     assert write_figure(figure, tmp_path / "a.png", dpi=40).read_bytes()[:4] == b"\x89PNG"
 
 
+@pytest.mark.slow
 def test_a_motion_that_ends_early_says_so():
     moved = move(make_robot(20.0, 3))
     figure = draw_robot_motion(moved)

@@ -82,7 +82,7 @@ def test_all_routes_have_one_answer(seeds, monkeypatch) -> None:
     met = set()
     for seed in seeds:
         met |= check_agreement(seed)
-    assert "" in met and len(met) > 2
+    assert "" in met and len(met) > 1
 
 
 @pytest.mark.slow(10)

@@ -115,6 +115,7 @@ def test_an_assumed_frame_is_a_finding(tract) -> None:
     assert near(way.line.points[0], LOW)
 
 
+@pytest.mark.slow
 def test_places_have_names(tract) -> None:
     by_name = {
         "splenic flexure": [0.0, 0.0, 50.0],

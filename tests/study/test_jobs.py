@@ -131,14 +131,15 @@ def test_routings_are_those_of_the_design(tmp_path: Path) -> None:
     )
     rows = run_study(study, tmp_path / "out", engine=SERIAL).read()
     assert rows["code"].tolist() == [0, 0, 1] and "offset max" in rows["reason"][2]
-    space, plan = plan_row(study.fixed)
+    made = plan_row(study.fixed)
+    plan = made.plan
     section = Section(length=1.0, radius=2.5, bending_stiffness=200.0)
     for row, offset in zip(rows.to_dict("records"), (1.5, 2.0), strict=False):
         found = design_routing(
             plan,
             limits=RoutingLimits(offset_max=offset),
             robot=RobotDesign((section,)),
-            duct=space.duct,
+            duct=made.duct,
         )
         assert row["error_max_mm"] == pytest.approx(found.error_max, rel=1e-6)
         assert row["tension_sum_N"] == pytest.approx(found.tensions.sum(), rel=1e-6)

@@ -277,6 +277,7 @@ def test_another_diameter_from_the_same_draws_is_that_body_s_own_study(case, fou
     assert np.allclose(own.clearance, found.clearance + 0.25, atol=0.05)
 
 
+@pytest.mark.slow
 def test_the_way_shows_where_the_clearance_goes(case, found):
     plan, _, _, samples = case
     along = found.stations

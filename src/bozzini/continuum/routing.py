@@ -556,20 +556,20 @@ class RoutingFit(BackboneFit):
         """Give parameters of the closed form, one start after the other."""
 
     def settle(self, target: BendTarget) -> Floats:
-        """Return the parameters of the first start that keeps the limits, near to the curve.
+        """Return the parameters that keep the limits, near to the curve, with the least tensions.
 
-        If none does, those of the one that is nearest to that.
+        If no start leads to such, those of the one that is nearest to that. To take the first one
+        would depend on the processor: whether a start leads there may hang on rounding.
         """
-        best, least = np.empty(0), math.inf
+        best, least = np.empty(0), (math.inf, math.inf)
         for start in self.list_starts(target):
             self.weight = 1.0
             found = self._tighten(start)
             beyond = self.measure_beyond(found)
             off = max(self.measure(found) - NEAR * target.residual - NEAR_MM, 0.0)
-            if beyond + off < least:
-                best, least = found, beyond + off
-            if least == 0.0:
-                break
+            value = beyond + off, float(found[: self.size][-self.tendons :].sum())
+            if value < least:
+                best, least = found, value
         return best
 
     def _tighten(self, start: Floats) -> Floats:

@@ -55,6 +55,7 @@ def test_the_robot_passes_certified(human, section, radius, count, bend):
     assert exact.min() >= moved.certificate.clearance
 
 
+@pytest.mark.slow
 def test_a_robot_that_cannot_says_why(human):
     robot = make_robot(40.0, 9, radius=3.0, max_bend=math.radians(60.0))
     moved = actuate_plan(plan_for(human, robot, head_step=1.0), robot, human[0])
