@@ -74,16 +74,12 @@ def command(
     reserve_target(answer)
     options.check(body.scope)
     from ..study import run_insertion
+    from ..study.case import describe_source
 
     begin = time.perf_counter()
     tract = read_with_options(source, reading, answer)
     seconds = {"read": time.perf_counter() - begin}
-    inputs = {
-        **reading.describe(source),
-        "organ": tract.organ,
-        "voxel_mm": options.voxel,
-        "inflate_mm": options.inflate,
-    }
+    inputs = describe_source(source, reading, tract=tract, options=options)
     with answer.show_progress() as progress:
         study = run_insertion(
             tract, body.scope, options=options, robot=body.machine, inputs=inputs, progress=progress

@@ -50,8 +50,6 @@ MOST_WALLS = 4
 """Fields and drawings of the wall, differently inflated, that are kept."""
 PATIENCE = 1.0
 """Time after which the windows are told that planning takes longer [s]."""
-PHANTOM_VOXEL = 1.5
-"""Of the phantom that is shown where no file is given [mm]."""
 CLICK_REACH = 1.0
 """A place this near to the wall, or a voxel farther, is a click on it [mm]."""
 
@@ -86,7 +84,7 @@ class PlanningRequest:
             return self.reading.read(self.source)
         from ..study.case import open_phantom
 
-        return open_phantom(seed=0, voxel=PHANTOM_VOXEL)
+        return open_phantom(seed=0)
 
 
 class Superseded(Exception):  # noqa: N818  (no error, but a way out)
@@ -120,12 +118,11 @@ class Bench:
         self._case = self.rest
         self._found: CasePlan | None = None
         self._whole: Centreline | None = None
-        self._unreached: tuple[Centreline, Json] | None = None
         self._moved: tuple[Floats, Floats] | None = None
         self._beside = ThreadPoolExecutor(1)
         self._number = 0
         self._robot: tuple[Future[Json], Callable[[], ShownPlan]] | None = None
-        self._inflated = {0.0: self.rest}
+        self._inflated: dict[float, Case] = {}
         self._walls: dict[float, View] = {}
         self._sent: float | None = None
         self.refused: tuple[str, ...] = ()
@@ -302,6 +299,8 @@ class Bench:
     def _inflate(self, inflation: float | None) -> Case:
         """Return the case with the wall moved outwards; the last few are kept."""
         inflation = check_number("inflation", inflation or 0.0, low=0.0, high=self.most, unit="mm")
+        if inflation == 0.0:
+            return self.rest
         if inflation not in self._inflated:
             if len(self._inflated) == MOST_WALLS:
                 del self._inflated[next(iter(self._inflated))]
@@ -391,18 +390,11 @@ class Bench:
     def _judge(self, found: CasePlan) -> Json:
         """Return the verdict on a plan, as reports and commands state it."""
         from ..report.verdict import judge_plan
-        from ..study.reach import find_unreached, measure_unreached
 
         ends = found.centreline
-        if self._unreached is None or self._unreached[0] is not found.line:
-            parts = find_unreached(self.tract, found.field, found.line)
-            record: Json = {
-                "unreached": [part.describe() for part in parts],
-                "unreached_share": measure_unreached(parts, ends),
-            }
-            self._unreached = found.line, record
         summary = {
-            **self._unreached[1],
+            "unreached": [part.describe() for part in found.unreached],
+            "unreached_share": found.unreached_share,
             "goal": {"name": ends.goal, "given": ends.given, "chosen": ends.goal_given},
             "wall_error_mm": found.field.wall_error,
             "findings": [asdict(item) for item in self.tract.findings],

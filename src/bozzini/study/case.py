@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field, replace
-from functools import cached_property
-from typing import TYPE_CHECKING
+from functools import cached_property, partial
+from typing import TYPE_CHECKING, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +35,8 @@ from .reach import Unreached, find_unreached, measure_unreached
 if TYPE_CHECKING:
     from ..motion.verify import Verification
 
+T = TypeVar("T")
+
 FINE, CORRIDOR = 0.5, 8.4
 """Spacing of a finer grid, and how far from the centreline it reaches [mm]."""
 
@@ -54,6 +56,7 @@ class CasePlan:
 
     Attributes
     ----------
+    case : Case
     plan : Plan
     centreline : OrientedCentreline
         The line that is planned along, and why it begins where it does.
@@ -67,6 +70,7 @@ class CasePlan:
         Whether no better answer follows.
     """
 
+    case: Case = field(repr=False)
     plan: Plan
     centreline: OrientedCentreline
     duct: SampledField | RefinedField
@@ -84,12 +88,28 @@ class CasePlan:
     @property
     def field(self) -> SampledField:
         """The lumen on the first grid."""
-        return self.duct.coarse if isinstance(self.duct, RefinedField) else self.duct
+        return self.case.field
 
     @property
     def space(self) -> FreeSpace:
         """The lumen that the plan is proved in, with its line."""
         return FreeSpace(self.duct, self.line)
+
+    @property
+    def unreached(self) -> tuple[Unreached, ...]:
+        """The parts of the lumen that the centreline does not reach, largest first."""
+        return self.case.find_unreached(self.line)
+
+    @property
+    def unreached_share(self) -> float:
+        """The share of the lumen that the centreline should reach and does not."""
+        return measure_unreached(self.unreached, self.centreline)
+
+    @property
+    def passage(self) -> Passage:
+        """The widest passage from the entry to the goal."""
+        with self.case._clock("passage"):
+            return find_passage(self.field, self.line.points[0], goal=self.line.points[-1])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -168,12 +188,7 @@ class Case:
         reading = ReadOptions() if reading is None else reading
         progress("read", 0.0)
         tract = reading.read(source)
-        inputs = {
-            **reading.describe(source),
-            "organ": tract.organ,
-            "voxel_mm": options.voxel,
-            "inflate_mm": options.inflate,
-        }
+        inputs = describe_source(source, reading, tract=tract, options=options)
         return cls(tract=tract, options=options, progress=progress, inputs=inputs)
 
     @cached_property
@@ -227,21 +242,27 @@ class Case:
         return FreeSpace(self.field, self.line)
 
     @cached_property
-    def unreached(self) -> tuple[Unreached, ...]:
-        """The parts of the lumen that the centreline does not reach, largest first."""
-        with self._clock("unreached"):
-            return find_unreached(self.tract, self.field, self.line)
-
-    @property
-    def unreached_share(self) -> float:
-        """The share of the lumen that the centreline should reach and does not."""
-        return measure_unreached(self.unreached, self.centreline)
+    def _turned(self) -> OrientedCentreline:
+        """The centreline from its other end."""
+        return turn_centreline(self.tract, self.centreline)
 
     @cached_property
-    def passage(self) -> Passage:
-        """The widest passage from the entry to the goal."""
-        with self._clock("passage"):
-            return find_passage(self.field, self.line.points[0], goal=self.line.points[-1])
+    def _kept(self) -> dict[str, tuple[Centreline, object]]:
+        """What was last made about a line, by its name."""
+        return {}
+
+    def _keep(self, name: str, line: Centreline, make: Callable[[], T]) -> T:
+        """Return what is made about a line; the last one is kept."""
+        known = self._kept.get(name)
+        if known is None or known[0] is not line:
+            self._kept[name] = known = line, make()
+        return cast(T, known[1])
+
+    def find_unreached(self, line: Centreline) -> tuple[Unreached, ...]:
+        """Return the parts of the lumen that a line does not reach, largest first."""
+        with self._clock("unreached"):
+            make = partial(find_unreached, self.tract, self.field, line)
+            return self._keep("unreached", line, make)
 
     def change(self, **options: object) -> Case:
         """Return the case with other options; what they do not touch is kept.
@@ -342,9 +363,9 @@ class Case:
         """Return a plan that states what it was made from, and what was found."""
         line = centreline.line
         rounded = Centreline(
-            points=_round(line.points),
-            arc_length=_round(line.arc_length),
-            radius=_round(line.radius),
+            points=round_points(line.points),
+            arc_length=round_points(line.arc_length),
+            radius=round_points(line.radius),
         )
         return replace(
             plan,
@@ -387,13 +408,12 @@ class Case:
 
             def make(along: OrientedCentreline) -> CasePlan:
                 plan = self._make_plan(FreeSpace(field, along.line), scope, reach=reach)
-                return CasePlan(plan=plan, centreline=along, duct=field)
+                return CasePlan(case=self, plan=plan, centreline=along, duct=field)
 
             found = make(ends)
             if ends.decided:
                 return found
-            other = make(turn_centreline(self.tract, ends))
-            return _choose_end(found, other, reverse=self.options.reverse)
+            return _choose_end(found, make(self._turned), reverse=self.options.reverse)
 
     def _plan_finer(self, found: CasePlan, scope: Scope, *, reach: bool) -> CasePlan:
         """Return the better of a plan and its repetition with finer nodes, and a note on that."""
@@ -412,26 +432,46 @@ class Case:
 
     def _refine(self, line: Centreline) -> RefinedField:
         """Return the lumen with finer nodes about a line; the last one is kept."""
-        known: tuple[Centreline, RefinedField] | None = vars(self).get("_refined")
-        if known is None or known[0] is not line:
-            # Of the points that the plan states, so that the same nodes can be made again.
-            points = _round(line.points)
-            fine = refine_field(
+        return self._keep(
+            "refined",
+            line,
+            lambda: refine_field(
                 self.field,
                 self.tract,
-                line_points_world=points,
+                # As the plan states them, so that the same nodes can be made again.
+                line_points_world=round_points(line.points),
                 voxel=FINE,
                 distance=CORRIDOR,
                 progress=self.progress,
-            )
-            vars(self)["_refined"] = known = line, fine
-        return known[1]
+            ),
+        )
 
-    @contextmanager
-    def _clock(self, stage: str) -> Iterator[None]:
-        begin = time.perf_counter()
-        yield
-        self.seconds[stage] = time.perf_counter() - begin
+    def _clock(self, stage: str) -> AbstractContextManager[None]:
+        return clock(self.seconds, stage)
+
+
+@contextmanager
+def clock(seconds: dict[str, float], stage: str) -> Iterator[None]:
+    """Keep how long a stage took [s]."""
+    begin = time.perf_counter()
+    yield
+    seconds[stage] = time.perf_counter() - begin
+
+
+def describe_source(
+    source: str | os.PathLike[str],
+    reading: ReadOptions,
+    *,
+    tract: LabelTract | SurfaceTract,
+    options: PathOptions,
+) -> Json:
+    """Return what a plan keeps of the file that its tract was read from."""
+    return {
+        **reading.describe(source),
+        "organ": tract.organ,
+        "voxel_mm": options.voxel,
+        "inflate_mm": options.inflate,
+    }
 
 
 def open_phantom(*, seed: int, voxel: float = 1.5) -> LabelTract:
@@ -450,7 +490,8 @@ def open_phantom(*, seed: int, voxel: float = 1.5) -> LabelTract:
     return replace(tract, organ="upper-tract", frame="RAS", label_names=REGIONS)
 
 
-def _round(points: NDArray[np.float64]) -> NDArray[np.float64]:
+def round_points(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return points as plans state them, to the micrometre [mm]."""
     return np.round(points, 3)
 
 
@@ -514,7 +555,7 @@ def _restate_entry(found: CasePlan) -> CasePlan:
 
 def _describe_entry(line: Centreline, plan: Plan) -> Json:
     return {
-        "point_mm": _round(line.points[0]).tolist(),
+        "point_mm": round_points(line.points[0]).tolist(),
         "status": plan.status,
         "certified": plan.certified,
         "clearance_certified_mm": plan.proved,

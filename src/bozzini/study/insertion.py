@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-import time
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -29,7 +27,6 @@ from ..motion import (
     Plan,
     PlannerOptions,
     Scope,
-    find_passage,
     plan_insertion,
 )
 from ..motion.actuate.actuate import actuate_plan
@@ -40,13 +37,13 @@ from ..numeric.level_sets import find_level_set
 from ..progress import Progress, no_progress
 from ..report.verdict import SHARE_REACHED, Verdict, judge_plan
 from ..results import Json, Result
-from .case import Case
+from .case import Case, clock, round_points
 from .ends import (
     OrientedCentreline,
     find_introducer_crossing,
 )
 from .options import InsertionOptions
-from .reach import Unreached, find_unreached, measure_unreached
+from .reach import Unreached, measure_unreached
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -349,9 +346,9 @@ class InsertionStudy(Result):
         summary |= {
             "organ": self.tract.organ,
             "frame": self.tract.frame,
-            "entry": {"point_mm": _round(self.line.points[0]).tolist(), "basis": ends.basis},
+            "entry": {"point_mm": round_points(self.line.points[0]).tolist(), "basis": ends.basis},
             "goal": {
-                "point_mm": _round(self.line.points[-1]).tolist(),
+                "point_mm": round_points(self.line.points[-1]).tolist(),
                 "name": ends.goal,
                 "given": ends.given,
                 "chosen": ends.goal_given,
@@ -411,13 +408,13 @@ class InsertionStudy(Result):
             frame = self.tract.frame or "RAS"
             write_centreline(self.line, folder, frame=frame)
             if export:
-                with _clock(self.seconds, "export"):
+                with clock(self.seconds, "export"):
                     write_volumes(self.field, self.tract, folder, frame=frame)
             progress("report", 0.2)
-            with _clock(self.seconds, "scene"):
+            with clock(self.seconds, "scene"):
                 self._write_scene(folder / "scene.glb")
             progress("report", 0.6)
-            with _clock(self.seconds, "report"):
+            with clock(self.seconds, "report"):
                 plot.draw_overview(self.plan, self.field, path=folder / "picture.png")
                 report.write_report(
                     folder / "report.html",
@@ -511,8 +508,6 @@ def run_case(case: Case, scope: Scope, *, robot: ContinuumRobot | None = None) -
     """Run the main job in a case; see `run_insertion`."""
     found, options, progress = case.plan(scope), case.options, case.progress
     plan, field, line, times = found.plan, case.field, found.line, case.seconds
-    with _clock(times, "unreached"):
-        unreached = find_unreached(case.tract, field, line)
     entry = case.end if options.reverse else case.start
     findings = (
         *case.tract.findings,
@@ -522,17 +517,15 @@ def run_case(case: Case, scope: Scope, *, robot: ContinuumRobot | None = None) -
     )
     moved = None
     if robot is not None:
-        with _clock(times, "robot"):
+        with clock(times, "robot"):
             moved = actuate_plan(plan, robot, found.duct.inflate(plan.displaced), progress=progress)
         if moved.status != "complete":
             message = f"the robot '{robot.name}' does not get there: {moved.reason}"
             findings = (*findings, Finding("robot", "warning", message))
-    with _clock(times, "passage"):
-        passage = find_passage(field, line.points[0], goal=line.points[-1])
     largest = case.find_largest(scope, line) if options.largest else None
     comparison: list[Plan] = []
     if options.compare:
-        with _clock(times, "compare"):
+        with clock(times, "compare"):
             others = [name for name in PLANNERS if name != "best"]
             for other in others:
                 try:
@@ -556,23 +549,12 @@ def run_case(case: Case, scope: Scope, *, robot: ContinuumRobot | None = None) -
         centreline=found.centreline,
         plan=state(plan),
         seconds=times,
-        passage=passage,
+        passage=found.passage,
         largest=largest,
         comparison=tuple(map(state, comparison)),
         robot=moved,
         findings=findings,
-        unreached=unreached,
+        unreached=found.unreached,
         entries=found.entries,
         label_error=options.label_error,
     )
-
-
-@contextmanager
-def _clock(times: dict[str, float], stage: str) -> Iterator[None]:
-    begin = time.perf_counter()
-    yield
-    times[stage] = time.perf_counter() - begin
-
-
-def _round(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.round(points, 3)

@@ -350,18 +350,15 @@ class InsertionJob(RowJob):
 
     def measure(self, row: Mapping[str, Value]) -> Mapping[str, float]:
         """Return what is known of a scope in a tract."""
-        from ..motion import find_passage
-
         case, scope = open_row(row)
         found = case.judge(scope)
         plan = found.plan
-        passage = find_passage(case.field, found.line.points[0], goal=found.line.points[-1])
         proved = plan.proved if plan.status == "complete" else None
         return {
-            "passage": 2.0 * passage.bound,
+            "passage": 2.0 * found.passage.bound,
             "way": found.line.length,
             "clearance": math.nan if proved is None else proved,
-            "unreached": case.unreached_share,
+            "unreached": found.unreached_share,
         }
 
     def run(self, columns: Columns) -> Rows:
