@@ -29,7 +29,7 @@ tract_options = options_of(ReadOptions, "reading")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Body:
+class MovingBody:
     """What moves: a scope, or a tendon robot that follows the plan.
 
     Parameters
@@ -91,7 +91,7 @@ class Body:
         )
 
 
-PLAN_OPTIONS = (ReadOptions, Body, InsertionOptions)
+PLAN_OPTIONS = (ReadOptions, MovingBody, InsertionOptions)
 """Whose fields are the options of ``bozzini plan``."""
 
 
@@ -105,7 +105,7 @@ def list_plan_options() -> dict[str, tuple[Quantity, object]]:
     for kind in PLAN_OPTIONS:
         defaults = {item.name: item.default for item in fields(kind)}
         for name, known in list_quantities(kind).items():
-            if kind is Body and name in ranges:
+            if kind is MovingBody and name in ranges:
                 size = scope[ranges[name]]
                 known = replace(known, low=size.low, high=size.high, low_open=size.low_open)
             found[name] = (known, defaults[name])
@@ -123,7 +123,7 @@ def read_with_options(
     return tract
 
 
-def list_given(options: ReadOptions | PathOptions | Body) -> list[str]:
+def list_given(options: ReadOptions | PathOptions | MovingBody) -> list[str]:
     """Return the names of the options that were given."""
     return [name for name, value in vars(options).items() if value not in (None, False, ())]
 

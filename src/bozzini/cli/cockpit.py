@@ -9,7 +9,7 @@ import click
 
 from ..errors import InputError
 from ..study.options import PathOptions, ReadOptions
-from ._tract_options import Body, list_given, tract_options
+from ._tract_options import MovingBody, list_given, tract_options
 from .common import (
     EXIT_NEGATIVE,
     INPUT,
@@ -28,7 +28,7 @@ __all__ = ["command"]
 @click.command(name="cockpit", cls=CheckedCommand)
 @click.argument("source", metavar="[INPUT]", required=False, type=INPUT)
 @tract_options
-@options_of(Body, "body")
+@options_of(MovingBody, "body")
 @options_of(PathOptions, "options")
 @option(
     "--moving MOTION",
@@ -64,7 +64,7 @@ __all__ = ["command"]
 def command(
     source: Path | None,
     reading: ReadOptions,
-    body: Body,
+    body: MovingBody,
     options: PathOptions,
     moving: str | None,
     rig: str | None,

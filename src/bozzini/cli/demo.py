@@ -6,7 +6,7 @@ import time
 
 import click
 
-from ._tract_options import Body, report_findings, report_study
+from ._tract_options import MovingBody, report_findings, report_study
 from .common import (
     Answer,
     CheckedCommand,
@@ -21,7 +21,7 @@ __all__ = ["command"]
 
 @click.command(name="demo", cls=CheckedCommand)
 @click.option("--seed", default=0, show_default=True, help="Another number, another anatomy.")
-@options_of(Body, "body", leave_out=("length",))
+@options_of(MovingBody, "body", leave_out=("length",))
 @click.option("--voxel", type=QuantityType("length"), default="1.5mm", show_default=True)
 @answer_options(
     default="bozzini-demo",
@@ -29,7 +29,7 @@ __all__ = ["command"]
     metavar="DIRECTORY",
     help="Directory for plan, report, scene and summary.",
 )
-def command(seed: int, body: Body, voxel: float, answer: Answer) -> None:
+def command(seed: int, body: MovingBody, voxel: float, answer: Answer) -> None:
     """Move an endoscope through a phantom oesophagus, stomach and duodenum."""
     reserve_target(answer)
     scope = body.scope

@@ -13,7 +13,7 @@ from ..errors import InputError
 from ..physics.options import ExecuteOptions, ScopeOptions, WallOptions
 from ..study.options import InsertionOptions, ReadOptions
 from ._tract_options import (
-    Body,
+    MovingBody,
     list_given,
     read_with_options,
     report_findings,
@@ -41,7 +41,7 @@ __all__ = ["command"]
 @click.argument("source", metavar="[PLAN|TRACT]", required=False, type=INPUT)
 @click.argument("tract", metavar="[INPUT]", required=False, type=INPUT)
 @tract_options
-@options_of(Body, "body")
+@options_of(MovingBody, "body")
 @options_of(ExecuteOptions, "options")
 @options_of(WallOptions, "wall")
 @options_of(ScopeOptions, "scope")
@@ -68,7 +68,7 @@ def command(
     source: Path | None,
     tract: Path | None,
     reading: ReadOptions,
-    body: Body,
+    body: MovingBody,
     options: ExecuteOptions,
     wall: WallOptions,
     scope: ScopeOptions,
@@ -120,7 +120,7 @@ def _find_scenery(
     source: Path | None,
     tract: Path | None,
     reading: ReadOptions,
-    body: Body,
+    body: MovingBody,
     options: ExecuteOptions,
     answer: Answer,
 ) -> Scenery | None:
@@ -174,7 +174,7 @@ def _find_scenery(
     return Scenery(plan=study.plan, duct=duct, tract=read, actuation=study.robot)
 
 
-def _refuse_without_file(reading: ReadOptions, body: Body) -> None:
+def _refuse_without_file(reading: ReadOptions, body: MovingBody) -> None:
     """Refuse what has no effect on a phantom."""
     given = list_given(reading) + ["robot"] * (body.robot is not None)
     if given:
@@ -196,7 +196,7 @@ def _run_trials(
     options: ExecuteOptions,
     wall: WallOptions,
     scope: ScopeOptions,
-    body: Body,
+    body: MovingBody,
     answer: Answer,
 ) -> None:
     from ..io.files import new_directory, write_text

@@ -13,7 +13,7 @@ from ..checks import ceil_mm, check_number, floor_mm, quantity
 from ..errors import InputError
 from ..motion.live import LiveOptions
 from ..study.options import InsertionOptions, PathOptions, ReadOptions
-from ._tract_options import Body, read_with_options, report_findings, tract_options
+from ._tract_options import MovingBody, read_with_options, report_findings, tract_options
 from .common import (
     EXIT_NEGATIVE,
     INPUT,
@@ -102,7 +102,7 @@ class TissueOptions:
 @click.command(name="live", cls=CheckedCommand)
 @click.argument("source", metavar="INPUT", type=INPUT)
 @tract_options
-@options_of(Body, "body", leave_out=("robot",))
+@options_of(MovingBody, "body", leave_out=("robot",))
 @options_of(PathOptions, "options", leave_out=("inflate",))
 @options_of(TissueOptions, "tissue")
 @options_of(LiveOptions, "loop")
@@ -112,7 +112,7 @@ class TissueOptions:
 def command(
     source: Path,
     reading: ReadOptions,
-    body: Body,
+    body: MovingBody,
     options: PathOptions,
     tissue: TissueOptions,
     loop: LiveOptions,

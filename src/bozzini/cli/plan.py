@@ -13,7 +13,7 @@ from ..checks import ceil_mm, floor_mm
 from ..study.options import InsertionOptions, ReadOptions
 from ._tract_options import (
     PLAN_OPTIONS,
-    Body,
+    MovingBody,
     format_actuation,
     read_with_options,
     report_study,
@@ -41,7 +41,7 @@ __all__ = ["command", "write_result"]
 @click.argument("source", metavar="INPUT", type=INPUT)
 @options_file(*PLAN_OPTIONS)
 @tract_options
-@options_of(Body, "body")
+@options_of(MovingBody, "body")
 @options_of(InsertionOptions, "options")
 @click.option(
     "--export",
@@ -57,7 +57,7 @@ __all__ = ["command", "write_result"]
 def command(
     source: Path,
     reading: ReadOptions,
-    body: Body,
+    body: MovingBody,
     options: InsertionOptions,
     export: bool,
     answer: Answer,
