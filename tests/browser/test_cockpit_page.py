@@ -31,7 +31,11 @@ from tests.cli.plan_cases import write_tracts
 from tests.cockpit.conftest import make_plan
 
 READY = "() => window.cockpit?.viewer?.paints > 0 && document.querySelector('.drive:not([hidden])')"
-PLANNED = f"{READY} && cockpit.status?.plan && !cockpit.status.planning.busy"
+# Words of a plan come before what is drawn of it: until then there is no step to go to.
+PLANNED = (
+    f"{READY} && cockpit.status?.plan && !cockpit.status.planning.busy"
+    " && cockpit.viewer.data.steps > 1"
+)
 FIRST_PAINT, RECONNECTION = 9.0, 15.0
 """Three times what a computer with nothing else to do may take [s]."""
 
