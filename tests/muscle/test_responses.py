@@ -34,8 +34,9 @@ from bozzini.muscle import (
     write_measurements,
     write_muscle,
 )
-from bozzini.muscle.problem import Clock, Problem, Task
+from bozzini.muscle.problem import Problem, Task
 from bozzini.muscle.ranking import split_pressures, split_specimens
+from bozzini.numeric.least_squares import Clock
 
 MUSCLE = Muscle(
     length=120.0,

@@ -15,6 +15,14 @@ from ..checks import check_integer, check_number, describe_fields, show_apart
 from ..errors import BozziniError, InputError
 from ..numeric.arrays import Floats
 from ..numeric.estimation import Blocks, determine, judge_fit, make_blocks, measure_spread
+from ..numeric.least_squares import (
+    OUT_OF_TIME,
+    Clock,
+    LeastSquares,
+    Minimum,
+    describe_bounds,
+    explain_end,
+)
 from ..results import Json, Result, take_axes, to_plain
 from .data import Measurements
 from .design import check_muscle
@@ -26,8 +34,6 @@ from .problem import (
     END_FIELDS,
     HELD_UNSET,
     PARAMETER_UNITS,
-    Clock,
-    OutOfTimeError,
     Problem,
     Response,
     Task,
@@ -51,7 +57,6 @@ from .table import take_measurements
 if TYPE_CHECKING:
     import pandas
     from matplotlib.axes import Axes
-    from scipy.optimize import OptimizeResult
 
     from .design import Muscle
     from .model import MuscleModel
@@ -170,50 +175,51 @@ _BETTER = 1e-9  # relative decrease of the sum of squares that counts as one
 
 def find_minimum(
     problem: Problem, start: NDArray[np.float64], *, limit: int = EVALUATIONS
-) -> OptimizeResult:
-    """Return SciPy's result of the best search; `nfev` counts all of them."""
+) -> Minimum:
+    """Return where the best search ended; `evaluations` counts all of them."""
     best = _search(problem, start, limit)
-    evaluations = best.nfev
+    evaluations = best.evaluations
     if "gap" in problem.free and len(problem.task.parts) == 1:
         levels = np.unique(np.append(problem.task.data.pressure, 0.0))
-        tried = {_place(problem, best.x, levels)}
+        tried = {_place(problem, best.point, levels)}
         while True:
-            here = _place(problem, best.x, levels)
+            here = _place(problem, best.point, levels)
             fresh = [i for i in (here - 1, here + 1) if 1 <= i < len(levels) and i not in tried]
             if not fresh or problem.clock.is_over:
                 break
             for place in fresh:
                 tried.add(place)
                 middle = 0.5 * (levels[place - 1] + levels[place])
-                found = _search(problem, _move_contact(problem, best.x, float(middle)), limit)
-                evaluations += found.nfev
+                found = _search(problem, _move_contact(problem, best.point, float(middle)), limit)
+                evaluations += found.evaluations
                 if found.cost < (1.0 - _BETTER) * best.cost:
                     best = found
-    best.nfev = evaluations
-    return best
+    return dataclasses.replace(best, evaluations=evaluations)
 
 
-def find_constants(starts: Sequence[Problem]) -> tuple[OptimizeResult, Problem]:
+def find_constants(starts: Sequence[Problem]) -> tuple[Minimum, Problem]:
     """Return the best of searches from several starts, and the problem it began with.
 
     A row without an answer counts as `Task.worst`.
     """
-    tries: list[tuple[OptimizeResult, Problem]] = []
+    tries: list[tuple[Minimum, Problem]] = []
     for one in starts:
         rough = dataclasses.replace(one, rough=True)
-        tries.append((find_minimum(rough, one.choose_start(), limit=_FIRST), one))
-        if tries[-1][0].status > 0:
-            tries[-1][0].status = 0  # its derivatives are rough: it goes on
+        found = find_minimum(rough, one.choose_start(), limit=_FIRST)
+        if found.converged:  # its derivatives are rough: it goes on
+            found = dataclasses.replace(found, status=0)
+        tries.append((found, one))
         if _judge(tries[-1]) <= len(one.task.data) * (_EXACT * one.task.span) ** 2:
             break
     tries.sort(key=_judge)
     ends = [_go_on(*search, limit=_SECOND) for search in tries[:_KEPT]]
     found, begun = _go_on(*min(ends, key=_judge), limit=EVALUATIONS - _FIRST - _SECOND)
-    found.nfev += sum(search.nfev for search, one in (*ends, *tries[_KEPT:]) if one is not begun)
-    return release(found, begun), begun
+    others = (search for search, one in (*ends, *tries[_KEPT:]) if one is not begun)
+    evaluations = found.evaluations + sum(search.evaluations for search in others)
+    return release(dataclasses.replace(found, evaluations=evaluations), begun), begun
 
 
-def release(found: OptimizeResult, problem: Problem) -> OptimizeResult:
+def release(found: Minimum, problem: Problem) -> Minimum:
     """Return a search taken further that was caught at an edge of the sum of squares.
 
     At the edge a row has no answer any more, or a muscle goes slack: the gradient points over it,
@@ -224,19 +230,21 @@ def release(found: OptimizeResult, problem: Problem) -> OptimizeResult:
 
     low, high = problem.bounds.T / problem.scales
     for _ in range(_RELEASES if len(problem.unknowns) <= _MOST_CORNERS else 0):
-        free = found.active_mask == 0
-        table, rest = found.jac[:, free], found.fun
-        if problem.clock.is_over or found.status <= 0 or not free.any():
+        free = found.sides == 0
+        table, rest = found.slope[:, free], found.misfit
+        if problem.clock.is_over or not found.converged or not free.any():
             break
         gain = float(np.sum((table @ np.linalg.lstsq(table, rest, rcond=None)[0]) ** 2))
         if gain <= _CAUGHT * float(rest @ rest):
             break
         sizes = _SIMPLEX * np.linalg.norm(rest) / np.maximum(np.linalg.norm(table, axis=0), 1e-12)
         sizes = np.minimum(sizes, 0.1 * (high - low)[free])
-        begin = found.x[free]
+        begin = found.point[free]
         sizes = np.where(begin + sizes <= high[free], sizes, -sizes)
 
-        def fill(part: Floats, free: NDArray[np.bool_] = free, point: Floats = found.x) -> Floats:
+        def fill(
+            part: Floats, free: NDArray[np.bool_] = free, point: Floats = found.point
+        ) -> Floats:
             full = point.copy()
             full[free] = part
             return full
@@ -253,70 +261,43 @@ def release(found: OptimizeResult, problem: Problem) -> OptimizeResult:
         )
         if moved.fun < (1.0 - _BETTER) * 2.0 * found.cost:
             more = find_minimum(problem, fill(moved.x), limit=_SECOND)
-            more.nfev += found.nfev + int(moved.nfev)
-            found = more
+            tried = found.evaluations + int(moved.nfev)
+            found = dataclasses.replace(more, evaluations=more.evaluations + tried)
     return found
 
 
-def _go_on(
-    found: OptimizeResult, problem: Problem, *, limit: int
-) -> tuple[OptimizeResult, Problem]:
+def _go_on(found: Minimum, problem: Problem, *, limit: int) -> tuple[Minimum, Problem]:
     """Return a search that has not ended taken further."""
     if found.status != 0:
         return found, problem
-    more = find_minimum(problem, found.x, limit=limit)
-    more.nfev += found.nfev
-    return more, problem
+    more = find_minimum(problem, found.point, limit=limit)
+    evaluations = more.evaluations + found.evaluations
+    return dataclasses.replace(more, evaluations=evaluations), problem
 
 
-def _judge(search: tuple[OptimizeResult, Problem]) -> float:
+def _judge(search: tuple[Minimum, Problem]) -> float:
     """Return the key to sort searches by."""
     found, problem = search
-    return problem.measure_cost(found.x)
+    return problem.measure_cost(found.point)
 
 
 MOST_RESAMPLES = 100_000
 """Largest number of resamples."""
 
-OUT_OF_TIME = -3
-"""Status of a search that used up its time."""
 
-
-def _search(problem: Problem, start: NDArray[np.float64], limit: int) -> OptimizeResult:
-    from scipy.optimize import OptimizeResult, least_squares
-
+def _search(problem: Problem, start: Floats, limit: int) -> Minimum:
     low, high = problem.bounds.T / problem.scales
-    best: list[tuple[float, NDArray[np.float64]]] = []
-
-    def miss(point: NDArray[np.float64]) -> NDArray[np.float64]:
-        if best and problem.clock.is_over:
-            raise OutOfTimeError("the time of the fit is used up")
-        values = problem.miss(point)
-        cost = float(values @ values)
-        if not best or cost < best[0][0]:
-            best[:] = [(cost, np.array(point))]
-        return values
-
-    try:
-        found = least_squares(
-            miss,
-            start,
-            jac=problem.slope,
-            bounds=(low, high),
-            xtol=1e-10,
-            ftol=1e-12,
-            gtol=1e-12,
-            x_scale="jac" if problem.constants else 1.0,
-            max_nfev=limit,
-        )
-    except OutOfTimeError:
-        cost, point = best[0]
-        found = OptimizeResult(
-            x=point, cost=0.5 * cost, fun=problem.miss(point), jac=problem.slope(point),
-            active_mask=np.zeros(len(point), dtype=np.int64), status=OUT_OF_TIME, nfev=limit,
-        )  # fmt: skip
-    found.x = np.choose(found.active_mask + 1, (low, found.x, high))
-    return found
+    found = LeastSquares(
+        misfit=problem.miss,
+        slope=problem.slope,
+        bounds=(low, high),
+        scale="jac" if problem.constants else 1.0,
+        xtol=1e-10,
+        ftol=1e-12,
+        gtol=1e-12,
+        clock=problem.clock,
+    ).descend(start, evaluations=limit)
+    return dataclasses.replace(found, point=np.choose(found.sides + 1, (low, found.point, high)))
 
 
 def _contact(problem: Problem, point: NDArray[np.float64]) -> float:
@@ -437,18 +418,11 @@ def _spread_fields(
 
 def _descend(problem: Problem, start: Floats) -> tuple[Floats, float]:
     """Return the nearest minimum of the measure, and the measure there."""
-    from scipy.optimize import least_squares
-
     low, high = problem.bounds.T / problem.scales
     margin = 1e-9 * (high - low)
-    found = least_squares(
-        problem.steps,
-        np.clip(start, low + margin, high - margin),
-        bounds=(low, high),
-        x_scale="jac",
-        max_nfev=_EVALUATIONS,
-    )
-    return np.asarray(found.x), float(found.cost)
+    search = LeastSquares(misfit=problem.steps, bounds=(low, high), scale="jac")
+    found = search.descend(np.clip(start, low + margin, high - margin), evaluations=_EVALUATIONS)
+    return found.point, found.cost
 
 
 def _solve_linear(problem: Problem, point: Floats, linear: tuple[str, ...]) -> Floats | None:
@@ -995,7 +969,7 @@ def _describe_typical(
 
 def _find_best(
     problem: Problem, own: Mapping[str, Parameter], options: FitOptions
-) -> tuple[OptimizeResult, Problem]:
+) -> tuple[Minimum, Problem]:
     """Return the best of the searches from a few starts, and the problem as it was begun."""
     begin = problem.choose_start()
     if not problem.constants:
@@ -1034,15 +1008,6 @@ def _check_effect(names: Sequence[str], idle: NDArray[np.bool_]) -> None:
         raise InputError(f"{' and '.join(lost)} {verb} no effect at these rows: {what}")
 
 
-def _explain_end(status: int) -> str:
-    if status == OUT_OF_TIME:
-        return "stopped: the time of the fit is used up"
-    if status <= 0:
-        return f"no minimum within {EVALUATIONS} evaluations"
-    reasons = {1: "the gradient vanished", 2: "the sum of squares settled"}
-    return reasons.get(status, "the parameters settled")
-
-
 def find_poor(task: Task) -> float:
     """Return the root mean square above which a fit is poor [unit of the response].
 
@@ -1069,14 +1034,14 @@ def judge_size(task: Task, residuals: NDArray[np.float64]) -> list[str]:
 
 
 def conclude(
-    problem: Problem, found: OptimizeResult, *, held: dict[str, str], options: FitOptions
+    problem: Problem, found: Minimum, *, held: dict[str, str], options: FitOptions
 ) -> Calibration:
     """Put the statistics together from the residuals and the Jacobian at the minimum."""
     task, unknowns = problem.task, problem.unknowns
-    values = problem.name_values(found.x)
+    values = problem.name_values(found.point)
     miss, answered, errors = problem.compare(values)
     if not answered.any():
-        _demand_answer(problem, found.x)
+        _demand_answer(problem, found.point)
     models = {part.specimen: problem.build(values, i) for i, part in enumerate(task.parts)}
     shared = {
         name: float(np.mean([values[pairs[name]] for pairs in map(dict, problem.of_part)]))
@@ -1091,7 +1056,7 @@ def conclude(
     squares = float(weighted @ weighted)
     freedom = rows - count
     sigma = float(np.sqrt(residuals @ residuals / freedom))
-    scaled = np.where(answered[:, None], np.asarray(found.jac), 0.0)
+    scaled = np.where(answered[:, None], found.slope, 0.0)
     idle = _find_idle(scaled)
     own = np.array([name not in END_FIELDS for name in problem.names])
     if (idle & own).any() and not options.force:  # where the search began as well as where it ended
@@ -1102,7 +1067,7 @@ def conclude(
     blocks = _make_blocks(task)
     spread = measure_spread(jacobian, weighted, blocks, lost=True)
     short: list[str] = []
-    drawn = _resample(problem, found.x, options, blocks) if options.resamples else []
+    drawn = _resample(problem, found.point, options, blocks) if options.resamples else []
     enough = len(drawn) > min(count, options.resamples - 1)
     if len(drawn) < options.resamples:
         short = [
@@ -1120,11 +1085,6 @@ def conclude(
     known = ALL_UNITS | {item.name: item.unit for item in list_parameters(problem.model_class)}
     contact = float(fitted.dead_band()) if "gap" in problem.free else 0.0
     never, doubts = judge_parameters(problem.free, task.data, contact_pressure=contact)
-    at_bound = [
-        f"{name} is at its bound, where its interval does not hold"
-        for name, active in zip(unknowns, found.active_mask, strict=True)
-        if active
-    ]
     lost = [
         f"{label} has no effect at these rows: its value means nothing"
         for label, none in zip(unknowns, idle, strict=True)
@@ -1164,7 +1124,7 @@ def conclude(
         warnings=(
             *never,
             *doubts,
-            *at_bound,
+            *describe_bounds(unknowns, found.sides != 0),
             *lost,
             *gaps,
             *short,
@@ -1172,9 +1132,9 @@ def conclude(
             *judge_repeats(task, residuals, parameters=count, errors=errors),
             *judge_size(task, residuals),
         ),
-        converged=bool(found.status > 0),
-        reason=_explain_end(found.status),
-        evaluations=int(found.nfev),
+        converged=found.converged,
+        reason=explain_end(found.status, EVALUATIONS),
+        evaluations=found.evaluations,
     )
 
 
@@ -1220,5 +1180,5 @@ def _resample(
         end = find_minimum(start, start.choose_start(), limit=_SECOND)
         if end.status == OUT_OF_TIME:  # it is where it began, as all that follow would be
             break
-        found.append(list(start.name_values(end.x).values()))
+        found.append(list(start.name_values(end.point).values()))
     return found

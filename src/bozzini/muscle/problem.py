@@ -18,7 +18,6 @@ from __future__ import annotations
 
 import functools
 import math
-import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -30,6 +29,7 @@ from numpy.typing import NDArray
 from ..checks import check_number, check_word, list_quantities
 from ..errors import BozziniError, InputError
 from ..numeric.arrays import Floats
+from ..numeric.least_squares import Clock
 from .data import Measurements
 from .design import BRAID_ANGLES, Muscle
 from .ends import EndEffects, MountedMuscle, find_offset
@@ -144,23 +144,6 @@ measured.
 
 ALL_UNITS = PARAMETER_UNITS | {name: known.unit for name, known in END_FIELDS.items()}
 """The same, with the end effects."""
-
-
-class OutOfTimeError(BozziniError):
-    """A fit used up the time that it was given."""
-
-
-class Clock:
-    """Seconds of this process's own work that a fit may take; none are counted without a limit."""
-
-    def __init__(self, limit: float | None = None) -> None:
-        self.limit = math.inf if limit is None else limit
-        self._begin = time.process_time()
-
-    @property
-    def is_over(self) -> bool:
-        """Whether the time is used up."""
-        return time.process_time() - self._begin > self.limit
 
 
 @dataclass(frozen=True, eq=False)

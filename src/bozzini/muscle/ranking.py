@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_array, check_integer, check_number, check_word, show_apart, show_value
 from ..errors import BozziniError, InputError, PluginError
+from ..numeric.least_squares import Clock, OutOfTimeError
 from ..progress import Progress, no_progress
 from ..results import Json, Result, take_axes, to_plain
 from .data import Measurements
@@ -39,8 +40,6 @@ from .problem import (
     FITTED_UNSET,
     HELD_UNSET,
     Answers,
-    Clock,
-    OutOfTimeError,
     Problem,
     Response,
     SpecimenRows,
@@ -1105,7 +1104,7 @@ def _validate(
         problem = _make_problem(unknowns, rows, estimates, clock)
         again = find_minimum(problem, problem.choose_start(), limit=_EVALUATIONS)
         again = release(again, problem)
-        values = problem.name_values(again.x)
+        values = problem.name_values(again.point)
         if problem.unknowns == whole.unknowns:
             cost = whole.measure_cost(np.array(list(values.values())) / whole.scales)
             if cost < least:
@@ -1115,7 +1114,7 @@ def _validate(
             own = _choose_values(problem, values, part)
             return assemble(unknowns.build, part.muscle, own, task=rows, anchor=part.anchor)
 
-        return build, again.status > 0
+        return build, again.converged
 
     validation = cross_validate(fit, task, folds)
     return validation, min(better, key=lambda each: each[0])[1] if better else None
