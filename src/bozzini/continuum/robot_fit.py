@@ -28,6 +28,15 @@ from ..numeric.estimation import (
     make_blocks,
     measure_spread,
 )
+from ..numeric.least_squares import (
+    ROBUST,
+    LeastSquares,
+    Loss,
+    describe_bounds,
+    explain_end,
+    measure_scatter,
+    weigh,
+)
 from ..progress import Progress, no_progress
 from ..results import Json, Result, rows_of, tabulated, take_axes, to_plain
 from .calibration import RobotCalibration
@@ -40,7 +49,6 @@ from .unknowns import FIELDS, Change, RobotSetup, Unknown, change_setup, parse_u
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Loss = Literal["linear", "soft_l1", "huber"]
 Split = Literal["blocks", "random"]
 
 EVALUATIONS = 60
@@ -512,8 +520,6 @@ class _Search:
 
     def run(self, start: Floats, *, loss: Loss, limit: int = EVALUATIONS) -> _Found:
         """Return where the search ends."""
-        from scipy.optimize import least_squares
-
         low, high, _ = self.limits
         last: list[tuple[Floats, Observed]] = []
 
@@ -531,21 +537,19 @@ class _Search:
         if not self.unknowns:
             found = observe(start)
             return _Found(start, found, np.zeros((int(self.seen.sum()), 0)), 1, 1)
-        end = least_squares(
-            lambda changes: self.miss(observe(changes)),
-            np.clip(start, low, high),
-            jac=slope,
+        search = LeastSquares(
+            misfit=lambda changes: self.miss(observe(changes)),
+            slope=slope,
             bounds=(low, high),
-            x_scale="jac",
+            scale="jac",
             loss=loss,
-            f_scale=self.scale,
+            loss_scale=self.scale,
             xtol=1e-6,
             ftol=1e-6,
             gtol=FLAT,
-            max_nfev=limit,
         )
-        found = observe(end.x)
-        return _Found(end.x, found, slope(end.x), int(end.status), int(end.nfev))
+        end = search.descend(np.clip(start, low, high), evaluations=limit)
+        return _Found(end.point, observe(end.point), slope(end.point), end.status, end.evaluations)
 
 
 @dataclass(frozen=True)
@@ -570,10 +574,10 @@ def _search_all(search: _Search) -> tuple[_Found, _Search]:
     """Return the best fit to all rows, and how it was searched for at the end."""
     start = search.limits[2]
     first = search.run(start, loss="linear")
-    scatter = 1.4826 * float(np.median(np.abs(search.miss(first.observed))))
+    scatter = measure_scatter(search.miss(first.observed))
     if search.loss == "linear" or not search.unknowns or scatter < LEAST_SCATTER_MM:
         return first, dataclasses.replace(search, loss="linear")
-    robust = dataclasses.replace(search, scale=1.5 * scatter)
+    robust = dataclasses.replace(search, scale=ROBUST * scatter)
     found = robust.run(first.changes, loss=search.loss)
     evaluations = found.evaluations + first.evaluations
     return dataclasses.replace(found, evaluations=evaluations), robust
@@ -604,7 +608,7 @@ def _leave_idle(search: _Search, found: _Found) -> _Found:
 
 def _find_outliers(search: _Search, found: _Found) -> tuple[int, ...]:
     """Return the rows of the data with a coordinate of less than half weight."""
-    weight, _ = _weigh(search.miss(found.observed) / search.scale, search.loss)
+    weight, _ = weigh(search.miss(found.observed) / search.scale, search.loss)
     rows = np.broadcast_to(search.observation.rows[:, None, None], search.seen.shape)
     return tuple(np.unique(rows[search.seen][weight < HALF]).tolist())
 
@@ -979,13 +983,9 @@ def _conclude(
             )
         if not undetermined:
             warnings += judge_fit(names, known.correlations, known.condition)
-        warnings += [
-            f"{one.name} is at its bound, where its interval does not hold"
-            for one, change, low, high in zip(
-                unknowns, found.changes, *search.limits[:2], strict=True
-            )
-            if not low + AT_BOUND < change < high - AT_BOUND
-        ]
+        low, high, _ = search.limits
+        inside = (low + AT_BOUND < found.changes) & (found.changes < high - AT_BOUND)
+        warnings += describe_bounds(names, ~inside)
     if setup.backlash > 0.0 and observation.data.commands[0].any():
         warnings.append(
             "the play before the first row is unknown: its command is taken to act in full; if the "
@@ -996,7 +996,6 @@ def _conclude(
             f"{int((~found.observed.answered).sum())} of {len(observation.rows)} rows have no "
             f"converged shape: {prediction.reason}"
         )
-    reasons = {1: "the gradient vanished", 2: "the sum of squares settled"}
     fit = RobotFit(
         setup=setup,
         estimates=estimates,
@@ -1013,9 +1012,7 @@ def _conclude(
         model=observation.model,
         model_options=observation.options,
         converged=found.status > 0,
-        reason=reasons.get(found.status, "the constants settled")
-        if found.status > 0
-        else f"no minimum within {EVALUATIONS} evaluations",
+        reason=explain_end(found.status, EVALUATIONS, what="constants"),
         evaluations=found.evaluations,
     )
     if fit.data.span == 0.0:
@@ -1068,19 +1065,5 @@ def _measure_spread(search: _Search, found: _Found) -> FitCovariance:
         misfit,
         make_blocks(data.blocks[rows]),
         rows=row,
-        weights=_weigh(misfit / search.scale, search.loss),
+        weights=weigh(misfit / search.scale, search.loss),
     )
-
-
-def _weigh(misfit: Floats, loss: Loss) -> tuple[Floats, Floats]:
-    """Return the influence of a misfit over its scale by the misfit, and the slope of it.
-
-    The influence is the derivative of the loss by the misfit (Huber 1981, *Robust Statistics*).
-    """
-    if loss == "soft_l1":
-        square = 1.0 + misfit**2
-        return 1.0 / np.sqrt(square), square**-1.5
-    if loss == "huber":
-        size = np.abs(misfit)
-        return 1.0 / np.maximum(size, 1.0), (size <= 1.0).astype(np.float64)
-    return np.ones(len(misfit)), np.ones(len(misfit))

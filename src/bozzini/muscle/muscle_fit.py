@@ -14,7 +14,14 @@ from numpy.typing import NDArray
 from ..checks import check_integer, check_number, describe_fields, show_apart
 from ..errors import BozziniError, InputError
 from ..numeric.arrays import Floats
-from ..numeric.estimation import Blocks, determine, judge_fit, make_blocks, measure_spread
+from ..numeric.estimation import (
+    Blocks,
+    determine,
+    draw_rows,
+    judge_fit,
+    make_blocks,
+    measure_spread,
+)
 from ..numeric.least_squares import (
     OUT_OF_TIME,
     Clock,
@@ -419,9 +426,8 @@ def _spread_fields(
 def _descend(problem: Problem, start: Floats) -> tuple[Floats, float]:
     """Return the nearest minimum of the measure, and the measure there."""
     low, high = problem.bounds.T / problem.scales
-    margin = 1e-9 * (high - low)
-    search = LeastSquares(misfit=problem.steps, bounds=(low, high), scale="jac")
-    found = search.descend(np.clip(start, low + margin, high - margin), evaluations=_EVALUATIONS)
+    search = LeastSquares(misfit=problem.steps, bounds=(low, high), margin=1e-9, scale="jac")
+    found = search.descend(start, evaluations=_EVALUATIONS)
     return found.point, found.cost
 
 
@@ -1169,13 +1175,8 @@ def _resample(
     groups = [part.rows for part in task.parts] if task.each else [np.arange(len(task.data))]
     found: list[list[float]] = []
     for _ in range(options.resamples):
-        rows: list[NDArray[np.int64]] = []
-        for group in groups:
-            own = np.unique(blocks.of_row[group])
-            for block in random.choice(own, size=len(own)):
-                rows.append(group[blocks.of_row[group] == block])
-        again = dataclasses.replace(problem, task=dataclasses.replace(
-            task, data=task.data.select(np.sort(np.concatenate(rows)))))  # fmt: skip
+        data = task.data.select(draw_rows(blocks, groups, random=random))
+        again = dataclasses.replace(problem, task=dataclasses.replace(task, data=data))
         start = again.move(problem.name_values(point))
         end = find_minimum(start, start.choose_start(), limit=_SECOND)
         if end.status == OUT_OF_TIME:  # it is where it began, as all that follow would be

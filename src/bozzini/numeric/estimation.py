@@ -135,6 +135,18 @@ def make_blocks(labels: Sequence[str] | NDArray[np.str_], *, apart: bool = False
     return Blocks(of_row, fewest - 1, rule)
 
 
+def draw_rows(
+    blocks: Blocks, parts: Sequence[NDArray[np.int64]], *, random: np.random.Generator
+) -> Places:
+    """Return rows of blocks drawn with replacement, as many as each part of the rows has."""
+    rows: list[Places] = []
+    for part in parts:
+        own = np.unique(blocks.of_row[part])
+        for block in random.choice(own, size=len(own)):
+            rows.append(part[blocks.of_row[part] == block])
+    return np.sort(np.concatenate(rows))
+
+
 @dataclass(frozen=True)
 class FitCovariance:
     """Covariance of what was fitted.

@@ -93,6 +93,8 @@ class LeastSquares:
         Returns their derivatives (n, k); without it they are differences to one side.
     bounds : tuple
         Smallest and largest values, a number or (k,) each.
+    margin : float
+        Share of the range between bounds, finite ones, by which a start is kept off them.
     scale : ndarray, float or "jac"
         How much of each unknown matters; "jac" takes it from the derivatives.
     loss : {"linear", "soft_l1", "huber"}
@@ -107,6 +109,7 @@ class LeastSquares:
     misfit: Callable[[Floats], Floats]
     slope: Callable[[Floats], Floats] | None = None
     bounds: tuple[Floats | float, Floats | float] = (-math.inf, math.inf)
+    margin: float = 0.0
     scale: Floats | float | Literal["jac"] = 1.0
     loss: Loss = "linear"
     loss_scale: float = 1.0
@@ -117,6 +120,10 @@ class LeastSquares:
 
     def descend(self, start: Floats, *, evaluations: int | None = None) -> Minimum:
         """Return where the search from a start (k,) ends, after so many evaluations at most."""
+        if self.margin:
+            low, high = (np.asarray(side, dtype=np.float64) for side in self.bounds)
+            margin = self.margin * (high - low)
+            start = np.clip(start, low + margin, high - margin)
         best: list[tuple[float, Floats]] = []
         count = 0
 

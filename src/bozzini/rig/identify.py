@@ -15,6 +15,7 @@ from ..checks import check_number, show_apart
 from ..errors import InputError
 from ..numeric.arrays import Floats
 from ..numeric.estimation import make_blocks, measure_spread
+from ..numeric.least_squares import LeastSquares
 from ..results import Result, measured, take_axes
 from .curves import PressureCurve
 from .kernels import fill as kernels
@@ -572,8 +573,6 @@ def _solve(
     supply: float | None = None,
 ) -> _Solution:
     """Fit a law to points, from several starts."""
-    from scipy.optimize import least_squares
-
     known = _set_limits(shape, law)
     names = list(known)
     low, first, high = (
@@ -592,7 +591,7 @@ def _solve(
     first = np.clip(first, low + 1e-9 * (1.0 + np.abs(low)), high - 1e-9 * (1.0 + np.abs(high)))
     scale = np.array([item.spread for item in known.values()])
     time, pressure = points
-    unit = CHECK_ERROR * shape.change
+    unit, enough = CHECK_ERROR * shape.change, NEGLIGIBLE * shape.change
 
     def find_residuals(values: Floats) -> Floats:
         pairs = zip(names, values, strict=True)
@@ -608,24 +607,23 @@ def _solve(
         parts += [np.array([(v - means[n][0]) / means[n][1]]) for n, v in pairs if n in means]
         return np.concatenate(parts)
 
-    tried = []
-    for shift in _list_starts(law, names):
-        begin = np.clip(first + shift, low + 1e-6 * (high - low), high - 1e-6 * (high - low))
-        found = least_squares(
-            excess, begin, bounds=(low, high), x_scale=scale, loss="soft_l1", max_nfev=120, **_STOP
-        )
-        tried.append(found)
-        if _root_mean_square(find_residuals(found.x)) < NEGLIGIBLE * shape.change:
-            break
-    best = min(tried, key=lambda found: found.cost)
-    values = np.asarray(best.x)
+    search = LeastSquares(
+        misfit=excess, bounds=(low, high), margin=1e-6, scale=scale, loss="soft_l1",
+        xtol=1e-6, ftol=1e-6, gtol=1e-6,
+    )  # fmt: skip
+    best = search.search(
+        [first + shift for shift in _list_starts(law, names)],
+        evaluations=120,
+        enough=lambda end: _root_mean_square(find_residuals(end.point)) < enough,
+    )
+    values = best.point
     residuals = find_residuals(values)
     # The points are in the order of time; what was known before is a block for each constant.
-    blocks, count = make_blocks([""] * len(time)), len(best.fun)
+    blocks, count = make_blocks([""] * len(time)), len(best.misfit)
     known_before = blocks.of_row.max() + 1 + np.arange(count - len(time))
     blocks = dataclasses.replace(blocks, of_row=np.append(blocks.of_row, known_before))
-    misfit = best.fun * (1.0 + best.fun**2) ** 0.25  # as SciPy scales the Jacobian of soft_l1
-    errors = measure_spread(best.jac, misfit, blocks, lost=True).deviations
+    misfit = best.misfit * (1.0 + best.misfit**2) ** 0.25  # as SciPy scales the Jacobian of soft_l1
+    errors = measure_spread(best.slope, misfit, blocks, lost=True).deviations
     near = 1e-3 * (high - low)
     stuck = tuple(
         name
@@ -633,10 +631,6 @@ def _solve(
         if name != "supply" and not a + c < value < b - c
     )
     return _Solution(law, values, errors, stuck, residuals)
-
-
-_STOP = {"ftol": 1e-6, "xtol": 1e-6, "gtol": 1e-6}
-"""When a fit ends."""
 
 
 def _root_mean_square(values: Floats) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from ...checks import check_array, check_number, check_points, check_range
 from ...errors import GeometryError, InputError
 from ...numeric.arrays import Floats
+from ...numeric.least_squares import LeastSquares
 from ...numeric.vectors import nearest_rotation
 from ..checks import COORDINATE_MAX
 from ..shapes.super_ellipses import (
@@ -147,37 +148,29 @@ def fit_super_ellipsoid(
 
 def _fit_best(
     residuals: Callable[[Floats], Floats],
-    starts: Iterable[Floats],
+    starts: Sequence[Floats],
     bounds: tuple[Floats, Floats],
     *,
     free: NDArray[np.bool_],
     evaluations: int,
 ) -> tuple[Floats, float]:
     """Return the best bounded fit from several starts, and its root mean square; `free` moves."""
-    from scipy.optimize import least_squares
+    full = starts[0].copy()
 
-    best, least = np.empty(0), np.inf
-    for start in starts:
-        full = start.copy()
+    def ask(x: Floats) -> Floats:
+        full[free] = x
+        return residuals(full)
 
-        def ask(x: Floats, full: Floats = full) -> Floats:
-            full[free] = x
-            return residuals(full)
-
-        found = least_squares(
-            ask,
-            start[free],
-            bounds=(bounds[0][free], bounds[1][free]),
-            x_scale="jac",
-            max_nfev=evaluations,
-            **EXACT,
-        )
-        if found.cost < least:
-            full[free] = found.x
-            best, least = full, found.cost
-        if least < 1e-20:
-            break
-    return best, float(np.sqrt(np.mean(residuals(best) ** 2)))
+    search = LeastSquares(
+        misfit=ask, bounds=(bounds[0][free], bounds[1][free]), scale="jac",
+        xtol=EXACT["xtol"], ftol=EXACT["ftol"], gtol=EXACT["gtol"],
+    )  # fmt: skip
+    best = search.search(
+        [start[free] for start in starts],
+        evaluations=evaluations,
+        enough=lambda end: end.cost < 1e-20,
+    )
+    return full, float(np.sqrt(np.mean(ask(best.point) ** 2)))
 
 
 def take_points(points: ArrayLike, *, dim: int, least: int) -> Floats:

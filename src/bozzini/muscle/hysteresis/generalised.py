@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from ...checks import check_array, check_integer, check_number, check_range
 from ...errors import InputError
 from ...numeric.arrays import Floats
+from ...numeric.least_squares import LeastSquares, explain_end
 from .operator import (
     EVALUATIONS,
     LIMIT,
@@ -240,8 +241,6 @@ class _Search:
 
     def run(self, weights: Floats, scale: float) -> tuple[Floats, Floats, LinearFit]:
         """Return weights, slopes of the pieces and the fit."""
-        from scipy.optimize import least_squares
-
         loops, span = self.loops, self.span
         columns, free = loops.pick(self.plays), loops.pick_free()
         root, target = loops.pick(np.ones((*loops.inputs.shape, 1))), loops.target
@@ -280,15 +279,16 @@ class _Search:
             ]
         )
         begin[:last] = np.maximum(begin[:last], low[:last] + 1e-9)
-        best = least_squares(
-            miss, begin, derive, bounds=(low, np.inf), x_scale="jac", max_nfev=EVALUATIONS,
+        search = LeastSquares(
+            misfit=miss, slope=derive, bounds=(low, np.inf), scale="jac",
             xtol=1e-8, ftol=1e-7, gtol=1e-12,
         )  # fmt: skip
-        stopped = "" if best.status > 0 else f"the search ran out of its {EVALUATIONS} evaluations"
-        weights = np.where(best.x[:count] > 1e-9, best.x[:count], 0.0)
+        best = search.descend(begin, evaluations=EVALUATIONS)
+        stopped = "" if best.converged else explain_end(best.status, EVALUATIONS)
+        weights = np.where(best.point[:count] > 1e-9, best.point[:count], 0.0)
         reach, _ = cover(bare @ weights)
         end = _fit_curve(root * reach, free, target, least)
-        found = replace(end, converged=not stopped, reason=stopped, evaluations=int(best.nfev))
+        found = replace(end, converged=not stopped, reason=stopped, evaluations=best.evaluations)
         return weights, np.array(found.values), found
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import MISSING, dataclass, field, fields, replace
-from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar, runtime_checkable
+from typing import Any, Generic, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,11 +21,9 @@ from ...checks import (
 )
 from ...errors import InputError
 from ...numeric.arrays import Floats
+from ...numeric.least_squares import LeastSquares, explain_end
 from ...numeric.vectors import settle_layout
 from ...results import Result
-
-if TYPE_CHECKING:
-    from scipy.optimize import OptimizeResult
 
 Fitted = TypeVar("Fitted", covariant=True)
 
@@ -634,8 +632,6 @@ class Loops:
 
         What is linear in the columns is solved within, by `fit` with the options.
         """
-        from scipy.optimize import least_squares
-
         target, free = self.target, self.pick_free()
         scale = float(np.abs(target - target.mean()).max()) or 1.0
 
@@ -648,21 +644,17 @@ class Loops:
 
         low, high = (np.asarray(side, dtype=np.float64) for side in bounds)
 
-        def go_on(start: ArrayLike, most: int) -> OptimizeResult:
-            begin = np.clip(start, low + 1e-9 * (high - low), high - 1e-9 * (high - low))
-            return least_squares(
-                miss, begin, bounds=(low, high), xtol=1e-10, ftol=1e-8, gtol=1e-14,
-                x_scale="jac", max_nfev=most,
-            )  # fmt: skip
-
-        tries = [go_on(start, _TRIAL) for start in starts]
-        best = min(tries, key=lambda found: found.cost)
-        tries.append(best := go_on(best.x, EVALUATIONS))
-        inner = solve(best.x)
-        stopped = "" if best.status > 0 else f"the search ran out of its {EVALUATIONS} evaluations"
-        return np.asarray(best.x), replace(
+        search = LeastSquares(
+            misfit=miss, bounds=(low, high), margin=1e-9, scale="jac",
+            xtol=1e-10, ftol=1e-8, gtol=1e-14,
+        )  # fmt: skip
+        begins = [np.asarray(start, dtype=np.float64) for start in starts]
+        best = search.search(begins, evaluations=EVALUATIONS, trial=_TRIAL)
+        inner = solve(best.point)
+        stopped = "" if best.converged else explain_end(best.status, EVALUATIONS)
+        return best.point, replace(
             inner,
             converged=inner.converged and not stopped,
             reason="; ".join(word for word in (inner.reason, stopped) if word),
-            evaluations=sum(int(found.nfev) for found in tries),
+            evaluations=best.evaluations,
         )
