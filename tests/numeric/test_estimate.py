@@ -71,6 +71,25 @@ def test_values_of_groups_are_those_of_separate_fits_if_nothing_is_shared():
         assert alone.point == pytest.approx([found.values[name][k] for name in TRUTH], rel=1e-4)
 
 
+def test_blocks_are_runs_unless_runs_have_values_of_their_own():
+    """Two muscles in every run, with a value each, are blocks of no kind."""
+    of_row, measured = np.arange(TIME.size) % 2, measure(8)
+
+    def fit(groups, of_row):
+        own = FitParameter("floor", 0.4, groups=groups)
+        return estimate(
+            miss(measured, lambda values: decay({**values, "floor": values["floor"][of_row]})),
+            [*FREE[:2], own],
+            labels=LABELS,
+        )
+
+    found = fit(("left", "right"), of_row)
+    assert found.spread.rule == "8 groups, count as independent"
+    assert found.names == ("height", "rate", "floor[left]", "floor[right]")
+    runs = fit(tuple(np.unique(LABELS)), np.repeat(np.arange(RUNS), ROWS))
+    assert "within each of 8 groups" in runs.spread.rule
+
+
 def test_a_shared_value_is_that_of_all_rows_and_a_fixed_one_is_fixed():
     measured = measure(2)
     fixed = (FREE[0], FitParameter("rate", 1.3, fixed=True), FREE[2])

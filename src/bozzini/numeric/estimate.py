@@ -77,7 +77,7 @@ class FitParameter:
     fixed : bool
         Whether it stays at its start.
     groups : tuple of str
-        Names of what has a value each; one value for all rows without.
+        Names of what has a value each: muscles, or labels of the rows; one value without.
 
     Raises
     ------
@@ -259,7 +259,7 @@ class Estimation:
     def resample(self, count: int, *, seed: int = 0) -> FitCovariance:
         """Return the covariance by fits to blocks of rows drawn with replacement.
 
-        Within each group where groups have values of their own.
+        Within each label of rows where these have values of their own.
 
         Raises
         ------
@@ -323,8 +323,9 @@ class FitTask:
 
     @property
     def is_apart(self) -> bool:
-        """Whether groups have values of their own."""
-        return any(one.groups for _, one in self._unknowns)
+        """Whether labels of rows are groups of a parameter, with values of their own."""
+        labels = set(self.labels.tolist())
+        return any(labels.intersection(one.groups) for _, one in self._unknowns)
 
     @cached_property
     def blocks(self) -> Blocks:
@@ -343,7 +344,7 @@ class FitTask:
 
     def fill_idle(self, found: Minimum) -> Floats:
         """Return values (k,) in which what no row depends on has the mean of other groups."""
-        point, acts = found.point * self.scales, found.slope.any(axis=0)
+        point, acts = found.point * self.scales, np.asarray(found.slope.any(axis=0))
         kin = [one for _, one in self._unknowns]
         for index in np.flatnonzero(~acts):
             own = [i for i, one in enumerate(kin) if one is kin[index] and acts[i]]
@@ -414,9 +415,9 @@ def estimate(
     first = misfit(task.name_values(task.start), rows)
     if first.size <= count:
         raise InputError(f"{first.size} misfit(s) are too few for {count} unknown(s)")
-    if not np.isfinite(first).all():
-        row = int(np.argmin(np.isfinite(first.reshape(len(rows), -1)).all(axis=1)))
-        raise InputError(f"the misfit of row {row + 1} is not finite where the search begins")
+    if lost := np.flatnonzero(~np.isfinite(first)).tolist():
+        row = 1 + lost[0] * len(rows) // first.size
+        raise InputError(f"the misfit of row {row} is not finite where the search begins")
     search = task.make_search(rows)
     starts = task.draw_starts()
     trial = _TRIAL if len(starts) > 1 else None

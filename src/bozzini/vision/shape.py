@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from ..checks import check_fields, quantity, show_apart
 from ..errors import GeometryError, InputError
 from ..numeric.arrays import Floats
+from ..numeric.least_squares import sum_loss, weigh
 from ..numeric.polylines import (
     carry_frames,
     interpolate_polyline,
@@ -533,19 +534,19 @@ def _least_squares(
     """
     at, damp = start, 1e-3
     values = residuals(at)
-    cost = _cost(values, loss)
+    cost = loss**2 * sum_loss(values / loss, "soft_l1")
     slope = np.empty((len(values), len(at)))
     for _ in range(steps):
         for k, step in enumerate(1e-4 * scale):
             moved = at.copy()
             moved[k] += step
             slope[:, k] = (residuals(moved) - values) * (scale[k] / step)
-        weight = 1.0 / np.sqrt(1.0 + (values / loss) ** 2)
+        weight, _ = weigh(values / loss, "soft_l1")
         normal, right = slope.T @ (weight[:, None] * slope), slope.T @ (weight * values)
         for _ in range(8):
             change = np.linalg.solve(normal + damp * np.diag(np.diag(normal) + 1e-12), right)
             trial = residuals(at - scale * change)
-            fall = cost - _cost(trial, loss)
+            fall = cost - loss**2 * sum_loss(trial / loss, "soft_l1")
             if fall > 0.0:
                 break
             damp *= 5.0
@@ -556,10 +557,6 @@ def _least_squares(
         if fall < 1e-5 * cost:
             break
     return at, slope / scale
-
-
-def _cost(values: Floats, loss: float) -> float:
-    return float(2.0 * loss**2 * np.sum(np.sqrt(1.0 + (values / loss) ** 2) - 1.0))
 
 
 def _scales(theta: Floats) -> Floats:
