@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from ..checks import check_fields, quantity
 from ..errors import GeometryError
 from ..numeric.arrays import Floats
+from ..numeric.least_squares import LeastSquares
 from ..numeric.polylines import carry_frames, interpolate_polyline, measure_arc_length
 from .kernels.routing import find_curvatures, trace_backbone
 
@@ -748,11 +749,9 @@ def fit_straight(
     Between two ends the rod is an arc. Ends are those of the best steps of the curvature, and even
     ones, from which angles, tensions and ends are fitted to the curve's points.
     """
-    from scipy.optimize import least_squares
-
     length = target.steps.length
     fit = _Arcs(target, stiffness, offset)
-    best = None
+    starts = []
     even = length * np.arange(1, tendons + 1) / tendons
     for ends in (split_curvature(target, tendons), even):
         edges = np.concatenate([[0.0], ends])
@@ -762,19 +761,13 @@ def fit_straight(
         ]
         levels = np.array([rows.mean(axis=0) if len(rows) else (0.0, 0.0) for rows in means])
         moments = stiffness[0] * (levels - np.concatenate([levels[1:], np.zeros((1, 2))]))
-        start = np.concatenate([moments.ravel(), ends, np.zeros(3)])
-        low, high = np.full(len(start), -np.inf), np.full(len(start), np.inf)
-        rows = slice(2 * tendons, 3 * tendons)
-        low[rows], high[rows] = min(1.0, 0.01 * length), length
-        start = np.clip(start, low, high)
-        found = least_squares(
-            fit.place, start, bounds=(low, high), x_scale="jac", max_nfev=60, ftol=1e-6
-        )
-        if best is None or found.cost < best.cost:
-            best = found
-    if best is None:
-        raise GeometryError("no straight tendons were tried")
-    moments, ends, rotation = fit.split(best.x)
+        starts.append(np.concatenate([moments.ravel(), ends, np.zeros(3)]))
+    low, high = np.full(len(starts[0]), -np.inf), np.full(len(starts[0]), np.inf)
+    among = slice(2 * tendons, 3 * tendons)
+    low[among], high[among] = min(1.0, 0.01 * length), length
+    search = LeastSquares(misfit=fit.place, bounds=(low, high), scale="jac", ftol=1e-6)
+    best = search.search([np.clip(start, low, high) for start in starts], evaluations=60)
+    moments, ends, rotation = fit.split(best.point)
     order = np.argsort(ends)
     return StraightTendons(
         angles=np.arctan2(moments[order, 1], moments[order, 0]),

@@ -73,7 +73,8 @@ class FitParameter:
     low, high : float
         Bounds.
     scale : float, optional
-        How much of it matters; a tenth of the start, or 0.1, without.
+        How much of it matters: steps of differences and further starts go by it. A tenth of the
+        start, or 0.1, without.
     fixed : bool
         Whether it stays at its start.
     groups : tuple of str
@@ -276,7 +277,7 @@ class Estimation:
             found = self._fit_again(draw_rows(task.blocks, parts, random=random))
             if found.status == OUT_OF_TIME:  # it is where it began
                 raise InputError(f"the budget of {task.options.budget:g} s is too short for a fit")
-            points.append(found.point * task.scales)
+            points.append(task.place(found))
         covariance = np.atleast_2d(np.cov(np.array(points), rowvar=False))
         return replace(self.spread, covariance=covariance)
 
@@ -342,9 +343,13 @@ class FitTask:
             for one in self.parameters
         }
 
+    def place(self, found: Minimum) -> Floats:
+        """Return the values (k,) at the end of a search."""
+        return np.asarray(np.clip(found.point * self.scales, *self.bounds))
+
     def fill_idle(self, found: Minimum) -> Floats:
         """Return values (k,) in which what no row depends on has the mean of other groups."""
-        point, acts = found.point * self.scales, np.asarray(found.slope.any(axis=0))
+        point, acts = self.place(found), np.asarray(found.slope.any(axis=0))
         kin = [one for _, one in self._unknowns]
         for index in np.flatnonzero(~acts):
             own = [i for i, one in enumerate(kin) if one is kin[index] and acts[i]]
@@ -354,8 +359,13 @@ class FitTask:
     def make_search(self, rows: Places, loss_scale: float = 0.0) -> LeastSquares:
         """Return the search for a fit to rows, in units of the scales; 0 is for no robust loss."""
         low, high = self.bounds
+
+        def miss(x: Floats) -> Floats:
+            values = self.name_values(np.clip(x * self.scales, low, high))
+            return self.misfit(values, rows).ravel()
+
         return LeastSquares(
-            misfit=lambda x: self.misfit(self.name_values(x * self.scales), rows).ravel(),
+            misfit=miss,
             bounds=(low / self.scales, high / self.scales),
             scale="jac",
             loss=self.options.loss if loss_scale else "linear",
@@ -434,7 +444,7 @@ def estimate(
     of_misfit = np.repeat(rows, first.size // len(rows))
     return Estimation(
         task=task,
-        point=found.point * task.scales,
+        point=task.place(found),
         misfit=found.misfit.reshape(first.shape),
         slope=slope,
         loss_scale=loss_scale,
