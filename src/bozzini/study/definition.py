@@ -206,7 +206,7 @@ class Study:
         ]
         names = {name for name, known in self.inputs.items() if known.kind == "file"}
         given = {**self.files, **{name: str(self.fixed[name]) for name in names & {*self.fixed}}}
-        made = find_function(spec.job) if ":" in spec.job else type(self.job)
+        made = find_function(spec.job) if ":" in spec.job else self.job.made_by
         if made.__module__.partition(".")[0] != "bozzini":
             source = find_source(made)
             given |= {"function": source} if source else {}

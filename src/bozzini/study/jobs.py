@@ -88,6 +88,11 @@ class Job(ABC):
     def __init__(self, fixed: Mapping[str, Value]) -> None:
         self.fixed = dict(fixed)
 
+    @property
+    def made_by(self) -> type:
+        """The class whose source says what comes of a row."""
+        return type(self)
+
     @classmethod
     @abstractmethod
     def list_inputs(cls, names: tuple[str, ...]) -> Mapping[str, Quantity]:
@@ -637,11 +642,13 @@ def _check_keywords(place: str, function: Callable[..., object], names: Iterable
 
 
 def choose_job(name: str) -> type[Job]:
-    """Return the class of a job: of `JOBS`, or `FunctionJob` for ``module:function``."""
+    """Return the class of a job: of `JOBS`, of a task, or `FunctionJob` for ``module:function``."""
+    from .tasks import TASKS, TaskJob
+
     if ":" in name:
         return FunctionJob
-    choose("job", name, {**dict.fromkeys(JOBS), "module:function": None})
-    return JOBS[name]
+    choose("job", name, dict.fromkeys([*JOBS, *TASKS, "module:function"]))
+    return JOBS[name] if name in JOBS else TaskJob.of(TASKS[name])
 
 
 def make_job(
