@@ -527,13 +527,13 @@ _KNOWN: dict[type, Mapping[str, Quantity]] = {}
 _DEFAULTS: dict[type, Mapping[str, object]] = {}
 
 
-def list_fields(*kinds: type) -> dict[str, dataclasses.Field[Any]]:
+def list_fields(*kinds: type) -> dict[str, dataclasses.Field[object]]:
     """Return the fields of dataclasses that are made by `quantity`, by name."""
     fields = (item for kind in kinds for item in dataclasses.fields(kind))
     return {item.name: item for item in fields if "quantity" in item.metadata}
 
 
-def spell_option(item: dataclasses.Field[Any]) -> str:
+def spell_option(item: dataclasses.Field[object]) -> str:
     """Return how the command line calls a dataclass's field that carries a `Quantity`."""
     return f"--{(item.metadata['quantity'].option or item.name).replace('_', '-')}"
 

@@ -18,6 +18,9 @@ from .progress import Progress, no_progress
 from .results import Json, Result
 from .units import add_unit
 
+Inputs = dict[str, dataclasses.Field[object]]
+"""Fields by name, each with the `Quantity` that it is."""
+
 _NUMBERS = (float, int, "float", "int", "float | None", "int | None")
 
 
@@ -64,7 +67,7 @@ class Task(ABC):
             If the inputs are not legal together.
         """
 
-    def describe(self, found: Result) -> str:
+    def describe(self, found: Any) -> str:
         """Return what people read: the numbers of the result with their units, or why not."""
         lines = [
             f"{name.replace('_', ' ')} {getattr(found, name):.6g} {unit}".rstrip()
@@ -74,9 +77,9 @@ class Task(ABC):
         return "\n".join([*lines, *filter(None, [str(found.reason)])])
 
     @classmethod
-    def list_fields(cls) -> dict[str, dataclasses.Field[Any]]:
+    def list_fields(cls) -> Inputs:
         """Return the inputs by name, those of parts too."""
-        found: dict[str, dataclasses.Field[Any]] = {}
+        found: Inputs = {}
         for kind in (cls, *_list_parts(cls).values()):
             own = list_fields(kind)
             if twice := found.keys() & own.keys():
@@ -90,7 +93,7 @@ class Task(ABC):
         return {name: item.metadata["quantity"] for name, item in cls.list_fields().items()}
 
     @classmethod
-    def from_inputs(cls, values: Mapping[str, Any]) -> Self:
+    def from_inputs(cls, values: Mapping[str, object]) -> Self:
         """Return the task of inputs by name, in Bozzini's units.
 
         Raises
@@ -130,7 +133,7 @@ def has_converged(found: Result) -> bool:
     return bool(np.all(found.converged))
 
 
-def is_argument(item: dataclasses.Field[Any]) -> bool:
+def is_argument(item: dataclasses.Field[object]) -> bool:
     """Whether an input stands on the command line without its name: a file that is needed."""
     return item.metadata["quantity"].kind == "file" and item.default is dataclasses.MISSING
 

@@ -519,7 +519,7 @@ def options_of(
 
 
 def options_file(
-    fields: Mapping[str, dataclasses.Field[Any]], example: str
+    fields: Mapping[str, dataclasses.Field[object]], example: str
 ) -> Callable[[Command], Command]:
     """Return a decorator that adds ``--options``, a file of values for options by name.
 

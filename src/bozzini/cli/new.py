@@ -205,7 +205,7 @@ def format_study() -> str:
     from ..checks import list_quantities
     from ..muscle.design import Muscle
     from ..study.factors import Sampling, StudySpec
-    from ..study.jobs import choose_job
+    from ..study.tasks import choose_job
 
     inputs = choose_job("effector-design").list_inputs(())
     known = {**list_quantities(StudySpec), **list_quantities(Sampling), **inputs}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import inspect
-from typing import Any
+from collections.abc import Callable
 
 import click
 
@@ -15,6 +15,7 @@ from .common import (
     PICTURES,
     Answer,
     CheckedCommand,
+    Command,
     answer_options,
     gather,
     make_option,
@@ -45,7 +46,7 @@ def make_command(kind: type[Task]) -> click.Command:
     return command
 
 
-def _make(item: dataclasses.Field[Any]) -> Any:
+def _make(item: dataclasses.Field[object]) -> Callable[[Command], Command]:
     if is_argument(item):
         return click.argument(item.name, metavar=item.name.upper(), type=INPUT)
     return make_option(item)

@@ -86,4 +86,5 @@ async def fill_form(name: str, values: Mapping[str, str]) -> Json:
     finally:
         if process.returncode is None:
             process.kill()
-    return {"command": shlex.join(["bozzini", *words]), "answer": json.loads(answer)}
+    found = json.loads(answer) if answer else {"error": {"message": "it ended without an answer"}}
+    return {"command": shlex.join(["bozzini", *words]), "answer": found}

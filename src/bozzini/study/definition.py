@@ -24,7 +24,8 @@ from ..io.inputs import note_input
 from ..io.records import load_record, read_record, write_record
 from ..units import add_unit, parse_quantity
 from .factors import Axis, Sampling, StudySpec, Value, count_rows, draw_rows, take_value
-from .jobs import ERROR, Columns, Job, Rows, choose_job, find_function, find_source, make_job
+from .jobs import ERROR, Columns, Job, Rows, find_function, find_source
+from .tasks import choose_job, make_job
 
 if TYPE_CHECKING:
     import pyarrow

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, ClassVar, SupportsFloat, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from ..checks import Quantity, choose, list_quantities, show_value
+from ..checks import Quantity, list_quantities, show_value
 from ..effector import Effector, effector_preset
 from ..effector.batch import REASONS, can_batch, measure_designs
 from ..effector.design import EFFECTOR_PRESETS, PRESET_MODELS, EffectorDesign
@@ -631,7 +631,7 @@ def find_source(function: Callable[..., object]) -> str | None:
         return None
 
 
-def _check_keywords(place: str, function: Callable[..., object], names: Iterable[str]) -> None:
+def check_keywords(place: str, function: Callable[..., object], names: Iterable[str]) -> None:
     """Raise `InputError` if a function cannot be called with these names."""
     try:
         inspect.signature(function).bind(**dict.fromkeys(names))
@@ -639,24 +639,3 @@ def _check_keywords(place: str, function: Callable[..., object], names: Iterable
         raise InputError(
             f"job '{place}' does not take the inputs {', '.join(names)} as keywords: {error}"
         ) from None
-
-
-def choose_job(name: str) -> type[Job]:
-    """Return the class of a job: of `JOBS`, of a task, or `FunctionJob` for ``module:function``."""
-    from .tasks import TASKS, TaskJob
-
-    if ":" in name:
-        return FunctionJob
-    choose("job", name, dict.fromkeys([*JOBS, *TASKS, "module:function"]))
-    return JOBS[name] if name in JOBS else TaskJob.of(TASKS[name])
-
-
-def make_job(
-    name: str, fixed: Mapping[str, Value], *, inputs: Iterable[str], outputs: tuple[str, ...]
-) -> Job:
-    """Return a job with its fixed inputs, in Bozzini's units; `inputs` names all."""
-    if ":" in name:
-        function = find_function(name)
-        _check_keywords(name, function, inputs)
-        return FunctionJob(fixed, function, outputs)
-    return choose_job(name)(fixed)

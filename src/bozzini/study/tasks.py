@@ -1,18 +1,18 @@
-"""Tasks by name, and the study job of each."""
+"""Tasks by name, the study job of each, and jobs by whatever name a study file has."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import MISSING
 from typing import ClassVar
 
-from ..checks import Quantity
+from ..checks import Quantity, choose
 from ..errors import InputError
 from ..registry import Registry
 from ..task import Task, has_converged, list_numbers
 from ..units import INTERNAL_UNITS
 from .factors import Value
-from .jobs import RowJob
+from .jobs import JOBS, FunctionJob, Job, RowJob, check_keywords, find_function
 
 
 def _find_own() -> dict[str, type[Task]]:
@@ -62,3 +62,22 @@ class TaskJob(RowJob):
         if not has_converged(found):
             raise InputError(str(found.reason))
         return {name: float(getattr(found, name)) for name in self.outputs}
+
+
+def choose_job(name: str) -> type[Job]:
+    """Return the class of a job: of `JOBS`, of a task, or `FunctionJob` for ``module:function``."""
+    if ":" in name:
+        return FunctionJob
+    choose("job", name, dict.fromkeys([*JOBS, *TASKS, "module:function"]))
+    return JOBS[name] if name in JOBS else TaskJob.of(TASKS[name])
+
+
+def make_job(
+    name: str, fixed: Mapping[str, Value], *, inputs: Iterable[str], outputs: tuple[str, ...]
+) -> Job:
+    """Return a job with its fixed inputs, in Bozzini's units; `inputs` names all."""
+    if ":" in name:
+        function = find_function(name)
+        check_keywords(name, function, inputs)
+        return FunctionJob(fixed, function, outputs)
+    return choose_job(name)(fixed)

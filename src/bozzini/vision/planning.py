@@ -305,9 +305,8 @@ class SetupPlanning(Task):
             progress=progress,
         )  # fmt: skip
 
-    def describe(self, found: Result) -> str:
+    def describe(self, found: SetupPlan) -> str:
         """Return the budget as a table, and how pictures bear it out."""
-        assert isinstance(found, SetupPlan)
         rows = [[name, f"{1e3 * value:.1f}"] for name, value in found.budget.items()]
         rows.append(["combined", f"{1e3 * found.uncertainty:.1f}"])
         head = f"{found.corners} corners of the board are in view"
