@@ -27,7 +27,7 @@ export async function createTasks(section) {
 		command.textContent = line;
 		words.textContent = error?.message || reason || "";
 		const cells = Object.entries(answer).filter(isShown);
-		find("tbody").replaceChildren(...cells.map(([key, value]) => make("tr", {}, make("th", { scope: "row" }, key), make("td", {}, String(value)))));
+		find("tbody").replaceChildren(...cells.map(([key, value]) => make("tr", {}, make("th", { scope: "row" }, key), make("td", {}, Number.isFinite(value) ? Number(value.toPrecision(6)) : value))));
 	}
 
 	form.onsubmit = async (event) => {
