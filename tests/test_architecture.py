@@ -14,7 +14,18 @@ import bozzini
 
 SOURCE = Path(bozzini.__file__).resolve().parent
 
-BASE = ("errors", "units", "checks", "progress", "numeric", "registry", "views", "results", "io")
+BASE = (
+    "errors",
+    "units",
+    "checks",
+    "progress",
+    "numeric",
+    "registry",
+    "views",
+    "results",
+    "io",
+    "task",
+)
 """Modules and packages that all may import; each may import those to its left."""
 
 MAY_IMPORT = {

@@ -437,6 +437,8 @@ class Quantity:
         Its option of the command line, if not ``--`` and the field's name.
     source : str
         Where the default comes from.
+    example : str
+        What a template shows where there is no default.
     """
 
     kind: str = "dimensionless"
@@ -450,6 +452,7 @@ class Quantity:
     words: tuple[str, ...] = ()
     option: str = ""
     source: str = ""
+    example: str = ""
 
     @property
     def unit(self) -> str:
@@ -522,6 +525,17 @@ def quantity(kind: str = "dimensionless", help: str = "", **known: Any) -> Any:
 
 _KNOWN: dict[type, Mapping[str, Quantity]] = {}
 _DEFAULTS: dict[type, Mapping[str, object]] = {}
+
+
+def list_fields(*kinds: type) -> dict[str, dataclasses.Field[object]]:
+    """Return the fields of dataclasses that are made by `quantity`, by name."""
+    fields = (item for kind in kinds for item in dataclasses.fields(kind))
+    return {item.name: item for item in fields if "quantity" in item.metadata}
+
+
+def spell_option(item: dataclasses.Field[object]) -> str:
+    """Return how the command line calls a dataclass's field that carries a `Quantity`."""
+    return f"--{(item.metadata['quantity'].option or item.name).replace('_', '-')}"
 
 
 def list_quantities(kind: type) -> Mapping[str, Quantity]:

@@ -6,7 +6,7 @@ import dataclasses
 import math
 import operator
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from .checks import show_value
@@ -238,6 +238,18 @@ def tabulated(
 def rows_of(kind: type) -> Any:
     """Return a dataclass field whose items, each a dataclass, are the rows of the table."""
     return dataclasses.field(metadata={"rows": kind})
+
+
+def format_rows(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Return a table for people, its columns aligned to the right but for the first."""
+    table = [list(head), *(list(row) for row in rows)]
+    widths = [max(len(line[i]) for line in table) for i in range(len(head))]
+    lines = []
+    for line in table:
+        others = zip(line[1:], widths[1:], strict=True)
+        cells = [line[0].ljust(widths[0]), *(cell.rjust(width) for cell, width in others)]
+        lines.append("  ".join(cells).rstrip())
+    return "\n".join(lines)
 
 
 def _name_column(field: dataclasses.Field[object]) -> str:

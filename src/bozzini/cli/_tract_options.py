@@ -42,18 +42,22 @@ class MovingBody:
 
     robot: Path | None = quantity(
         "file", "Also make the motion of this tendon robot (a YAML file), and prove it.",
-        default=None,
+        default=None, example="robot.yaml",
     )  # fmt: skip
     diameter: float | None = quantity(
-        "length", "Outer diameter of the scope.  [default: 9mm, or the robot's]", default=None
+        "length",
+        "Outer diameter of the scope.  [default: 9mm, or the robot's]",
+        default=None,
+        example="9 mm",
     )
     link: float | None = quantity(
         "length",
         "Length of a rigid link.  [default: 10mm, or half the robot's shortest section]",
         default=None,
+        example="10 mm",
     )
     length: float | None = quantity(
-        "length", "Length of the scope (default: the tract's).", default=None
+        "length", "Length of the scope (default: the tract's).", default=None, example="1 m"
     )
 
     @cached_property

@@ -20,12 +20,12 @@ import click
 from click.core import ParameterSource
 from click.shell_completion import CompletionItem
 
-from ..checks import Quantity, choose, restate_typed, show_value
+from ..checks import Quantity, choose, list_fields, restate_typed, show_value, spell_option
 from ..errors import BozziniError, FileFormatError, InputError
 from ..io.inputs import check_no_input, note_input
 from ..progress import Progress, no_progress
 from ..registry import Registry
-from ..results import Json, Result, to_plain
+from ..results import Json, Result, format_rows, to_plain
 from ..units import INTERNAL_UNITS, parse_quantity, parse_vector
 
 # Tables and files of results: for people, as CSV, and whether a file may be written.
@@ -64,18 +64,6 @@ def format_csv(columns: Mapping[str, Any]) -> str:
     for row in zip(*columns.values(), strict=True):
         writer.writerow([_format_cell(cell) for cell in row])
     return text.getvalue()
-
-
-def format_rows(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Return a table for people, its columns aligned to the right but for the first."""
-    table = [list(head), *(list(row) for row in rows)]
-    widths = [max(len(line[i]) for line in table) for i in range(len(head))]
-    lines = []
-    for line in table:
-        others = zip(line[1:], widths[1:], strict=True)
-        cells = [line[0].ljust(widths[0]), *(cell.rjust(width) for cell, width in others)]
-        lines.append("  ".join(cells).rstrip())
-    return "\n".join(lines)
 
 
 def format_parts(summary: Json, directory: Path) -> str:
@@ -303,32 +291,36 @@ class QuantityType(_Parsed):
         super().__init__(name, lambda text: _parse_typed(text, kind))
 
 
-class ModelType(_AnyType):
-    """The name of a model, of this package or of another one.
+class NameType(_AnyType):
+    """The name of one of several things that are known by names.
 
     Parameters
     ----------
-    find_models : callable
-        Returns the models by name; called when one is asked for.
+    noun : str
+        What one of them is called.
+    find : callable
+        Returns them by name; called when one is asked for.
     show : bool
         Whether the help text lists the names.
     """
 
     name = "name"
 
-    def __init__(self, find_models: Callable[[], Mapping[str, object]], show: bool = False) -> None:
-        self.find_models, self.show = find_models, show
+    def __init__(
+        self, noun: str, find: Callable[[], Mapping[str, object]], show: bool = False
+    ) -> None:
+        self.noun, self.find, self.show = noun, find, show
 
     def get_metavar(self, param: click.Parameter, ctx: click.Context | None = None) -> str | None:
         """Return the names for the help."""
-        return f"[{'|'.join(self.find_models())}]" if self.show else None
+        return f"[{'|'.join(self.find())}]" if self.show else None
 
     def convert(
         self, value: object, param: click.Parameter | None, ctx: click.Context | None
     ) -> str:
-        """Return the name if there is such a model."""
+        """Return the name if there is such a thing."""
         try:
-            choose("model", str(value), self.find_models())
+            choose(self.noun, str(value), self.find())
         except BozziniError as error:
             self.fail(str(error), param, ctx)
         return str(value)
@@ -337,7 +329,7 @@ class ModelType(_AnyType):
         self, ctx: click.Context, param: click.Parameter, incomplete: str
     ) -> list[CompletionItem]:
         """Return the names that begin so."""
-        return [CompletionItem(name) for name in self.find_models() if name.startswith(incomplete)]
+        return [CompletionItem(name) for name in self.find() if name.startswith(incomplete)]
 
 
 class VectorType(_Parsed):
@@ -521,22 +513,19 @@ def options_of(
     leave_out : sequence of str
         Fields that get no option, and keep their defaults.
     """
-    fields = [item for item in dataclasses.fields(kind) if "quantity" in item.metadata]
-    options = [make_option(item) for item in fields if item.name not in leave_out]
+    fields = list_fields(kind)
+    options = [make_option(item) for name, item in fields.items() if name not in leave_out]
     return gather(argument, kind, *options)
 
 
-def options_file(*kinds: type) -> Callable[[Command], Command]:
-    """Return a decorator that adds ``--options``, a file of values for the options of dataclasses.
+def options_file(
+    fields: Mapping[str, dataclasses.Field[object]], example: str
+) -> Callable[[Command], Command]:
+    """Return a decorator that adds ``--options``, a file of values for options by name.
 
-    Those on the command line go before. A file that the file names is sought beside it.
+    Those on the command line go before. A file that the file names is sought beside it. `example`
+    is the command that writes one.
     """
-    fields = {
-        item.name: item
-        for kind in kinds
-        for item in dataclasses.fields(kind)
-        if "quantity" in item.metadata
-    }
 
     def take(context: click.Context, _: click.Parameter, path: Path | None) -> None:
         if path is None:
@@ -561,8 +550,7 @@ def options_file(*kinds: type) -> Callable[[Command], Command]:
         is_eager=True,
         expose_value=False,
         callback=take,
-        help="These options from a file, as 'bozzini new plan' writes one; those given here go "
-        "before.",
+        help=f"These options from a file, as '{example}' writes one; those given here go before.",
     )
 
 
@@ -620,11 +608,6 @@ def refuse_options(names: Sequence[str], where: str) -> None:
         given = context.get_parameter_source(item.name or "") is ParameterSource.COMMANDLINE
         if item.name in names and given:
             raise InputError(f"{item.opts[0]} has no effect {where}: leave it out")
-
-
-def spell_option(item: dataclasses.Field[Any]) -> str:
-    """Return how the command line calls a dataclass's field that carries a `Quantity`."""
-    return f"--{(item.metadata['quantity'].option or item.name).replace('_', '-')}"
 
 
 def make_option(

@@ -12,7 +12,7 @@ import click
 
 from ..continuum.contact import ContactOptions
 from ..errors import InputError
-from ..results import Json
+from ..results import Json, format_rows
 from ..study.options import PathOptions, ReadOptions
 from ..units import parse_quantity
 from ._tract_options import (
@@ -33,7 +33,6 @@ from .common import (
     VectorType,
     answer_options,
     format_csv,
-    format_rows,
     gather_once,
     option,
     options_of,

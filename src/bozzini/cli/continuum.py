@@ -16,13 +16,13 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ..checks import show_apart
+from ..checks import show_apart, spell_option
 from ..continuum import CONTINUUM_MODELS, ElasticModel
 from ..continuum.kinematics import LOADS
 from ..errors import GeometryError, InputError, PluginError
 from ..fabricate import BodyOptions
 from ..io.files import write_text
-from ..results import Json
+from ..results import Json, format_rows
 from .common import (
     EXIT_NEGATIVE,
     INPUT,
@@ -30,14 +30,13 @@ from .common import (
     Answer,
     CheckedGroup,
     Command,
-    ModelType,
+    NameType,
     QuantityType,
     VectorType,
     answer_options,
     describe_classes,
     format_csv,
     format_parts,
-    format_rows,
     gather,
     make_option,
     option,
@@ -45,7 +44,6 @@ from .common import (
     parse_pairs,
     refuse_options,
     run_exit,
-    spell_option,
     step_option,
 )
 from .contact import contact_command, insert_command, load_option, parse_load
@@ -339,7 +337,7 @@ def models_command(answer: Answer) -> None:
 @click.option(
     "--model",
     "model_name",
-    type=ModelType(lambda: CONTINUUM_MODELS, show=True),
+    type=NameType("model", lambda: CONTINUUM_MODELS, show=True),
     help="By default that of a fit; arc for parallel tendons, energy for others, rod under loads, "
     "tensions or friction.",
 )

@@ -14,18 +14,18 @@ from ..checks import check_integer, check_number, list_quantities
 from ..effector.design import PRESET_MODELS, EffectorDesign
 from ..errors import InputError
 from ..fabricate import HolderOptions
+from ..results import format_rows
 from .common import (
     EXIT_NEGATIVE,
     INPUT,
     PICTURES,
     Answer,
     CheckedGroup,
-    ModelType,
+    NameType,
     VectorType,
     answer_options,
     format_csv,
     format_parts,
-    format_rows,
     gather,
     gather_once,
     make_option,
@@ -177,7 +177,7 @@ effector_options = gather(
         "--model model_name",
         "The model: energy, thesis, or one that 'bozzini muscle models' lists (default: energy; "
         "with --preset thesis, thesis with --load-path bulk).",
-        ModelType(lambda: list_kinds()),
+        NameType("model", lambda: list_kinds()),
     ),
     model_options,
 )

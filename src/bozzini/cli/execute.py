@@ -11,6 +11,7 @@ import click
 
 from ..errors import InputError
 from ..physics.options import ExecuteOptions, ScopeOptions, WallOptions
+from ..results import format_rows
 from ..study.options import InsertionOptions, ReadOptions
 from ._tract_options import (
     MovingBody,
@@ -25,7 +26,6 @@ from .common import (
     Answer,
     CheckedCommand,
     answer_options,
-    format_rows,
     options_of,
     run_exit,
 )

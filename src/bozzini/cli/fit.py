@@ -18,7 +18,7 @@ from .common import (
     PICTURES,
     Answer,
     CheckedCommand,
-    ModelType,
+    NameType,
     answer_options,
     check_target,
     gather,
@@ -157,7 +157,7 @@ fit_options = gather(
     _make_options,
     click.option(
         "--model",
-        type=ModelType(_list_models, show=True),
+        type=NameType("model", _list_models, show=True),
         help="By default energy for displacements, rod for tensions and under weight.",
     ),
     option(

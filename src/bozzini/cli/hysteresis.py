@@ -18,7 +18,7 @@ from .common import (
     PICTURES,
     Answer,
     CheckedGroup,
-    ModelType,
+    NameType,
     answer_options,
     check_target,
     format_csv,
@@ -142,7 +142,7 @@ static_options = gather(
         "--static model_name MODEL",
         "The model without hysteresis that is to carry the operator, see 'bozzini muscle models', "
         "or that of --muscle; without, the operator gives the response itself.",
-        ModelType(lambda: list_kinds()),
+        NameType("model", lambda: list_kinds()),
     ),
     set_option,
     design_options,

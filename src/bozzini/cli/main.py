@@ -17,6 +17,7 @@ import threading
 import traceback
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
+from importlib.metadata import entry_points
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -79,13 +80,13 @@ class LazyGroup(click.Group):
     """A group that imports a command only when that command runs or shows its help."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        """Return the names of the commands in the order of the table."""
-        return list(COMMANDS)
+        """Return the names of the commands in the order of the table, then those of others."""
+        return [*COMMANDS, *_list_tasks()]
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """Import the module of a command and return the command, or None if there is none."""
         if cmd_name not in COMMANDS:
-            return None
+            return _find_task(cmd_name)
         command: click.Command = importlib.import_module(f".{cmd_name}", __package__).command
         return command
 
@@ -95,7 +96,7 @@ class LazyGroup(click.Group):
 
         found = [
             CompletionItem(name, help=line)
-            for name, line in COMMANDS.items()
+            for name, line in {**COMMANDS, **_list_tasks()}.items()
             if name.startswith(incomplete)
         ]
         return found + click.Command.shell_complete(self, ctx, incomplete)
@@ -103,7 +104,23 @@ class LazyGroup(click.Group):
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the table of commands without importing any of them."""
         with formatter.section("Commands"):
-            formatter.write_dl(list(COMMANDS.items()))
+            formatter.write_dl(list({**COMMANDS, **_list_tasks()}.items()))
+
+
+def _list_tasks() -> dict[str, str]:
+    """Return the tasks of other packages, each with a line that names its place."""
+    points = entry_points(group="bozzini.tasks")
+    return {p.name: f"A task of {p.value}." for p in points if p.name not in COMMANDS}
+
+
+def _find_task(name: str) -> click.Command | None:
+    """Return the command of a task of another package."""
+    if name not in _list_tasks():
+        return None
+    from ..study.tasks import TASKS
+    from .task import make_command
+
+    return make_command(TASKS.choose(name))
 
 
 @click.group(

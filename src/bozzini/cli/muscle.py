@@ -23,7 +23,7 @@ from .common import (
     PICTURES,
     Answer,
     CheckedGroup,
-    ModelType,
+    NameType,
     answer_options,
     check_target,
     emit,
@@ -776,7 +776,7 @@ rank_options = gather(
 @option(
     "--model model_names",
     "A model to compare; can be repeated (default: fit and rank all, see 'models').",
-    ModelType(list_kinds),
+    NameType("model", list_kinds),
     multiple=True,
 )
 @rank_options

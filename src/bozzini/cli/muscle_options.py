@@ -16,7 +16,7 @@ from ..muscle.design import Muscle
 from ..units import parse_quantity
 from .common import (
     INPUT,
-    ModelType,
+    NameType,
     QuantityType,
     gather,
     gather_once,
@@ -76,7 +76,7 @@ model_option = option(
     "--model model_name",
     "The model: energy, thesis, or one that 'bozzini muscle models' lists (default: that of the "
     "muscle file, else energy).",
-    ModelType(lambda: list_kinds()),
+    NameType("model", lambda: list_kinds()),
 )
 direction_option = option(
     "--direction",

@@ -2,46 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import MISSING
 from pathlib import Path
 from textwrap import fill
+from typing import TYPE_CHECKING
 
 import click
 
+from ..study.tasks import TASKS
+from ..task import is_argument
 from ..units import INTERNAL_UNITS
 from .common import (
     Answer,
     CheckedGroup,
     Command,
+    NameType,
     answer_options,
 )
 
-PLAN_SHOWN = {
-    "labels": "1,2,3",
-    "part": "1",
-    "unit": "mm",
-    "frame": "RAS",
-    "organ": "upper-tract",
-    "robot": "robot.yaml",
-    "diameter": "9 mm",
-    "link": "10 mm",
-    "length": "1 m",
-    "voxel": "1 mm",
-    "start": "[12 mm, -5 mm, 0 mm]",
-    "end": "largest-opening",
-    "via": "[pylorus]",
-    "angle_limit": "45 deg",
-    "label_error": "1 mm",
-}
-"""What a template shows of options that have no default."""
+if TYPE_CHECKING:
+    from ..checks import Quantity
+    from ..task import Task
 
 PLAN_SET = ("diameter", "link", "inflate", "method", "head_step")
 """The options that the template sets; the others are at rest."""
 
-PLAN_HEAD = """\
-# Options of 'bozzini plan', named as there. Quantities carry their units; without one they are in
-# mm, N, MPa, rad. A line that begins with '#' and a name is an option at rest.
-#   bozzini plan INPUT --options {file}
+OPTIONS_HEAD = """\
+# Options of 'bozzini {command}', named as there. Quantities carry their units; without one they are
+# in mm, N, MPa, rad. A line that begins with '#' and a name is an option at rest.
+#   bozzini {line} --options {{file}}
 
 """
 
@@ -124,6 +114,15 @@ def plan_command(answer: Answer) -> None:
     _write(answer, format_plan(), "bozzini plan INPUT --options {file}")
 
 
+@command.command("task")
+@click.argument("name", type=NameType("task", lambda: TASKS))
+@_file_options("task.yaml")
+def task_command(name: str, answer: Answer) -> None:
+    """Write the options of a task, each with its unit and range."""
+    kind = TASKS.choose(name)
+    _write(answer, format_task(kind), f"bozzini {kind.command} --options {{file}}")
+
+
 @command.command("muscle")
 @_file_options("muscle.yaml")
 def muscle_command(answer: Answer) -> None:
@@ -158,17 +157,31 @@ def format_plan() -> str:
     """Return a file of options of ``bozzini plan``."""
     from ._tract_options import list_plan_options
 
+    head = OPTIONS_HEAD.format(command="plan", line="plan INPUT")
+    return head + format_options(list_plan_options(), PLAN_SET)
+
+
+def format_task(kind: type[Task]) -> str:
+    """Return a file of options of a task: those that it needs are set, as far as is shown."""
+    head = OPTIONS_HEAD.format(command=kind.command, line=kind.command)
+    fields = {name: item for name, item in kind.list_fields().items() if not is_argument(item)}
+    known = {name: (item.metadata["quantity"], item.default) for name, item in fields.items()}
+    return head + format_options(known, [n for n, (_, d) in known.items() if d is MISSING])
+
+
+def format_options(options: Mapping[str, tuple[Quantity, object]], are_set: Collection[str]) -> str:
+    """Return options with what is known of them, their defaults or examples; some are set."""
     lines = []
-    for name, (known, default) in list_plan_options().items():
-        shown = PLAN_SHOWN.get(name)
-        if shown is None and known.kind in INTERNAL_UNITS:
+    for name, (known, default) in options.items():
+        shown = known.example
+        if not shown and known.kind in INTERNAL_UNITS and isinstance(default, (int, float)):
             shown = f"{default:g} {known.unit}".rstrip()
-        elif shown is None:
-            shown = str(default).lower()
-        rest = "" if name in PLAN_SET else "#"
+        elif not shown:
+            shown = "needed" if default is MISSING else str(default).lower()
+        rest = "" if name in are_set and shown != "needed" else "#"
         about = fill(known.describe(), 98, initial_indent="# ", subsequent_indent="# ")
         lines.append(f"{about}\n{rest}{name}: {shown}\n")
-    return PLAN_HEAD + "\n".join(lines)
+    return "\n".join(lines)
 
 
 def format_muscle() -> str:
@@ -192,7 +205,7 @@ def format_study() -> str:
     from ..checks import list_quantities
     from ..muscle.design import Muscle
     from ..study.factors import Sampling, StudySpec
-    from ..study.jobs import choose_job
+    from ..study.tasks import choose_job
 
     inputs = choose_job("effector-design").list_inputs(())
     known = {**list_quantities(StudySpec), **list_quantities(Sampling), **inputs}

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ..checks import ceil_mm, floor_mm
+from ..checks import ceil_mm, floor_mm, list_fields
 from ..study.options import InsertionOptions, ReadOptions
 from ._tract_options import (
     PLAN_OPTIONS,
@@ -39,7 +39,7 @@ __all__ = ["command", "write_result"]
 
 @click.command(name="plan", cls=CheckedCommand)
 @click.argument("source", metavar="INPUT", type=INPUT)
-@options_file(*PLAN_OPTIONS)
+@options_file(list_fields(*PLAN_OPTIONS), "bozzini new plan")
 @tract_options
 @options_of(MovingBody, "body")
 @options_of(InsertionOptions, "options")

@@ -15,6 +15,7 @@ import click
 
 from ..checks import check_number
 from ..errors import InputError
+from ..results import format_rows
 from ..rig.stairs import Stairs
 from .common import (
     EXIT_NEGATIVE,
@@ -28,7 +29,6 @@ from .common import (
     check_target,
     clean_json,
     format_csv,
-    format_rows,
     option,
     options_of,
     refuse_options,

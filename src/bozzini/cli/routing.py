@@ -13,6 +13,7 @@ from ..checks import ceil_mm, floor_mm
 from ..continuum.routing import RoutingLimits
 from ..errors import FileFormatError, InputError
 from ..motion.routing.options import InsertionRankOptions, RobotSearch
+from ..results import format_rows
 from ..study.options import ReadOptions
 from ._tract_options import read_with_options, report_findings, tract_options
 from .common import (
@@ -24,7 +25,6 @@ from .common import (
     CheckedCommand,
     answer_options,
     check_target,
-    format_rows,
     gather,
     option,
     options_of,

@@ -3,16 +3,25 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import TYPE_CHECKING
 
 import click
 
 from ..results import Json
+from ..study.tasks import TASKS
+from ..task import is_argument
+from ..units import INTERNAL_UNITS
 from .common import (
     Answer,
     CheckedCommand,
+    NameType,
     answer_options,
 )
+
+if TYPE_CHECKING:
+    from ..checks import Quantity
 
 
 def _describe_plan() -> Json:
@@ -22,12 +31,18 @@ def _describe_plan() -> Json:
 
 
 def _describe_options() -> Json:
-    from ..io.schema import DRAFT, describe_quantity
-    from ..units import INTERNAL_UNITS
     from ._tract_options import list_plan_options
 
+    known = {name: known for name, (known, _) in list_plan_options().items()}
+    return make_options_schema("Bozzini options of a plan", known)
+
+
+def make_options_schema(title: str, options: Mapping[str, Quantity]) -> Json:
+    """Return the schema of a file of options."""
+    from ..io.schema import DRAFT, describe_quantity
+
     properties: dict[str, Json] = {}
-    for name, (known, _) in list_plan_options().items():
+    for name, known in options.items():
         schema: Json = {"type": ["string", "number", "array"]}
         if known.words:
             schema = {"enum": list(known.words)}
@@ -38,11 +53,18 @@ def _describe_options() -> Json:
         properties[name] = {**schema, "description": known.describe()}
     return {
         "$schema": DRAFT,
-        "title": "Bozzini options of a plan",
+        "title": title,
         "type": "object",
         "properties": properties,
         "additionalProperties": False,
     }
+
+
+def _describe_task(name: str) -> Json:
+    kind = TASKS.choose(name)
+    fields = {n: item for n, item in kind.list_fields().items() if not is_argument(item)}
+    known = {name: item.metadata["quantity"] for name, item in fields.items()}
+    return make_options_schema(f"Bozzini options of {kind.command}", known)
 
 
 def _describe_robot() -> Json:
@@ -88,18 +110,23 @@ SCHEMAS: dict[str, Callable[[], Json]] = {
 """What makes the schema of each file."""
 
 
+def _list_makers() -> dict[str, Callable[[], Json]]:
+    return {**{name: partial(_describe_task, name) for name in TASKS}, **SCHEMAS}
+
+
 @click.command("schema", cls=CheckedCommand)
-@click.argument("file", metavar="|".join(SCHEMAS), type=click.Choice(tuple(SCHEMAS)))
+@click.argument("file", metavar="|".join(SCHEMAS), type=NameType("file", _list_makers))
 @answer_options(".json", help="A file for the schema, .json.", quiet=False)
 def command(file: str, answer: Answer) -> None:
     """Write the JSON Schema of a file, with which an editor checks it as one types.
 
     A plan is an archive: its schema is that of the text 'meta' in it. "options" is the file of
-    'bozzini plan --options'.
+    'bozzini plan --options'; the name of a task, as 'bozzini new task' takes it, stands for the
+    file of its options.
     """
     from ..io.files import write_text
 
-    schema = SCHEMAS[file]()
+    schema = _list_makers()[file]()
     text = json.dumps(schema, indent=2)
     if answer.out is None:
         answer.give(schema, text)

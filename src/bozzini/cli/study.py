@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from ..errors import InputError
+from ..results import format_rows
 from .common import (
     EXIT_NEGATIVE,
     INPUT,
@@ -16,7 +17,6 @@ from .common import (
     CheckedGroup,
     answer_options,
     describe_classes,
-    format_rows,
     gather,
     option,
     run_exit,
@@ -208,6 +208,8 @@ def export_command(folder: Path, answer: Answer) -> None:
 def jobs_command(answer: Answer) -> None:
     """List the jobs that a study file may name, besides module:function."""
     from ..study.jobs import JOBS
+    from ..study.tasks import TASKS
 
     rows, text = describe_classes(JOBS)
-    answer.give(rows, text)
+    more, tasks = describe_classes(TASKS)
+    answer.give({**rows, **more}, f"{text}\n{tasks}")

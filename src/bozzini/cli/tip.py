@@ -6,13 +6,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ..results import format_rows
 from ..units import parse_quantity
 from .common import (
     EXIT_NEGATIVE,
     PICTURES,
     Answer,
     answer_options,
-    format_rows,
     gather,
     gather_once,
     option,

@@ -12,6 +12,7 @@ import click
 
 from ..checks import check_number
 from ..errors import InputError, OutputError
+from ..results import format_rows
 from ..study.options import ContactRiskOptions
 from ..units import parse_quantity
 from .common import (
@@ -21,7 +22,6 @@ from .common import (
     CheckedCommand,
     answer_options,
     format_csv,
-    format_rows,
     gather,
     option,
     options_of,

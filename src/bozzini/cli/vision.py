@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING
 import click
 
 from ..errors import InputError
+from ..results import format_rows
 from ..vision.calibrate import CalibrationOptions
 from ..vision.length import LengthOptions
-from ..vision.planning import DemoOptions, LengthSetup
+from ..vision.planning import DemoOptions, SetupPlanning
 from ..vision.shape import ShapeOptions
 from ..vision.shape_series import ALIGNMENTS
 from ..vision.track import TrackOptions
@@ -25,12 +26,12 @@ from .common import (
     Command,
     QuantityType,
     answer_options,
-    format_rows,
     gather,
     option,
     options_of,
     run_exit,
 )
+from .task import make_command
 
 if TYPE_CHECKING:
     from ..results import Json
@@ -267,16 +268,6 @@ def _describe_track(found: Track, target: Path) -> str:
 length_options = options_of(LengthOptions, "options")
 
 
-def _load_strips(path: Path | None) -> StripBoard:
-    """Return the board of a file, which must be strips; without a file, the usual one."""
-    from ..vision.board import StripBoard, load_board
-
-    board = load_board(path) if path else StripBoard()
-    if not isinstance(board, StripBoard):
-        raise InputError(f"{path}: the board is {board.kind}: lengths are measured before strips")
-    return board
-
-
 @dataclasses.dataclass(frozen=True)
 class _LengthFiles:
     """Files of the board, and of the camera if it is calibrated."""
@@ -286,9 +277,10 @@ class _LengthFiles:
 
     def load(self) -> tuple[StripBoard, Camera | None]:
         """Return both, or raise `InputError`."""
+        from ..vision.board import load_strips
         from ..vision.camera import load_cameras
 
-        board = _load_strips(self.board_file)
+        board = load_strips(self.board_file)
         if self.cameras_file is None:
             return board, None
         cameras = load_cameras(self.cameras_file).cameras
@@ -411,63 +403,7 @@ def demo_command(options: DemoOptions, answer: Answer) -> None:
     answer.give(summary | {"directory": target}, text)
 
 
-@command.command("plan-setup")
-@options_of(LengthSetup, "setup")
-@board_option("The description of the board of strips, if it is not the usual one.", required=False)
-@length_options
-@click.option(
-    "--length",
-    type=QuantityType("length"),
-    default="40mm",
-    show_default=True,
-    help="Of the muscle between its rings.",
-)
-@click.option(
-    "--pictures",
-    type=int,
-    default=0,
-    show_default=True,
-    help="Pictures to render, as a test of the prediction.",
-)
-@answer_options(".png", ".pdf", ".svg", help="A picture of the budget.")
-def plan_setup_command(
-    setup: LengthSetup,
-    board_file: Path | None,
-    options: LengthOptions,
-    length: float,
-    pictures: int,
-    answer: Answer,
-) -> None:
-    """Predict the uncertainty of a muscle's length from a planned camera position.
-
-    Without --distance the camera is taken for calibrated. Exit code 0: predicted; 1: a rendered
-    picture could not be measured; 2: bad input, or the view does not hold the board.
-    """
-    from ..vision.planning import plan_setup
-
-    board = _load_strips(board_file)
-    with answer.show_progress() as progress:
-        plan = plan_setup(
-            setup, board, options=options, length=length, pictures=pictures, progress=progress
-        )
-    answer.draw(plan.plot)
-    rows = [[name, f"{1e3 * value:.1f}"] for name, value in plan.budget.items()]
-    rows.append(["combined", f"{1e3 * plan.uncertainty:.1f}"])
-    lines = [
-        f"{plan.corners} corners of the board are in view",
-        format_rows(["cause", "u [um]"], rows),
-    ]
-    if pictures:
-        values = plan.to_dict()
-        lines.append(
-            f"{pictures} rendered pictures, {len(plan.failures)} failed; errors over the predicted "
-            f"uncertainty: {plan.residual:.2f} rms"
-            if values["error_rms_mm"] is not None
-            else f"{pictures} rendered pictures, all failed: {plan.reason}"
-        )
-    answer.give(plan.to_dict() | {"file": answer.out}, "\n".join(lines))
-    if not plan.converged:
-        run_exit(EXIT_NEGATIVE)
+command.add_command(make_command(SetupPlanning))
 
 
 @command.command("shape")

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import InputError, MissingExtraError
+from .forms import fill_form, list_forms
 from .guard import Access, Guard
 from .session import Session, Window, run_beside
 from .wire import MessageError, read_message
@@ -101,6 +102,13 @@ def make_application(session: Session, *, page: str, folders: tuple[Path, ...]) 
     async def show_state(request: Request) -> Response:
         return JSONResponse(session.describe_all())
 
+    async def show_tasks(request: Request) -> Response:
+        return JSONResponse(await run_beside(list_forms))
+
+    async def show_task(request: Request) -> Response:
+        name, values = request.path_params["name"], dict(request.query_params)
+        return JSONResponse(await fill_form(name, values))
+
     async def talk(connection: WebSocket) -> None:
         await _talk(session, connection)
 
@@ -111,6 +119,8 @@ def make_application(session: Session, *, page: str, folders: tuple[Path, ...]) 
             Route("/view.bin", show_view),
             Route("/info.json", show_info),
             Route("/state", show_state),
+            Route("/tasks.json", show_tasks),
+            Route("/tasks/{name}", show_task),
             WebSocketRoute("/ws", talk),
         ]
     )

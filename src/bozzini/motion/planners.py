@@ -106,6 +106,7 @@ class PlannerOptions:
         high=math.pi,
         low_open=True,
         default=None,
+        example="45 deg",
     )
     route: tuple[float, ...] = field(
         default=(1.0,), metadata={"help": "Advance only, or also retract, or go in again."}

@@ -24,7 +24,8 @@ from ..io.inputs import note_input
 from ..io.records import load_record, read_record, write_record
 from ..units import add_unit, parse_quantity
 from .factors import Axis, Sampling, StudySpec, Value, count_rows, draw_rows, take_value
-from .jobs import ERROR, Columns, Job, Rows, choose_job, find_function, find_source, make_job
+from .jobs import ERROR, Columns, Job, Rows, find_function, find_source
+from .tasks import choose_job, make_job
 
 if TYPE_CHECKING:
     import pyarrow
@@ -206,7 +207,7 @@ class Study:
         ]
         names = {name for name, known in self.inputs.items() if known.kind == "file"}
         given = {**self.files, **{name: str(self.fixed[name]) for name in names & {*self.fixed}}}
-        made = find_function(spec.job) if ":" in spec.job else type(self.job)
+        made = find_function(spec.job) if ":" in spec.job else self.job.made_by
         if made.__module__.partition(".")[0] != "bozzini":
             source = find_source(made)
             given |= {"function": source} if source else {}

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, ClassVar, SupportsFloat, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from ..checks import Quantity, choose, list_quantities, show_value
+from ..checks import Quantity, list_quantities, show_value
 from ..effector import Effector, effector_preset
 from ..effector.batch import REASONS, can_batch, measure_designs
 from ..effector.design import EFFECTOR_PRESETS, PRESET_MODELS, EffectorDesign
@@ -87,6 +87,11 @@ class Job(ABC):
 
     def __init__(self, fixed: Mapping[str, Value]) -> None:
         self.fixed = dict(fixed)
+
+    @property
+    def made_by(self) -> type:
+        """The class whose source says what comes of a row."""
+        return type(self)
 
     @classmethod
     @abstractmethod
@@ -626,7 +631,7 @@ def find_source(function: Callable[..., object]) -> str | None:
         return None
 
 
-def _check_keywords(place: str, function: Callable[..., object], names: Iterable[str]) -> None:
+def check_keywords(place: str, function: Callable[..., object], names: Iterable[str]) -> None:
     """Raise `InputError` if a function cannot be called with these names."""
     try:
         inspect.signature(function).bind(**dict.fromkeys(names))
@@ -634,22 +639,3 @@ def _check_keywords(place: str, function: Callable[..., object], names: Iterable
         raise InputError(
             f"job '{place}' does not take the inputs {', '.join(names)} as keywords: {error}"
         ) from None
-
-
-def choose_job(name: str) -> type[Job]:
-    """Return the class of a job: of `JOBS`, or `FunctionJob` for ``module:function``."""
-    if ":" in name:
-        return FunctionJob
-    choose("job", name, {**dict.fromkeys(JOBS), "module:function": None})
-    return JOBS[name]
-
-
-def make_job(
-    name: str, fixed: Mapping[str, Value], *, inputs: Iterable[str], outputs: tuple[str, ...]
-) -> Job:
-    """Return a job with its fixed inputs, in Bozzini's units; `inputs` names all."""
-    if ":" in name:
-        function = find_function(name)
-        _check_keywords(name, function, inputs)
-        return FunctionJob(fixed, function, outputs)
-    return choose_job(name)(fixed)

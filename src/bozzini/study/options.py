@@ -59,22 +59,27 @@ class ReadOptions:
     """
 
     labels: Sequence[int | str] | None = quantity(
-        "labels", "Labels that are lumen, by number or name: 1,2,colon; or all.", default=None
+        "labels",
+        "Labels that are lumen, by number or name: 1,2,colon; or all.",
+        default=None,
+        example="1,2,3",
     )
     part: tuple[str, ...] = quantity(
         "text",
         "The part of a scene, or of a mesh (1 is the largest), to read (name or number); may be "
         "repeated: the parts are united.",
         default=(),
+        example="1",
     )
     unit: str | None = quantity(
-        "text", "Unit of a surface file (default: mm; GLB: m).", default=None
+        "text", "Unit of a surface file (default: mm; GLB: m).", default=None, example="mm"
     )
     frame: str | None = quantity(
         "text",
         "Where the file's axes point in the patient, such as RAS or LPS (default: as the file "
         "states).",
         default=None,
+        example="RAS",
     )
     repair: bool = quantity("flag", "Mend small faults of a surface, and list them.", default=False)
     organ: str | None = quantity(
@@ -82,6 +87,7 @@ class ReadOptions:
         "Which organ this is: it decides which end is the entry.",
         default=None,
         words=ORGANS,
+        example=ORGANS[0],
     )
 
     def __post_init__(self) -> None:
@@ -161,6 +167,7 @@ class PathOptions:
         "Grid of the distance field (default: at most 1.5 mm of a volume, 1 mm of a surface).",
         default=None,
         low=VOXEL_MIN,
+        example="1 mm",
     )
     inflate: float = quantity(
         "length",
@@ -174,12 +181,16 @@ class PathOptions:
         "end",
         "Where the centreline begins: a point, a label, a landmark, an opening or largest-opening.",
         default=None,
+        example="[12 mm, -5 mm, 0 mm]",
     )
     end: ArrayLike | int | str | None = quantity(
-        "end", "Where the centreline ends; as --start.", default=None
+        "end", "Where the centreline ends; as --start.", default=None, example="largest-opening"
     )
     via: Sequence[ArrayLike | int | str] = quantity(
-        "end", "A place that the centreline passes; as --start; may be repeated.", default=()
+        "end",
+        "A place that the centreline passes; as --start; may be repeated.",
+        default=(),
+        example="[pylorus]",
     )
     reverse: bool = quantity("flag", "Enter at the other end.", default=False)
 
@@ -282,6 +293,7 @@ class InsertionOptions(PathOptions):
         "How far the given wall may be from the true one; exit code 1 if the proof does not cover "
         "it.",
         default=None,
+        example="1 mm",
         low=0.0,
         high=100.0,
     )

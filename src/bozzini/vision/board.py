@@ -582,6 +582,20 @@ def load_board(path: str | os.PathLike[str]) -> Board:
         raise FileFormatError(f"{path}: {error}") from None
 
 
+def load_strips(path: str | os.PathLike[str]) -> StripBoard:
+    """Return the board in a file, which must be strips.
+
+    Raises
+    ------
+    InputError
+        If it is another one.
+    """
+    board = load_board(path)
+    if not isinstance(board, StripBoard):
+        raise InputError(f"{path}: the board is {board.kind}: lengths are measured before strips")
+    return board
+
+
 def _format_pdf(board: Board) -> bytes:
     """Return a PDF of one page with the board in its middle and a bar to measure below it."""
     width, height = board.extent

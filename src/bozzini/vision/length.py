@@ -101,9 +101,13 @@ class LengthOptions:
         Its standard uncertainty [mm].
     """
 
-    height: float = quantity("length", "Of the muscle's axis over the board.", low=0.0, high=100.0)
-    diameter: float = quantity("length", "Of the rings.", low=0.1, high=50.0)
-    ring: float = quantity("length", "Length of a ring along the axis.", low=0.2, high=20.0)
+    height: float = quantity(
+        "length", "Of the muscle's axis over the board.", low=0.0, high=100.0, example="2.8 mm"
+    )
+    diameter: float = quantity("length", "Of the rings.", low=0.1, high=50.0, example="1.6 mm")
+    ring: float = quantity(
+        "length", "Length of a ring along the axis.", low=0.2, high=20.0, example="2 mm"
+    )
     height_uncertainty: float = quantity(
         "length", "Standard uncertainty of the height.", default=0.3, low=0.0, high=10.0
     )

@@ -24,8 +24,9 @@ from ..errors import BozziniError
 from ..io.files import new_directory, write_text
 from ..numeric.arrays import Floats
 from ..progress import Progress, no_progress
-from ..results import Json, Result, take_axes
-from .board import StripBoard
+from ..results import Json, Result, format_rows, measured, take_axes
+from ..task import Task
+from .board import StripBoard, load_strips
 from .camera import Camera, CameraSet, aim_camera
 from .length import LengthOptions, measure_length, predict_budget
 from .pictures import Picture, write_picture, write_summary
@@ -100,6 +101,8 @@ class SetupPlan(Result):
     ----------
     length : float
         The length that is planned for [mm].
+    uncertainty : float
+        Predicted standard uncertainty of one length [mm].
     budget : dict
         Predicted standard uncertainty by cause, see `MuscleLength.budget` [mm].
     corners : int
@@ -112,9 +115,10 @@ class SetupPlan(Result):
         Why pictures failed.
     """
 
-    length: float
+    length: float = measured("mm")
+    uncertainty: float = measured("mm")
     budget: dict[str, float]
-    corners: int
+    corners: int = measured("")
     errors: Floats
     claimed: Floats
     failures: tuple[str, ...] = ()
@@ -134,11 +138,6 @@ class SetupPlan(Result):
         """Errors over the predicted uncertainty, rms."""
         known = self.errors[np.isfinite(self.errors)]
         return float(np.sqrt(np.mean(known**2))) / self.uncertainty if known.size else math.nan
-
-    @property
-    def uncertainty(self) -> float:
-        """Predicted standard uncertainty of one length [mm]."""
-        return math.hypot(*self.budget.values())
 
     def to_dict(self) -> Json:
         """Return plain values with units in their names."""
@@ -261,12 +260,66 @@ def plan_setup(
         progress("pictures", (k + 1) / count)
     return SetupPlan(
         length=length,
+        uncertainty=math.hypot(*budget.values()),
         budget=budget,
         corners=corners,
         errors=errors,
         claimed=claimed,
         failures=tuple(failures),
     )
+
+
+@dataclass(frozen=True, kw_only=True)
+class SetupPlanning(Task):
+    """Predict the uncertainty of a muscle's length from a planned camera position.
+
+    Without --distance the camera is taken for calibrated. Exit code 0: predicted; 1: a rendered
+    picture could not be measured; 2: bad input, or the view does not hold the board.
+    """
+
+    name = "plan-setup"
+    group = "vision"
+    result = SetupPlan
+
+    setup: LengthSetup = LengthSetup()
+    options: LengthOptions
+    board: str | None = quantity(
+        "file", "The description of the board of strips, if it is not the usual one.", default=None
+    )
+    length: float = quantity(
+        "length", "Of the muscle between its rings.", default=40.0, low=0.0, low_open=True
+    )
+    pictures: int = quantity(
+        help="Pictures to render, as a test of the prediction.",
+        default=0,
+        low=0,
+        high=10_000,
+        whole=True,
+    )
+
+    def run(self, progress: Progress = no_progress) -> SetupPlan:
+        """Return the prediction; see `plan_setup`."""
+        board = StripBoard() if self.board is None else load_strips(self.board)
+        return plan_setup(
+            self.setup, board, options=self.options, length=self.length, pictures=self.pictures,
+            progress=progress,
+        )  # fmt: skip
+
+    def describe(self, found: SetupPlan) -> str:
+        """Return the budget as a table, and how pictures bear it out."""
+        rows = [[name, f"{1e3 * value:.1f}"] for name, value in found.budget.items()]
+        rows.append(["combined", f"{1e3 * found.uncertainty:.1f}"])
+        head = f"{found.corners} corners of the board are in view"
+        lines = [head, format_rows(["cause", "u [um]"], rows)]
+        if self.pictures:
+            tested = (
+                f"{len(found.failures)} failed; errors over the predicted uncertainty: "
+                f"{found.residual:.2f} rms"
+            )
+            failed = len(found.failures) == self.pictures
+            tested = f"all failed: {found.reason}" if failed else tested
+            lines.append(f"{self.pictures} rendered pictures, {tested}")
+        return "\n".join(lines)
 
 
 @dataclass(frozen=True, kw_only=True)

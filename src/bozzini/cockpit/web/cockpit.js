@@ -3,6 +3,7 @@ import { createViewer } from "./view_page.js";
 import { decodeView } from "./scene_data.js";
 import { createDrive } from "./drive.js";
 import { createPlanning } from "./planning.js";
+import { createTasks } from "./tasks.js";
 
 const MAGIC = 0x315a4342, TISSUE = 0x545a4342, HEAD = 56;
 const FLAGS = { playing: 1, reached: 2, armed: 8, pressed: 128 };
@@ -52,6 +53,7 @@ async function refresh() {
 			else {
 				cockpit.viewer = createViewer(root, data, source);
 				planning = createPlanning(root.querySelector(".planning"), send, cockpit.viewer);
+				createTasks(root.querySelector(".tasks"));
 				waiting.hidden = true;
 			}
 			[shown, pose] = [version, ""];

@@ -1,0 +1,52 @@
+"""The command of a task: options, help, JSON, table and picture follow from its declaration."""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+from collections.abc import Callable
+
+import click
+
+from ..task import Task, has_converged, is_argument
+from .common import (
+    EXIT_NEGATIVE,
+    INPUT,
+    PICTURES,
+    Answer,
+    CheckedCommand,
+    Command,
+    answer_options,
+    gather,
+    make_option,
+    options_file,
+    run_exit,
+)
+
+
+def make_command(kind: type[Task]) -> click.Command:
+    """Return the command of a task: an input that is a file and has no default comes by itself."""
+    fields = kind.list_fields().values()
+    drawn = hasattr(kind.result, "plot")
+    help = f"A table (.csv){' or a picture' if drawn else ''}."
+
+    @click.command(kind.name, cls=CheckedCommand, help=inspect.getdoc(kind))
+    @gather("task", lambda **given: kind.from_inputs(given), *map(_make, fields))
+    @options_file(kind.list_fields(), f"bozzini new task {kind.name}")
+    @answer_options(".csv", *(PICTURES if drawn else ()), help=help)
+    def command(task: Task, answer: Answer) -> None:
+        with answer.show_progress() as progress:
+            found = task.run(progress)
+        answer.write(found.list_table(), lambda: found.plot())  # type: ignore[attr-defined]
+        result = {**found.to_dict(), "inputs": task.inputs, "file": answer.out}
+        answer.give(result, task.describe(found))
+        if not has_converged(found):
+            run_exit(EXIT_NEGATIVE)
+
+    return command
+
+
+def _make(item: dataclasses.Field[object]) -> Callable[[Command], Command]:
+    if is_argument(item):
+        return click.argument(item.name, metavar=item.name.upper(), type=INPUT)
+    return make_option(item)

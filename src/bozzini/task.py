@@ -1,0 +1,152 @@
+"""A job that is declared once: its inputs, what it does, its result.
+
+From a `Task` follow a command with its help, JSON, table and picture; the schema and a template of
+its file of options; a job of studies; a form in the cockpit; and its part of the page of commands.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from typing import Any, ClassVar, Self, get_type_hints
+
+import numpy as np
+
+from .checks import Quantity, check_fields, list_fields
+from .progress import Progress, no_progress
+from .results import Json, Result
+from .units import add_unit
+
+Inputs = dict[str, dataclasses.Field[object]]
+"""Fields by name, each with the `Quantity` that it is."""
+
+_NUMBERS = (float, int, "float", "int", "float | None", "int | None")
+
+
+class Task(ABC):
+    """A job. A subclass is a frozen dataclass whose fields, the inputs, are made by `quantity`.
+
+    A field whose type is such a dataclass itself stands for all fields of that; their names must
+    differ. Another package adds a task by an entry point of the group ``bozzini.tasks``.
+
+    Attributes
+    ----------
+    name : str
+        By which it is chosen.
+    group : str
+        The command that it is under, such as ``vision``; empty for a command by itself.
+    result : type of Result
+        What `run` returns. Its single numbers made by `measured` or `tabulated` are the outputs of
+        a study; with a method `plot` it has a picture.
+    command : str
+        The words of its command, made of `group` and `name`.
+    """
+
+    name: ClassVar[str]
+    group: ClassVar[str] = ""
+    result: ClassVar[type[Result]]
+    command: ClassVar[str]
+
+    def __init_subclass__(cls) -> None:
+        """Join the words of the command."""
+        super().__init_subclass__()
+        if "name" in vars(cls):
+            cls.command = f"{cls.group} {cls.name}".strip()
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+
+    @abstractmethod
+    def run(self, progress: Progress = no_progress) -> Result:
+        """Return the result.
+
+        Raises
+        ------
+        InputError
+            If the inputs are not legal together.
+        """
+
+    def describe(self, found: Any) -> str:
+        """Return what people read: the numbers of the result with their units, or why not."""
+        lines = [
+            f"{name.replace('_', ' ')} {getattr(found, name):.6g} {unit}".rstrip()
+            for name, unit in list_numbers(type(found)).items()
+            if getattr(found, name) is not None
+        ]
+        return "\n".join([*lines, *filter(None, [str(found.reason)])])
+
+    @classmethod
+    def list_fields(cls) -> Inputs:
+        """Return the inputs by name, those of parts too."""
+        found: Inputs = {}
+        for kind in (cls, *_list_parts(cls).values()):
+            own = list_fields(kind)
+            if twice := found.keys() & own.keys():
+                raise TypeError(f"{cls.__name__} has the input '{twice.pop()}' twice")
+            found |= own
+        return found
+
+    @classmethod
+    def list_inputs(cls) -> dict[str, Quantity]:
+        """Return what is known of the inputs by name."""
+        return {name: item.metadata["quantity"] for name, item in cls.list_fields().items()}
+
+    @classmethod
+    def from_inputs(cls, values: Mapping[str, object]) -> Self:
+        """Return the task of inputs by name, in Bozzini's units.
+
+        Raises
+        ------
+        InputError
+            If one is not legal.
+        """
+        left = dict(values)
+        made = {
+            name: kind(**{key: left.pop(key) for key in [*left] if key in _list_names(kind)})
+            for name, kind in _list_parts(cls).items()
+        }
+        return cls(**left, **made)
+
+    @property
+    def inputs(self) -> Json:
+        """The inputs, with their units in the names."""
+        owners = [self, *(getattr(self, name) for name in _list_parts(type(self)))]
+        return {
+            add_unit(name, item.metadata["quantity"].unit): getattr(owner, name)
+            for owner in owners
+            for name, item in list_fields(type(owner)).items()
+        }
+
+
+def list_numbers(kind: type[Result]) -> dict[str, str]:
+    """Return the single numbers of a result that have been given units, and these."""
+    return {
+        item.name: item.metadata["unit"]
+        for item in dataclasses.fields(kind)  # type: ignore[arg-type]
+        if "unit" in item.metadata and item.type in _NUMBERS
+    }
+
+
+def has_converged(found: Result) -> bool:
+    """Whether all of a result has."""
+    return bool(np.all(found.converged))
+
+
+def is_argument(item: dataclasses.Field[object]) -> bool:
+    """Whether an input stands on the command line without its name: a file that is needed."""
+    return item.metadata["quantity"].kind == "file" and item.default is dataclasses.MISSING
+
+
+def _list_names(kind: type) -> set[str]:
+    return {item.name for item in dataclasses.fields(kind)}
+
+
+def _list_parts(kind: type) -> dict[str, type]:
+    """Return the fields of a dataclass that are dataclasses of inputs."""
+    hints = get_type_hints(kind)
+    return {
+        item.name: hints[item.name]
+        for item in dataclasses.fields(kind)
+        if "quantity" not in item.metadata and dataclasses.is_dataclass(hints[item.name])
+    }
