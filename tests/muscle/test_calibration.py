@@ -476,7 +476,7 @@ def test_trials_that_have_no_answer_are_stepped_back_from():
     _, held = problem.evaluate(np.array([0.2]) / problem.scales)  # thinner than its bore
     assert not held.any()
     assert problem.evaluate(np.array([0.5]) / problem.scales)[1].all()
-    assert (problem.slope(np.array([0.2]) / problem.scales) == 0.0).all()
+    assert (problem.measure_jacobian(np.array([0.2]) / problem.scales) == 0.0).all()
     data = measure(muscle=TRUTH.replace(outer_radius=0.5))
     found = calibrate(
         EnergyMuscle,

@@ -715,11 +715,13 @@ def test_derivatives_of_the_misfit_by_two_routes(response, errors):
     )
     point = problem.choose_start()
     held = problem.evaluate(point)[1]
-    table = problem.slope(point)[held]
+    table = problem.measure_jacobian(point)[held]
     for column in range(3):
         step = np.zeros(3)
         step[column] = 3e-5
-        slope = (problem.miss(point + step) - problem.miss(point - step))[held] / 6e-5
+        slope = (problem.measure_residuals(point + step) - problem.measure_residuals(point - step))[
+            held
+        ] / 6e-5
         assert table[:, column] == pytest.approx(slope, rel=1e-3, abs=1e-3 * np.abs(slope).max())
 
 
@@ -734,19 +736,21 @@ def test_derivatives_behind_fittings_cost_two_forces_a_parameter(monkeypatch):
         limits=np.array([[0.1, 9.0], [0.3, 0.6], [-9.0, 9.0], [0.0, 0.1], [0.0, 50.0]]),
     )
     point = problem.choose_start()
-    residuals, calls, kind = problem.miss(point), [], MODELS["kothera-balance"]
+    residuals, calls, kind = problem.measure_residuals(point), [], MODELS["kothera-balance"]
     ask = kind.try_force
     monkeypatch.setattr(
         kind, "try_force", lambda *args, **more: calls.append(1) or ask(*args, **more)
     )
-    table = problem.slope(point)
+    table = problem.measure_jacobian(point)
     assert len(calls) <= 2 * len(names) + 2
     slack = residuals + data.load < 20.0 + 1e-9
     assert 0 < slack.sum() < len(data)
     for column, name in enumerate(names):
         step = np.zeros(len(names))
         step[column] = 3e-5
-        slope = (problem.miss(point + step) - problem.miss(point - step)) / 6e-5
+        slope = (
+            problem.measure_residuals(point + step) - problem.measure_residuals(point - step)
+        ) / 6e-5
         assert table[:, column] == pytest.approx(slope, rel=1e-4, abs=1e-4 * np.abs(slope).max())
         assert name == "slack_force" or not table[slack, column].any()
 
@@ -764,10 +768,12 @@ def test_derivatives_of_an_offset_from_a_length_by_two_routes():
         limits=np.array([[0.1, 9.0], [0.3, 0.6]]),
     )  # fmt: skip
     point = problem.choose_start()
-    held, table = problem.evaluate(point)[1], problem.slope(point)
+    held, table = problem.evaluate(point)[1], problem.measure_jacobian(point)
     for column in range(2):
         step = np.zeros(2)
         step[column] = 3e-5
-        slope = (problem.miss(point + step) - problem.miss(point - step)) / 6e-5
+        slope = (
+            problem.measure_residuals(point + step) - problem.measure_residuals(point - step)
+        ) / 6e-5
         expected = pytest.approx(slope[held], rel=1e-3, abs=1e-3 * np.abs(slope).max())
         assert table[held, column] == expected

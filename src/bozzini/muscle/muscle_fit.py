@@ -291,7 +291,7 @@ def _search(problem: Problem, start: NDArray[np.float64], limit: int) -> Optimiz
     def miss(point: NDArray[np.float64]) -> NDArray[np.float64]:
         if best and problem.clock.is_over:
             raise OutOfTimeError("the time of the fit is used up")
-        values = problem.miss(point)
+        values = problem.measure_residuals(point)
         cost = float(values @ values)
         if not best or cost < best[0][0]:
             best[:] = [(cost, np.array(point))]
@@ -301,7 +301,7 @@ def _search(problem: Problem, start: NDArray[np.float64], limit: int) -> Optimiz
         found = least_squares(
             miss,
             start,
-            jac=problem.slope,
+            jac=problem.measure_jacobian,
             bounds=(low, high),
             xtol=1e-10,
             ftol=1e-12,
@@ -312,7 +312,8 @@ def _search(problem: Problem, start: NDArray[np.float64], limit: int) -> Optimiz
     except OutOfTimeError:
         cost, point = best[0]
         found = OptimizeResult(
-            x=point, cost=0.5 * cost, fun=problem.miss(point), jac=problem.slope(point),
+            x=point, cost=0.5 * cost,
+            fun=problem.measure_residuals(point), jac=problem.measure_jacobian(point),
             active_mask=np.zeros(len(point), dtype=np.int64), status=OUT_OF_TIME, nfev=limit,
         )  # fmt: skip
     found.x = np.choose(found.active_mask + 1, (low, found.x, high))
@@ -396,7 +397,7 @@ def find_starts(
             if all(abs(cost - other) > _SAME_MISFIT * (cost + other) for other, _ in trials):
                 trials.append((cost, found))
         begins = [point for _, point in sorted(trials, key=lambda trial: trial[0])]
-        begins.sort(key=lambda point: float(np.sum(problem.miss(point) ** 2)))
+        begins.sort(key=lambda point: float(np.sum(problem.measure_residuals(point) ** 2)))
     begins = begins[:count] + _spread_fields(problem, random, linear)
     return [problem.move(problem.name_values(point)) for point in begins]
 
@@ -442,7 +443,7 @@ def _descend(problem: Problem, start: Floats) -> tuple[Floats, float]:
     low, high = problem.bounds.T / problem.scales
     margin = 1e-9 * (high - low)
     found = least_squares(
-        problem.steps,
+        problem.take_newton_steps,
         np.clip(start, low + margin, high - margin),
         bounds=(low, high),
         x_scale="jac",
@@ -1001,7 +1002,7 @@ def _find_best(
     if not problem.constants:
         if problem.task.response == "contraction" or len(problem.unknowns) == 1:
             _demand_answer(problem, begin)
-            _check_effect(problem.unknowns, _find_idle(problem.slope(begin)))
+            _check_effect(problem.unknowns, _find_idle(problem.measure_jacobian(begin)))
             return find_minimum(problem, begin), problem
         starts = find_starts(problem, linear=(), seed=options.seed, count=2)
         return find_constants([problem, *starts])
@@ -1095,7 +1096,9 @@ def conclude(
     idle = _find_idle(scaled)
     own = np.array([name not in END_FIELDS for name in problem.names])
     if (idle & own).any() and not options.force:  # where the search began as well as where it ended
-        _check_effect(unknowns, idle & own & _find_idle(problem.slope(problem.choose_start())))
+        _check_effect(
+            unknowns, idle & own & _find_idle(problem.measure_jacobian(problem.choose_start()))
+        )
     jacobian = scaled / problem.scales
     known_by = determine(jacobian)
     correlations, condition = known_by.correlations, known_by.condition
