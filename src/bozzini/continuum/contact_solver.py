@@ -622,7 +622,7 @@ def factor(hessian: Floats, stiffness: Floats, start: int = 0) -> tuple[Floats, 
 
 
 @dataclass(eq=False)
-class NewtonStep:
+class ContactStep:
     """A step: rotation vectors (n, 3), largest motion of a station [mm], index of the shift."""
 
     rotation_vectors: Floats
@@ -631,14 +631,14 @@ class NewtonStep:
     perturbed: bool = False
 
 
-def find_step(task: ContactProblem, state: ContactState, found: Measure) -> NewtonStep:
+def find_step(task: ContactProblem, state: ContactState, found: Measure) -> ContactStep:
     """Return the step of Newton's method, of a Hessian that is made convex."""
     from scipy.linalg.lapack import dpotrs
 
     stiffness, radius = task.part.stiffness.ravel(), float(task.part.radii.min())
 
-    def reach(rotation_vectors: Floats, shift: int) -> NewtonStep:
-        return NewtonStep(
+    def reach(rotation_vectors: Floats, shift: int) -> ContactStep:
+        return ContactStep(
             rotation_vectors,
             measure_motion(task, state.rotation_vectors + rotation_vectors, found.points),
             shift,
@@ -654,7 +654,7 @@ def find_step(task: ContactProblem, state: ContactState, found: Measure) -> Newt
             rotation_vectors @ found.gradient < 0.0 and step.motion < FAR * radius
         ):
             return step
-    step = NewtonStep(state.rotation_vectors, math.inf, -1)
+    step = ContactStep(state.rotation_vectors, math.inf, -1)
     while step.motion > FAR * radius and step.shift < len(SHIFTS) - 1:
         # Almost singular: the quadratic model does not hold so far away.
         lower, shift = factor(found.hessian, stiffness, step.shift + 1)
