@@ -227,15 +227,17 @@ class ContactCommand(NamedTuple):
     displacements: Floats
     tensions: Floats
     inserted: float
-    share: float = 1.0
+    load_factor: float = 1.0
 
-    def take_part(self, share: float, inserted: float) -> ContactCommand:
+    def take_part(self, load_factor: float, inserted: float) -> ContactCommand:
         """Return a part of the displacements, tensions and loads."""
-        if share == 0.0:
+        if load_factor == 0.0:
             return ContactCommand(
                 np.full_like(self.tensions, np.nan), 0.0 * self.tensions, inserted, 0.0
             )
-        return ContactCommand(share * self.displacements, share * self.tensions, inserted, share)
+        return ContactCommand(
+            load_factor * self.displacements, load_factor * self.tensions, inserted, load_factor
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -411,12 +413,12 @@ class ContactModel:
             initial = before
         reached, part = 0.0, FIRST_PART
         while reached < 1.0:
-            share = min(1.0, reached + part)
-            shape = self._solve(command.take_part(share, length), initial)
+            load_factor = min(1.0, reached + part)
+            shape = self._solve(command.take_part(load_factor, length), initial)
             if shape.settled:
-                reached, initial = share, shape
+                reached, initial = load_factor, shape
             elif part <= LEAST_PART:
-                words = f"at {100.0 * share:.3g} % of loads and displacements, {shape.reason}"
+                words = f"at {100.0 * load_factor:.3g} % of loads and displacements, {shape.reason}"
                 return dataclasses.replace(shape, reason=words)
             else:
                 part *= 0.5
@@ -484,7 +486,9 @@ class ContactModel:
         cut = max(robot.length - command.inserted, 0.0)
         idle = np.isnan(command.displacements) & (command.tensions == 0.0)
         part = FreePart(robot, stations=self.stations, cut=cut, whole=self._whole, idle=idle)
-        lumped_loads = LumpedLoads.place(robot, part.arc_length, self._packed).scale(command.share)
+        lumped_loads = LumpedLoads.place(robot, part.arc_length, self._packed).scale(
+            command.load_factor
+        )
         count, n = len(robot.tendons), len(part.spans)
         # A tendon that ends in the introducer does nothing.
         limits = part.straight.sum(axis=1) + self._rest_changes - command.displacements
@@ -501,7 +505,7 @@ class ContactModel:
         pulled = np.where(part.counts > 0, command.tensions, 0.0)
         start.tensions = np.where(task.held, start.tensions, pulled)
         solution = settle_friction(task, start, before, WARM if initial is not None else 0)
-        commands = command.displacements - command.share * self._pretension_stretches
+        commands = command.displacements - command.load_factor * self._pretension_stretches
         return self._describe(task, solution, commands)
 
     def _describe(self, task: ContactProblem, solution: Solution, commands: Floats) -> ContactShape:
