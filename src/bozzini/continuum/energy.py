@@ -9,9 +9,9 @@ are those of `equilibrium`. The base is fixed, the tip free but for its load.
 quadratic problem in each step of Newton's method, whose dual has t unknowns. *With loads*, or
 curved at rest, `equilibrium` follows command and loads from rest with the whole Hessian
 (`kernels.equilibrium`), and `continuation` past limit points. *Converged*: the last step rotates no
-segment by more than 1e-10 rad, lengths are right to the tolerance, and the second variation is
-positive. Derivatives by tensions, loads, stiffness and routing follow from the theorem of implicit
-functions.
+segment by more than 1e-10 rad, or 1e-6 where steps get no smaller, lengths are right to the
+tolerance, and the second variation is positive. Derivatives by tensions, loads, stiffness and
+routing follow from the theorem of implicit functions.
 """
 
 from __future__ import annotations

@@ -358,7 +358,7 @@ class Rod:
 
     @cached_property
     def load(self) -> float:
-        """The loads, by their moments about the base of the straight robot, by ``EI / L``."""
+        """Moment of loads about the straight base, by the least stiffness over the length."""
         places, grid = self.coarse.places, self.coarse
         dead, body = self.loads.line_forces_at(grid.robot, grid.inner_places[:, 1])
         lines = np.diff(places) * (np.linalg.norm(dead, axis=1) + np.linalg.norm(body, axis=1))
@@ -369,7 +369,7 @@ class Rod:
 
     @cached_property
     def unit(self) -> float:
-        """Moment that bends the robot by about 1 rad [N mm]."""
+        """Unit of moments: the largest stiffness over the length [N mm], for about 1 rad."""
         return float(self.fine.stiffness[..., 3:].max() / self.fine.robot.length)
 
     @cached_property

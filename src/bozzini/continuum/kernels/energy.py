@@ -10,7 +10,8 @@ negative, and a tendon that is not needed hangs slack by itself. Its conditions 
 with equality where ``T_k > 0`` or the tendon pushes. With the blocks ``H_j = K + sum_k T_k
 d2l_k/dw_j^2``, or their positive part, a step takes ``(J H^-1 J^T + c) T = l - limit - J H^-1 K w``
 as a bounded problem (`solve_bounded`), whose unknowns are the tensions (t,), and ``dw = -H^-1 (K w
-+ J^T T)``. It ends when no segment rotates by more than 1e-10 rad and lengths are right.
++ J^T T)``. It ends when no segment rotates by more than 1e-10 rad, or 1e-6 where steps get no
+smaller, and lengths are right.
 """
 
 from __future__ import annotations
