@@ -1,4 +1,16 @@
-"""Numba kernels for a whole chain: advance it along the path, and look at its whole body."""
+"""Numba kernels for a whole chain: advance it along the path, and look at its whole body.
+
+The constrained link step (thesis (5.15)) finds the tail ``t`` of a link, its head at ``h``, nearest
+to where the tail was, ``t_0``, at the link's length L and in free space::
+
+    minimise |t - t_0|  such that  |t - h| = L ,   c(t) = s(t) + needed <= 0
+
+with the signed distance ``s`` to the free space, negative inside, and the clearance ``needed``
+[mm]. Unknowns are normal coordinates (a, b) [rad] of the direction from the head about that to
+``t_0``, whose norm is the angle: ``t = h + L (cos |(a, b)| w + sin |(a, b)| / |(a, b)| (a e + b
+f))``. A bundle of linear cuts of ``c`` solves it locally, to 1e-9 mm; a step by more than 0.3 rad
+is held against a search of all directions by branch and bound. Links follow from the head on.
+"""
 
 from __future__ import annotations
 
@@ -146,7 +158,7 @@ def march_circle(duct, intro, head, frame, length, needed, slope, tail):
     start = _value_at(duct, intro, head, frame, length, needed, 0.0, 0.0, tail)
     least = MARCH / length
     angles = np.zeros(2)
-    lacks = np.full(2, start)
+    lacking = np.full(2, start)
     limit = math.pi
     answer = 0.0
     found = False
@@ -156,12 +168,12 @@ def march_circle(duct, intro, head, frame, length, needed, slope, tail):
             break
         sign = 1.0 - 2.0 * side
         before = angles[side]
-        c_before = lacks[side]
+        c_before = lacking[side]
         skip = 2.0 * math.asin(min(0.5 * c_before / (slope * length), 1.0))
         after = min(before + max(skip, least), limit)
         c = _value_at(duct, intro, head, frame, length, needed, sign * after, 0.0, tail)
         angles[side] = after
-        lacks[side] = c
+        lacking[side] = c
         if c <= 0.0:
             after = _first_fit(
                 duct,
@@ -197,7 +209,18 @@ def _nearest_in_square(a, b, half):
 
 @kernel
 def search_sphere(
-    duct, intro, head, frame, length, needed, slope, known, gap, finest, budget, coordinates
+    duct,
+    intro,
+    head,
+    frame,
+    length,
+    needed,
+    slope,
+    known,
+    angle_tolerance,
+    finest,
+    budget,
+    coordinates,
 ):
     """Find the nearest feasible direction, and a bound below which none is: branch and bound.
 
@@ -237,20 +260,20 @@ def search_sphere(
     count = 0
     while len(heap) > 0:
         key, a, b, half = heapq.heappop(heap)
-        if key >= angle - gap or count >= budget:
+        if key >= angle - angle_tolerance or count >= budget:
             bound = min(bound, key)
             break
         c = _value_at(duct, intro, head, frame, length, needed, a, b, tail)
         count += 1
-        turn = math.sqrt(a * a + b * b)
-        if c <= 0.0 and turn < angle and turn <= math.pi:
+        own_angle = math.sqrt(a * a + b * b)
+        if c <= 0.0 and own_angle < angle and own_angle <= math.pi:
             start = _value_at(duct, intro, head, frame, length, needed, 0.0, 0.0, tail)
-            share = _first_fit(
+            fraction = _first_fit(
                 duct, intro, head, frame, length, needed, a, b, 0.0, start, 1.0, c, tail
             )
-            angle = share * turn
-            coordinates[0] = share * a
-            coordinates[1] = share * b
+            angle = fraction * own_angle
+            coordinates[0] = fraction * a
+            coordinates[1] = fraction * b
             found = True
         reach = min(math.sqrt(2.0) * half, math.pi)
         if c > 2.0 * slope * length * math.sin(0.5 * reach):
@@ -264,9 +287,9 @@ def search_sphere(
             na = a + (half if i % 2 == 0 else -half)
             nb = b + (half if i < 2 else -half)
             near = _nearest_in_square(na, nb, half)
-            if near < angle - gap and near < math.pi:
+            if near < angle - angle_tolerance and near < math.pi:
                 heapq.heappush(heap, (near, na, nb, half))
-    return found, angle, max(min(bound, angle - gap), 0.0), count
+    return found, angle, max(min(bound, angle - angle_tolerance), 0.0), count
 
 
 @kernel
@@ -455,8 +478,8 @@ def _local_step(duct, intro, head, frame, length, needed, start, cuts, tail):
         gb = radial * ub + across * ua
         kept = 0
         for i in range(count):
-            gap = math.sqrt((cuts[i, 3] - a) ** 2 + (cuts[i, 4] - b) ** 2)
-            near = iteration >= SMOOTH_ITERATIONS and gap <= 4.0 * last_move
+            distance = math.sqrt((cuts[i, 3] - a) ** 2 + (cuts[i, 4] - b) ** 2)
+            near = iteration >= SMOOTH_ITERATIONS and distance <= 4.0 * last_move
             if near and not (count == 3 and i == 0):
                 for n in range(5):
                     cuts[kept, n] = cuts[i, n]
