@@ -602,9 +602,9 @@ class Problem:
     def measure_residuals(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return what the search makes small, ``r`` (n,): `evaluate`, by a row's error if known.
 
-        A row without an answer counts as `FitTask.worst`. In a response of contraction, with constants
-        of the model, which may start far off, it is `take_newton_steps` there, moved away from 0 by
-        the muscle's length, so that the search finds back.
+        A row without an answer counts as `FitTask.worst`. In a response of contraction, with
+        constants of the model, which may start far off, it is `take_newton_steps` there, moved away
+        from 0 by the muscle's length, so that the search finds back.
         """
         residuals, answered, errors = self.compare(self.name_values(point))
         if not answered.all():
