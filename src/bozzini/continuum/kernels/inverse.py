@@ -9,7 +9,8 @@ travel is ::
 
 with a length ``h`` for a radian [mm], and n = 1 for the tangent alone, 2 for three axes: so an
 orientation that is ``angle`` away counts with ``2 sin(angle / 2)``, which is smooth everywhere,
-unlike a rotation vector. Steps are Levenberg and Marquardt's, with all second derivatives on request.
+unlike a rotation vector. Steps are Levenberg and Marquardt's, with all second derivatives on
+request.
 """
 
 from __future__ import annotations
