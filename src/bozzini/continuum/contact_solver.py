@@ -759,7 +759,8 @@ def measure_imbalance(task: ContactProblem, state: ContactState, found: Measure)
     acting = float(np.linalg.norm(found.body_forces, axis=1) @ arms)
     acting += float(np.linalg.norm(lumped_loads.forces, axis=1) @ arms[lumped_loads.segments])
     acting += float(np.linalg.norm(lumped_loads.moments, axis=1).sum())
-    largest = max(float(np.abs(stiffness * state.rotation_vectors).max()), acting)
+    bends = state.rotation_vectors - task.part.rest
+    largest = max(float(np.abs(stiffness * bends).max()), acting)
     return float(np.abs(found.gradient).max()) / max(largest, 1e-6 * float(stiffness.max()))
 
 
