@@ -34,7 +34,7 @@ from bozzini.muscle import (
     write_measurements,
     write_muscle,
 )
-from bozzini.muscle.problem import FitTask, Problem
+from bozzini.muscle.problem import FitData, Problem
 from bozzini.muscle.ranking import split_pressures, split_specimens
 from bozzini.numeric.least_squares import Clock
 
@@ -324,14 +324,14 @@ def out_muscle(data, angle):
 
 
 def test_folds_are_partitions():
-    task = FitTask(muscle=MUSCLE, data=make_specimens(), response="force")
+    task = FitData(muscle=MUSCLE, data=make_specimens(), response="force")
     for folds in (split_specimens(task), split_pressures(task)):
         assert np.sum(list(folds.values()), axis=0).tolist() == [1] * 120
     assert len(split_pressures(task)) == 8  # the levels of the pressures
     noisy = dataclasses.replace(
         task.data, pressure=np.random.default_rng(1).uniform(0.1, 0.6, size=120)
     )
-    assert 2 <= len(split_pressures(FitTask(muscle=MUSCLE, data=noisy))) <= 20
+    assert 2 <= len(split_pressures(FitData(muscle=MUSCLE, data=noisy))) <= 20
 
 
 @pytest.mark.slow
@@ -710,7 +710,7 @@ def test_derivatives_of_the_misfit_by_two_routes(response, errors):
     data = data.select(data.load > 5.0)
     problem = Problem(
         model_class=MODELS["chou"],
-        task=FitTask(muscle=MUSCLE, data=data, response=response, ends=EndEffects(compliance=0.01)),
+        task=FitData(muscle=MUSCLE, data=data, response=response, ends=EndEffects(compliance=0.01)),
         free=("braid_angle", "outer_radius", "compliance"),
         limits=np.array([[0.3, 0.6], [4.5, 8.0], [0.0, 0.1]]),
     )
@@ -732,7 +732,7 @@ def test_derivatives_behind_fittings_cost_two_forces_a_parameter(monkeypatch):
     names = ("modulus", "braid_angle", "offset", "compliance", "slack_force")
     problem = Problem(
         model_class=MODELS["kothera-balance"],
-        task=FitTask(muscle=MUSCLE, data=data, response="force", ends=ends),
+        task=FitData(muscle=MUSCLE, data=data, response="force", ends=ends),
         free=names,
         limits=np.array([[0.1, 9.0], [0.3, 0.6], [-9.0, 9.0], [0.0, 0.1], [0.0, 50.0]]),
     )
@@ -761,7 +761,7 @@ def test_derivatives_of_an_offset_from_a_length_by_two_routes():
     data = dataclasses.replace(measure(model, specimen="A"), free_lengths={0.62: np.full(40, 92.0)})
     problem = Problem(
         model_class=MODELS["kothera-balance"],
-        task=FitTask(
+        task=FitData(
             muscle=MUSCLE, data=data, response="force", ends=EndEffects(compliance=0.01),
             anchored=True,
         ),

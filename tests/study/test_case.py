@@ -75,7 +75,7 @@ def judge_in_study(seed: int, scope: Scope) -> tuple[int, float]:
 
 
 @pytest.mark.slow(60)
-@pytest.mark.parametrize("seeds", [(0, 3), (2, 11)], ids=str)  # 0 to 39 agree, too
+@pytest.mark.parametrize("seeds", [(0, 2)], ids=str)  # 0 to 39 agree, too
 def test_all_routes_have_one_answer(seeds, monkeypatch) -> None:
     # What would fit is not compared here, and to seek it takes most of the time.
     monkeypatch.setattr(insertion, "find_advice", lambda job, refusal, *, progress: refusal)

@@ -41,7 +41,7 @@ from .problem import (
     END_FIELDS,
     HELD_UNSET,
     PARAMETER_UNITS,
-    FitTask,
+    FitData,
     Problem,
     Response,
     assemble,
@@ -110,7 +110,7 @@ def judge_parameters(
     return tuple(never), tuple(doubts)
 
 
-def measure_repeats(task: FitTask, errors: Floats | None = None) -> tuple[float, int]:
+def measure_repeats(task: FitData, errors: Floats | None = None) -> tuple[float, int]:
     """Return the sum of squares about the means of rows that repeat a state, and the states.
 
     With errors (n,) of the rows the means are weighted, and the squares are over those of errors.
@@ -122,7 +122,7 @@ def measure_repeats(task: FitTask, errors: Floats | None = None) -> tuple[float,
 
 
 def judge_repeats(
-    task: FitTask, residuals: Floats, *, parameters: int, errors: Floats | None = None
+    task: FitData, residuals: Floats, *, parameters: int, errors: Floats | None = None
 ) -> list[str]:
     """Return a warning if a fit misses the data by more than the data miss each other.
 
@@ -207,7 +207,7 @@ def find_minimum(
 def find_constants(starts: Sequence[Problem]) -> tuple[Minimum, Problem]:
     """Return the best of searches from several starts, and the problem it began with.
 
-    A row without an answer counts as `FitTask.worst`.
+    A row without an answer counts as `FitData.worst`.
     """
     tries: list[tuple[Minimum, Problem]] = []
     for one in starts:
@@ -477,7 +477,7 @@ def _solve_linear(problem: Problem, point: Floats, linear: tuple[str, ...]) -> F
 def choose_free(
     free: Sequence[str] | None,
     model_class: Callable[..., MuscleModel],
-    task: FitTask,
+    task: FitData,
     unset: tuple[str, ...],
 ) -> tuple[Callable[..., MuscleModel], tuple[str, ...], dict[str, str]]:
     """Return what makes the model, what is free, and what is held and why.
@@ -594,7 +594,7 @@ class FitOptions:
     budget: float | None = None
     resamples: int = 0
 
-    def make_task(self, muscle: Muscle, data: Measurements) -> FitTask:
+    def make_task(self, muscle: Muscle, data: Measurements) -> FitData:
         """Return what is fitted to what, checked."""
         _check_names("each", self.each)
         check_integer("seed", self.seed, low=0)
@@ -602,7 +602,7 @@ class FitOptions:
             raise InputError("resamples is 1: it must be 2 or more, or 0 for none")
         if self.budget is not None:
             check_number("budget", self.budget, low=0.0, unit="s")
-        task = FitTask(
+        task = FitData(
             muscle=muscle,
             data=data,
             response=data.response if self.response is None else self.response,
@@ -631,7 +631,7 @@ class Calibration(Result):
     ----------
     model : str
         Name of the model.
-    task : FitTask
+    task : FitData
         What was fitted to what: response, data, end effects, what is each specimen's own.
     free : tuple of str
         The parameters that were fitted, the order of `correlations`; those of each specimen as
@@ -658,7 +658,7 @@ class Calibration(Result):
         Standard deviation of a row about the fit, ``sqrt(sum(r^2) / (n - k))`` [unit of the
         response].
     residuals : ndarray, shape (n,)
-        Measured less fitted response [its unit]; `FitTask.worst` where the model has no answer.
+        Measured less fitted response [its unit]; `FitData.worst` where the model has no answer.
     answered : ndarray of bool, shape (n,)
         Which rows the model has an answer for.
     squares : float
@@ -686,7 +686,7 @@ class Calibration(Result):
     """
 
     model: str
-    task: FitTask
+    task: FitData
     free: tuple[str, ...]
     units: dict[str, str]
     estimates: dict[str, float]
@@ -929,7 +929,7 @@ def calibrate(
 
 def fit_task(
     model_class: Callable[..., MuscleModel],
-    task: FitTask,
+    task: FitData,
     *,
     free: Sequence[str] | None,
     options: FitOptions,
@@ -1016,7 +1016,7 @@ def _check_effect(names: Sequence[str], idle: NDArray[np.bool_]) -> None:
         raise InputError(f"{' and '.join(lost)} {verb} no effect at these rows: {what}")
 
 
-def find_poor(task: FitTask) -> float:
+def find_poor(task: FitData) -> float:
     """Return the root mean square above which a fit is poor [unit of the response].
 
     It is 5 % of the span of the measured response, or twice the standard deviation of rows that
@@ -1028,7 +1028,7 @@ def find_poor(task: FitTask) -> float:
     return max(POOR_SHARE * task.span, POOR_FACTOR * noise)
 
 
-def judge_size(task: FitTask, residuals: NDArray[np.float64]) -> list[str]:
+def judge_size(task: FitData, residuals: NDArray[np.float64]) -> list[str]:
     """Return a warning if a fit is poor in absolute terms, see `find_poor`."""
     rms, most = float(np.sqrt(np.mean(residuals**2))), find_poor(task)
     if rms <= most:
@@ -1162,7 +1162,7 @@ def _build_mean(
         return next(iter(models.values()))
 
 
-def _make_blocks(task: FitTask) -> Blocks:
+def _make_blocks(task: FitData) -> Blocks:
     """Return which rows count as independent."""
     return make_blocks(task.data.specimen, apart=bool(task.each), noun="specimens")
 
@@ -1175,7 +1175,7 @@ def _resample(
     Where specimens have constants of their own they are drawn within each specimen.
     """
     random = np.random.default_rng(options.seed)
-    task: FitTask = problem.task
+    task: FitData = problem.task
     groups = [part.rows for part in task.parts] if task.each else [np.arange(len(task.data))]
     found: list[list[float]] = []
     for _ in range(options.resamples):

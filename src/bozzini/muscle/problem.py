@@ -17,7 +17,7 @@ determines.
 *Derivatives*. Of a contraction by the theorem of implicit functions, ``dx/dp = (dF/dp) / k`` with
 the stiffness ``k = -dF/dx``; of the force of a mounted muscle ``F = f(P, x - x_0 + c F)``, with
 offset ``x_0`` and compliance ``c``, ``dF/dp = (df/dp) / (1 + c k)`` with ``k = -df/dx``;
-differences of ``f`` itself otherwise. Rows without an answer count by `FitTask.worst`.
+differences of ``f`` itself otherwise. Rows without an answer count by `FitData.worst`.
 
 *Errors in several columns*. A row ``i`` has a measured response ``y`` and measured states ``u``,
 the true ones off by independent normal errors. To first order in these the response of a model
@@ -176,7 +176,7 @@ class SpecimenRows:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class FitTask:
+class FitData:
     """What is fitted to what, whatever the model.
 
     Parameters
@@ -282,7 +282,7 @@ class FitTask:
                     "must be above 0"
                 )
 
-    def select(self, rows: NDArray[np.bool_]) -> FitTask:
+    def select(self, rows: NDArray[np.bool_]) -> FitData:
         """Return the task with some rows."""
         return replace(self, data=self.data.select(rows))
 
@@ -296,7 +296,7 @@ def choose_scale(name: str, start: float, *, own: bool) -> float:
 
 def choose_bounds(
     free: Sequence[str],
-    task: FitTask,
+    task: FitData,
     bounds: Mapping[str, tuple[float, float]],
     own: Mapping[str, Parameter] | None = None,
 ) -> NDArray[np.float64]:
@@ -375,7 +375,7 @@ _TOLERANCE = {"pressure": 1e-6, "contraction": 1e-9, "load": 1e-9}
 """Differences of states that count as none [MPa, mm, N]."""
 
 
-def find_states(task: FitTask) -> tuple[int, NDArray[np.int64]]:
+def find_states(task: FitData) -> tuple[int, NDArray[np.int64]]:
     """Return how many different states the rows have, and which one each row has, shape (n,).
 
     A state is a specimen's, where these are told apart, and has what the response follows from: of
@@ -405,7 +405,7 @@ class Problem:
     """
 
     model_class: Callable[..., MuscleModel]
-    task: FitTask
+    task: FitData
     free: tuple[str, ...]
     limits: NDArray[np.float64]
     constants: Mapping[str, float] = field(default_factory=dict)
@@ -602,7 +602,7 @@ class Problem:
     def measure_residuals(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return what the search makes small, ``r`` (n,): `evaluate`, by a row's error if known.
 
-        A row without an answer counts as `FitTask.worst`. In a response of contraction, with
+        A row without an answer counts as `FitData.worst`. In a response of contraction, with
         constants of the model, which may start far off, it is `take_newton_steps` there, moved away
         from 0 by the muscle's length, so that the search finds back.
         """
@@ -616,7 +616,7 @@ class Problem:
         return residuals if errors is None else residuals / errors
 
     def measure_cost(self, point: NDArray[np.float64]) -> float:
-        """Return the sum of squares in which a row without an answer is `FitTask.worst`."""
+        """Return the sum of squares in which a row without an answer is `FitData.worst`."""
         residuals, answered, errors = self.compare(self.name_values(point))
         all_residuals = np.where(answered, residuals, self.task.worst)
         all_residuals = all_residuals if errors is None else all_residuals / errors
@@ -777,7 +777,7 @@ def assemble(
     muscle: Muscle,
     values: Mapping[str, float],
     *,
-    task: FitTask,
+    task: FitData,
     anchor: tuple[float, float] | None,
 ) -> MuscleModel:
     """Return a model of a muscle with values of its fields, constants and end effects."""
@@ -790,7 +790,7 @@ def assemble(
     return (task.ends.replace(**ends) if ends else task.ends).mount(model)
 
 
-def predict_parts(task: FitTask, build: Callable[[SpecimenRows], MuscleModel]) -> Answers:
+def predict_parts(task: FitData, build: Callable[[SpecimenRows], MuscleModel]) -> Answers:
     """Return the response at each row of a task, and which rows have one."""
     predicted, answered = np.zeros(len(task.data)), np.zeros(len(task.data), dtype=np.bool_)
     for part in task.parts:
@@ -1036,8 +1036,8 @@ HELD_UNSET = ("inner_radius",)
 
 
 def settle_unset(
-    model_class: Callable[..., MuscleModel], task: FitTask
-) -> tuple[FitTask, tuple[str, ...]]:
+    model_class: Callable[..., MuscleModel], task: FitData
+) -> tuple[FitData, tuple[str, ...]]:
     """Return a task whose muscle has what is not given, and which of that is to be fitted."""
     unused = list_unused(model_class)
     unset = [name for name in FITTED_UNSET if name in task.muscle.unset and name not in unused]
@@ -1051,7 +1051,7 @@ def name_default_fields(model_class: Callable[..., MuscleModel]) -> tuple[str, .
 
 
 def choose_unknowns(
-    model_class: Callable[..., MuscleModel], task: FitTask, *, fields: tuple[str, ...] | None = None
+    model_class: Callable[..., MuscleModel], task: FitData, *, fields: tuple[str, ...] | None = None
 ) -> Unknowns:
     """Return what can be fitted of a model to such data.
 
