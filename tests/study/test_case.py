@@ -24,6 +24,7 @@ def answer(plan: Plan) -> tuple[str, str, float | None]:
     return plan.status, plan.reason_code, None if proved is None else round(proved, 6)
 
 
+@pytest.mark.slow
 def test_a_plan_is_certified_and_carried_to_a_wider_wall() -> None:
     case = Case.open(open_phantom(seed=0, voxel=3.0), InsertionOptions(head_step=HEAD_STEP))
     found = case.plan(Scope(diameter=6.0, link_length=12.0))
