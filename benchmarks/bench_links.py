@@ -17,7 +17,8 @@ import pytest
 from numba import njit
 
 from bozzini.duct.base import Duct
-from bozzini.motion.kernels.chain import duct_value, make_frame, place_tail, search_sphere
+from bozzini.duct.kernels.clearance import clearance_estimate
+from bozzini.motion.kernels.chain import make_frame, place_tail, search_sphere
 from bozzini.motion.link import bound_slope
 from tests.motion.pipes import NAMES, make_pipes
 
@@ -27,36 +28,33 @@ ROOM = 3.0
 """What the tail keeps from the wall [mm]."""
 HEAD_STEP = 0.25
 """[mm]."""
-NO_INTRODUCER = np.zeros(7)
 
 
 @njit
 def place_all(duct, heads, olds, length, room, slope, planar, tails, codes):
     """Every link of a batch, by the march or the local step with its fallback."""
-    intro = np.zeros(7)
     work = np.empty((6, 5))
     for n in range(heads.shape[0]):
         codes[n], _ = place_tail(
-            duct, intro, heads[n], olds[n], length, room, slope, planar, work, tails[n]
+            duct, heads[n], olds[n], length, room, slope, planar, work, tails[n]
         )
 
 
 @njit
 def prove_all(duct, heads, olds, length, room, slope, tails, turns, bounds):
     """Every link of a batch in space, each held against a search of all directions."""
-    intro = np.zeros(7)
     work = np.empty((6, 5))
     frame = np.empty((3, 3))
     spare = np.empty(2)
     for n in range(heads.shape[0]):
-        place_tail(duct, intro, heads[n], olds[n], length, room, slope, False, work, tails[n])
+        place_tail(duct, heads[n], olds[n], length, room, slope, False, work, tails[n])
         make_frame(heads[n], olds[n], False, frame)
         ahead = 0.0
         for k in range(3):
             ahead += frame[0, k] * (tails[n, k] - heads[n, k])
         turn = math.acos(min(max(ahead / length, -1.0), 1.0))
         _, turns[n], bounds[n], _ = search_sphere(
-            duct, intro, heads[n], frame, length, room, slope, turn, 1e-3, 1e-4, 100_000, spare
+            duct, heads[n], frame, length, room, slope, turn, 1e-3, 1e-4, 100_000, spare
         )
 
 
@@ -82,11 +80,11 @@ def draw_links(duct: Duct, count: int) -> Links:
         if duct.signed_distance(head) > -ROOM:
             continue
         first = duct.to_grid(head)
-        code, _ = place_tail(data, NO_INTRODUCER, first, duct.to_grid(head + away), *given, start)
+        code, _ = place_tail(data, first, duct.to_grid(head + away), *given, start)
         if code == 3:
             continue
         moved = duct.to_grid(head + HEAD_STEP * step / np.linalg.norm(step))
-        code, _ = place_tail(data, NO_INTRODUCER, moved, start, *given, tail)
+        code, _ = place_tail(data, moved, start, *given, tail)
         if code in (1, 2):
             heads.append(moved)
             olds.append(start.copy())
@@ -110,7 +108,7 @@ def solve_slsqp(data: Any, head: np.ndarray, old: np.ndarray, *, planar: bool) -
 
     def keep_inside(x: np.ndarray) -> float:
         z = height if planar else x[2]
-        return -ROOM - read_value(data, NO_INTRODUCER, x[0], x[1], z)
+        return read_clearance(data, x[0], x[1], z) - ROOM
 
     constraints = [{"type": "eq", "fun": keep_length}, {"type": "ineq", "fun": keep_inside}]
     result = minimize(objective, old, constraints=constraints, method="SLSQP")
@@ -122,8 +120,8 @@ def solve_slsqp(data: Any, head: np.ndarray, old: np.ndarray, *, planar: bool) -
 
 
 @njit
-def read_value(duct, intro, x, y, z):
-    return duct_value(duct, intro, x, y, z)
+def read_clearance(duct, x, y, z):
+    return clearance_estimate(duct, x, y, z)
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -174,8 +172,8 @@ def compare_answers(
     heads, olds = links.heads[some], links.olds[some]
     found = np.isfinite(answers).all(axis=1)
     answers[~found] = heads[~found]
-    value = np.array([read_value(data, NO_INTRODUCER, *x) for x in answers])
-    found &= value + ROOM <= 1e-5
+    clearance = np.array([read_clearance(data, *x) for x in answers])
+    found &= ROOM - clearance <= 1e-5
     found &= np.abs(np.linalg.norm(answers - heads, axis=1) - LINK) <= 1e-5
     assert found.mean() >= 0.5
     gap = np.linalg.norm(tails[some] - olds, axis=1) - np.linalg.norm(answers - olds, axis=1)

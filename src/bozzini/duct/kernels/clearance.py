@@ -12,13 +12,14 @@ where the point may be outside. `clearance_estimate` is the best estimate of it,
 from __future__ import annotations
 
 import math
+from typing import Any
 
 from numba import types
 from numba.extending import overload
 
 from ...errors import InputError
 from ...numeric.compiling import kernel
-from ..packed import BricksData, GridData, ShapesData
+from ..packed import BricksData, GridData, ShapesData, SpaceData
 from .shapes import family_bound, family_estimate, family_slope
 
 
@@ -214,10 +215,65 @@ def bricks_slope(duct, x, y, z):
     return -s, -gx, -gy, -gz
 
 
+# The free space of a scope: the lumen, or the introducer where that has more clearance.
+
+
+@kernel
+def split_along(introducer, x, y, z):
+    """Return how far a point is along the introducer's axis from its inner end, and off it."""
+    dx, dy, dz = x - introducer[0], y - introducer[1], z - introducer[2]
+    along = dx * introducer[3] + dy * introducer[4] + dz * introducer[5]
+    dx, dy, dz = dx - along * introducer[3], dy - along * introducer[4], dz - along * introducer[5]
+    return along, math.sqrt(dx * dx + dy * dy + dz * dz)
+
+
+@kernel(inline="always")
+def _leave_ray(introducer, x, y, z):
+    """Return the distance of a point from the introducer's ray, and the vector from there."""
+    dx, dy, dz = x - introducer[0], y - introducer[1], z - introducer[2]
+    t = max(dx * introducer[3] + dy * introducer[4] + dz * introducer[5], 0.0)
+    dx, dy, dz = dx - t * introducer[3], dy - t * introducer[4], dz - t * introducer[5]
+    return math.sqrt(dx * dx + dy * dy + dz * dz), dx, dy, dz
+
+
+@kernel
+def space_bound(duct, x, y, z):
+    """Lower bound of the larger clearance."""
+    lumen, introducer = duct
+    best = clearance_bound(lumen, x, y, z)
+    if introducer[6] > 0.0:
+        best = max(best, introducer[6] - _leave_ray(introducer, x, y, z)[0])
+    return best
+
+
+@kernel
+def space_estimate(duct, x, y, z):
+    """Larger clearance."""
+    lumen, introducer = duct
+    best = clearance_estimate(lumen, x, y, z)
+    if introducer[6] > 0.0:
+        best = max(best, introducer[6] - _leave_ray(introducer, x, y, z)[0])
+    return best
+
+
+@kernel
+def space_slope(duct, x, y, z):
+    """Larger clearance and its gradient."""
+    lumen, introducer = duct
+    best, gx, gy, gz = clearance_slope(lumen, x, y, z)
+    if introducer[6] > 0.0:
+        off, dx, dy, dz = _leave_ray(introducer, x, y, z)
+        if introducer[6] - off > best:
+            scale = -1.0 / max(off, 1e-12)
+            best, gx, gy, gz = introducer[6] - off, scale * dx, scale * dy, scale * dz
+    return best, gx, gy, gz
+
+
 _KERNELS = {
     GridData: (grid_bound, grid_estimate, grid_slope),
     BricksData: (bricks_bound, bricks_estimate, bricks_slope),
     ShapesData: (family_bound, family_estimate, family_slope),
+    SpaceData: (space_bound, space_estimate, space_slope),
 }
 """Bound, estimate and slope of each kind of packed duct."""
 
@@ -248,6 +304,10 @@ def register_kernels(packed, *, bound, estimate, slope):
     _KERNELS[packed] = (bound, estimate, slope)
 
 
+_OPTIONS: Any = {"no_cpython_wrapper": False, "no_cfunc_wrapper": True}
+"""Those of a kernel: else Numba compiles a lumen anew when the space round it asks."""
+
+
 def _choose(duct, which):
     """Return the body of a kernel for this kind: one call less, which counts here."""
     is_packed = isinstance(duct, types.BaseNamedTuple)
@@ -255,17 +315,17 @@ def _choose(duct, which):
     return None if kernels is None else kernels[which].py_func
 
 
-@overload(clearance_bound)
+@overload(clearance_bound, jit_options=_OPTIONS)
 def _overload_bound(duct, x, y, z):
     return _choose(duct, 0)
 
 
-@overload(clearance_estimate)
+@overload(clearance_estimate, jit_options=_OPTIONS)
 def _overload_estimate(duct, x, y, z):
     return _choose(duct, 1)
 
 
-@overload(clearance_slope)
+@overload(clearance_slope, jit_options=_OPTIONS)
 def _overload_slope(duct, x, y, z):
     return _choose(duct, 2)
 
