@@ -17,7 +17,8 @@ import pytest
 from numba import njit
 
 from bozzini.duct.base import Duct
-from bozzini.duct.kernels.clearance import clearance_estimate
+from bozzini.duct.kernels.clearance import space_estimate
+from bozzini.motion import FreeSpace
 from bozzini.motion.kernels.chain import make_frame, place_tail, search_sphere
 from bozzini.motion.link import bound_slope
 from tests.motion.pipes import NAMES, make_pipes
@@ -31,30 +32,30 @@ HEAD_STEP = 0.25
 
 
 @njit
-def place_all(duct, heads, olds, length, room, slope, planar, tails, codes):
+def place_all(space, heads, olds, length, room, slope, planar, tails, codes):
     """Every link of a batch, by the march or the local step with its fallback."""
     work = np.empty((6, 5))
     for n in range(heads.shape[0]):
         codes[n], _ = place_tail(
-            duct, heads[n], olds[n], length, room, slope, planar, work, tails[n]
+            space, heads[n], olds[n], length, room, slope, planar, work, tails[n]
         )
 
 
 @njit
-def prove_all(duct, heads, olds, length, room, slope, tails, turns, bounds):
+def prove_all(space, heads, olds, length, room, slope, tails, turns, bounds):
     """Every link of a batch in space, each held against a search of all directions."""
     work = np.empty((6, 5))
     frame = np.empty((3, 3))
     spare = np.empty(2)
     for n in range(heads.shape[0]):
-        place_tail(duct, heads[n], olds[n], length, room, slope, False, work, tails[n])
+        place_tail(space, heads[n], olds[n], length, room, slope, False, work, tails[n])
         make_frame(heads[n], olds[n], False, frame)
         ahead = 0.0
         for k in range(3):
             ahead += frame[0, k] * (tails[n, k] - heads[n, k])
         turn = math.acos(min(max(ahead / length, -1.0), 1.0))
         _, turns[n], bounds[n], _ = search_sphere(
-            duct, heads[n], frame, length, room, slope, turn, 1e-3, 1e-4, 100_000, spare
+            space, heads[n], frame, length, room, slope, turn, 1e-3, 1e-4, 100_000, spare
         )
 
 
@@ -69,7 +70,7 @@ class Links:
 def draw_links(duct: Duct, count: int) -> Links:
     """Random heads with room, their tails placed from anywhere, the heads then moved one step."""
     random = np.random.default_rng(2)
-    planar, slope, data = duct.dim == 2, bound_slope(duct), duct.pack()
+    planar, slope, data = duct.dim == 2, bound_slope(duct), FreeSpace(duct).pack()
     work, tail, start = np.empty((6, 5)), np.empty(3), np.empty(3)
     heads: list[np.ndarray] = []
     olds: list[np.ndarray] = []
@@ -120,14 +121,14 @@ def solve_slsqp(data: Any, head: np.ndarray, old: np.ndarray, *, planar: bool) -
 
 
 @njit
-def read_clearance(duct, x, y, z):
-    return clearance_estimate(duct, x, y, z)
+def read_clearance(space, x, y, z):
+    return space_estimate(space, x, y, z)
 
 
 @pytest.mark.parametrize("name", NAMES)
 def bench_one_link(benchmark: Any, name: str) -> None:
     duct = make_pipes()[name]
-    planar, slope, data = duct.dim == 2, bound_slope(duct), duct.pack()
+    planar, slope, data = duct.dim == 2, bound_slope(duct), FreeSpace(duct).pack()
     links = draw_links(duct, 400)
     tails, codes = np.empty_like(links.heads), np.empty(len(links.heads), dtype=np.int64)
     given = (data, links.heads, links.olds, LINK, ROOM, slope)

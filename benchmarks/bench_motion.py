@@ -19,7 +19,7 @@ from benchmarks.ring import (
     settle,
 )
 from bozzini.duct import Centreline, SampledField
-from bozzini.duct.kernels.clearance import evaluate_estimate
+from bozzini.duct.kernels.clearance import space_estimate
 from bozzini.motion import FreeSpace, Introducer, Scope
 from bozzini.motion.kernels.chain import place_tail
 from bozzini.motion.thesis import move_by_thesis
@@ -33,12 +33,12 @@ def ring() -> SampledField:
 
 
 @njit
-def place_all(duct, heads, olds, length, room, slope, tails, codes):
+def place_all(space, heads, olds, length, room, slope, tails, codes):
     """Every link of a batch: a compiled loop, so that no call from Python is timed."""
     work = np.empty((6, 5))
     for n in range(heads.shape[0]):
         codes[n], _ = place_tail(
-            duct, heads[n], olds[n], length, room, slope, False, work, tails[n]
+            space, heads[n], olds[n], length, room, slope, False, work, tails[n]
         )
 
 
@@ -49,7 +49,7 @@ def solve_slsqp(field: SampledField, head: np.ndarray, old: np.ndarray, *, squar
     """
     from scipy.optimize import minimize
 
-    duct, value = FreeSpace(field).pack(), np.empty(1)
+    space = FreeSpace(field).pack()
 
     def objective(x: np.ndarray) -> float:
         away = x - old
@@ -60,8 +60,7 @@ def solve_slsqp(field: SampledField, head: np.ndarray, old: np.ndarray, *, squar
         return np.sqrt(away @ away) - LINK
 
     def keep_inside(x: np.ndarray) -> float:
-        evaluate_estimate(duct, x[None], value)
-        return float(value[0]) - ROOM
+        return space_estimate(space, x[0], x[1], x[2]) - ROOM
 
     constraints = [{"type": "eq", "fun": keep_length}, {"type": "ineq", "fun": keep_inside}]
     return minimize(objective, old, constraints=constraints, method="SLSQP")

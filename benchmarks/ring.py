@@ -109,7 +109,7 @@ def draw_links(field: SampledField, count: int) -> tuple[np.ndarray, np.ndarray]
     heads: list[np.ndarray] = []
     olds: list[np.ndarray] = []
     work, tail, start = np.empty((6, 5)), np.empty(3), np.empty(3)
-    duct = FreeSpace(field).pack()
+    space = FreeSpace(field).pack()
     while len(heads) < count:
         turn = random.uniform(0.0, 2.0 * np.pi)
         radial, height = random.uniform(-LUMEN + ROOM, LUMEN - ROOM, size=2)
@@ -118,12 +118,12 @@ def draw_links(field: SampledField, count: int) -> tuple[np.ndarray, np.ndarray]
         if field.signed_distance(head) + ROOM > 0.0:
             continue
         head_g, old_g = field.to_grid(head), field.to_grid(old)
-        code, _ = place_tail(duct, head_g, old_g, LINK, ROOM, SLOPE, False, work, start)
+        code, _ = place_tail(space, head_g, old_g, LINK, ROOM, SLOPE, False, work, start)
         if code == 3:
             continue
         step = random.normal(size=3)
         moved = head_g + HEAD_STEP * step / np.linalg.norm(step)
-        code, _ = place_tail(duct, moved, start, LINK, ROOM, SLOPE, False, work, tail)
+        code, _ = place_tail(space, moved, start, LINK, ROOM, SLOPE, False, work, tail)
         if code == 1:
             heads.append(moved)
             olds.append(start.copy())

@@ -128,7 +128,7 @@ def place_tail(
     ``sqrt(3)`` per mm (the interpolant of a sampled one); it is about that value, which for a
     sampled field may differ from the true distance by the field's `error`.
     """
-    from ..duct.kernels.clearance import evaluate_estimate
+    from ..duct.kernels.clearance import space_estimate
     from .kernels import chain as links
 
     space = space if isinstance(space, FreeSpace) else FreeSpace(space)
@@ -175,8 +175,7 @@ def place_tail(
         if found:
             links.point_tail(start, frame, length, place[0], place[1], tail)
             code = links.SEARCHED
-    kept = np.empty(1)
-    evaluate_estimate(data, tail[None], kept)
+    kept = float(space_estimate(data, tail[0], tail[1], tail[2]))
     world = duct.to_world(tail)
     reason = ""
     if code == links.INFEASIBLE:
@@ -192,7 +191,7 @@ def place_tail(
         tail=world,
         turn=float(turn),
         move=float(np.linalg.norm(world - ends[1])),
-        clearance=float(kept[0]),
+        clearance=kept,
         turn_bound=float(turn_bound),
         slack=slack,
         clearance_bound=most,

@@ -309,10 +309,7 @@ class FreeSpace:
         return self.introducer
 
     def pack(self, *, bore: float | None = None) -> SpaceData:
-        """Return lumen and introducer as one duct for compiled code.
-
-        With a `bore` [mm] the introducer's is another.
-        """
+        """Return lumen and introducer for compiled code, with another `bore` [mm] if given."""
         introducer = np.zeros(7)
         if self.introducer is not None:
             introducer = self.introducer.pack(self.duct)

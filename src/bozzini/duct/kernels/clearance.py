@@ -12,14 +12,13 @@ where the point may be outside. `clearance_estimate` is the best estimate of it,
 from __future__ import annotations
 
 import math
-from typing import Any
 
 from numba import types
 from numba.extending import overload
 
 from ...errors import InputError
 from ...numeric.compiling import kernel
-from ..packed import BricksData, GridData, ShapesData, SpaceData
+from ..packed import BricksData, GridData, ShapesData
 from .shapes import family_bound, family_estimate, family_slope
 
 
@@ -215,7 +214,8 @@ def bricks_slope(duct, x, y, z):
     return -s, -gx, -gy, -gz
 
 
-# The free space of a scope: the lumen, or the introducer where that has more clearance.
+# Free space: the lumen united with the introducer (`duct.packed.SpaceData`). It is compiled into
+# its callers: a call more counts, for every link asks a few times.
 
 
 @kernel
@@ -236,31 +236,31 @@ def _leave_ray(introducer, x, y, z):
     return math.sqrt(dx * dx + dy * dy + dz * dz), dx, dy, dz
 
 
-@kernel
-def space_bound(duct, x, y, z):
-    """Lower bound of the larger clearance."""
-    lumen, introducer = duct
-    best = clearance_bound(lumen, x, y, z)
+@kernel(inline="always")
+def space_bound(space, x, y, z):
+    """Lower bound of the clearance in free space."""
+    introducer = space.introducer
+    best = clearance_bound(space.lumen, x, y, z)
     if introducer[6] > 0.0:
         best = max(best, introducer[6] - _leave_ray(introducer, x, y, z)[0])
     return best
 
 
-@kernel
-def space_estimate(duct, x, y, z):
-    """Larger clearance."""
-    lumen, introducer = duct
-    best = clearance_estimate(lumen, x, y, z)
+@kernel(inline="always")
+def space_estimate(space, x, y, z):
+    """Estimated clearance in free space."""
+    introducer = space.introducer
+    best = clearance_estimate(space.lumen, x, y, z)
     if introducer[6] > 0.0:
         best = max(best, introducer[6] - _leave_ray(introducer, x, y, z)[0])
     return best
 
 
-@kernel
-def space_slope(duct, x, y, z):
-    """Larger clearance and its gradient."""
-    lumen, introducer = duct
-    best, gx, gy, gz = clearance_slope(lumen, x, y, z)
+@kernel(inline="always")
+def space_slope(space, x, y, z):
+    """Estimated clearance in free space, and its gradient."""
+    introducer = space.introducer
+    best, gx, gy, gz = clearance_slope(space.lumen, x, y, z)
     if introducer[6] > 0.0:
         off, dx, dy, dz = _leave_ray(introducer, x, y, z)
         if introducer[6] - off > best:
@@ -273,7 +273,6 @@ _KERNELS = {
     GridData: (grid_bound, grid_estimate, grid_slope),
     BricksData: (bricks_bound, bricks_estimate, bricks_slope),
     ShapesData: (family_bound, family_estimate, family_slope),
-    SpaceData: (space_bound, space_estimate, space_slope),
 }
 """Bound, estimate and slope of each kind of packed duct."""
 
@@ -304,10 +303,6 @@ def register_kernels(packed, *, bound, estimate, slope):
     _KERNELS[packed] = (bound, estimate, slope)
 
 
-_OPTIONS: Any = {"no_cpython_wrapper": False, "no_cfunc_wrapper": True}
-"""Those of a kernel: else Numba compiles a lumen anew when the space round it asks."""
-
-
 def _choose(duct, which):
     """Return the body of a kernel for this kind: one call less, which counts here."""
     is_packed = isinstance(duct, types.BaseNamedTuple)
@@ -315,17 +310,17 @@ def _choose(duct, which):
     return None if kernels is None else kernels[which].py_func
 
 
-@overload(clearance_bound, jit_options=_OPTIONS)
+@overload(clearance_bound)
 def _overload_bound(duct, x, y, z):
     return _choose(duct, 0)
 
 
-@overload(clearance_estimate, jit_options=_OPTIONS)
+@overload(clearance_estimate)
 def _overload_estimate(duct, x, y, z):
     return _choose(duct, 1)
 
 
-@overload(clearance_slope, jit_options=_OPTIONS)
+@overload(clearance_slope)
 def _overload_slope(duct, x, y, z):
     return _choose(duct, 2)
 

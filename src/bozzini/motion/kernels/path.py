@@ -2,7 +2,7 @@
 
 The path is a polyline whose first points lie in the introducer. Its *chords* join each point to
 the first point behind it at distance L: where a link lies when all joints follow the path. Free
-space is a duct too, the lumen united with the introducer; all bounds are rigorous.
+space is the lumen united with the introducer; all bounds are rigorous (`clearance_bound`).
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from ...duct.kernels.clearance import clearance_bound, clearance_slope
+from ...duct.kernels.clearance import clearance_slope, space_bound
 from ...numeric.compiling import kernel
 
 TRACE_STEP = 0.25
@@ -47,7 +47,7 @@ def tail_on_path(path, i, length):
 
 
 @kernel
-def trace_chord(duct, ax, ay, az, bx, by, bz, needed, pitch, stop):
+def trace_chord(space, ax, ay, az, bx, by, bz, needed, pitch, stop):
     """Return (least, u): the smallest bound seen from a to b, and where.
 
     Wide places are passed in steps of 0.7 times the bound minus `needed`, so `least` is exact only
@@ -63,7 +63,7 @@ def trace_chord(duct, ax, ay, az, bx, by, bz, needed, pitch, stop):
     where = 0.0
     while True:
         u = min(t / max(size, 1e-12), 1.0)
-        g = clearance_bound(duct, ax + u * dx, ay + u * dy, az + u * dz)
+        g = space_bound(space, ax + u * dx, ay + u * dy, az + u * dz)
         if g < least:
             least = g
             where = u
@@ -73,7 +73,7 @@ def trace_chord(duct, ax, ay, az, bx, by, bz, needed, pitch, stop):
 
 
 @kernel
-def check_chords(duct, path, first, length, needed, clearance):
+def check_chords(space, path, first, length, needed, clearance):
     """Fill `clearance` (n,) with the smallest bound along each vertex's chord; return the worst.
 
     Vertices before `first` (in the introducer) are taken as clear. Also the vertex itself counts.
@@ -90,7 +90,7 @@ def check_chords(duct, path, first, length, needed, clearance):
         by = path[k, 1] + w * (path[k + 1, 1] - path[k, 1])
         bz = path[k, 2] + w * (path[k + 1, 2] - path[k, 2])
         g, _ = trace_chord(
-            duct, path[i, 0], path[i, 1], path[i, 2], bx, by, bz, needed, TRACE_STEP, -np.inf
+            space, path[i, 0], path[i, 1], path[i, 2], bx, by, bz, needed, TRACE_STEP, -np.inf
         )
         clearance[i] = g
         worst = min(worst, g)
