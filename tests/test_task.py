@@ -175,10 +175,17 @@ def test_a_form_answers_whatever_is_filled_in(arc, tmp_path, capfd) -> None:
 
 def test_a_task_that_cannot_be_a_command_is_refused_alone(arc, tmp_path) -> None:
     points = "[bozzini.tasks]\narc = arcs:ArcTask\nbow = arcs:ArcTask\nno = none:No\n"
+    points += "routing = ways:RoutingTask\n"
+    ways = MODULE.replace('"arc"', '"routing"').replace("ArcTask", "RoutingTask")
+    (tmp_path / "site/ways.py").write_text(ways, encoding="utf-8")
     (tmp_path / "site/arcs-1.0.dist-info/entry_points.txt").write_text(points, encoding="utf-8")
     TASKS.__dict__.pop("plugins", None)
     assert {"arc", "plan-setup"} <= {form["name"] for form in list_forms()}
-    for name, said in (("bow", "its command is 'arc'"), ("no", "cannot be imported")):
+    for name, said in (
+        ("bow", "its command is 'arc'"),
+        ("no", "cannot be imported"),
+        ("routing", "a job of studies has that name"),
+    ):
         assert said in asyncio.run(fill_form(name, {}))["answer"]["error"]["message"]
     assert main(["bow", "--length", "1cm"]) == 2
 
@@ -252,6 +259,15 @@ def test_page(arc) -> None:
     page = format_commands()
     assert "## bozzini arc" in page
     assert "Find the chord of an arc" in page
+
+
+def test_a_study_varies_an_input_that_the_result_repeats() -> None:
+    given = {"away": 250.0, "height": 2.8, "diameter": 1.6, "ring": 2.0}
+    job = TaskJob.of(SetupPlanning)(given)
+    assert "length" not in job.outputs
+    rows = job.run({"length": np.array([30.0, 60.0])})
+    task = SetupPlanning.from_inputs({**given, "length": 60.0})
+    assert rows.outputs["uncertainty"][1] == task.run().uncertainty
 
 
 def test_parts_of_a_task_are_inputs_of_its_command_and_study() -> None:

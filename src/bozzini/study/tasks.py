@@ -27,17 +27,22 @@ class TaskRegistry(Registry[Task]):
     """Tasks by name; one of another package is refused if no command can be made of it."""
 
     def _load(self, point: EntryPoint) -> type[Task]:
-        kind, wrong = super()._load(point), ""
-        try:
-            kind.list_fields()
-        except TypeError as error:
-            wrong = str(error)
-        command = getattr(kind, "command", "")
-        if command != point.name:
-            wrong = f"its command is '{command}', but its entry point '{point.name}'"
-        if wrong:
+        kind = super()._load(point)
+        if wrong := _find_fault(kind, point.name):
             raise PluginError(f"the task '{point.name}' of {point.value} cannot be used: {wrong}")
         return kind
+
+
+def _find_fault(kind: type[Task], name: str) -> str:
+    """Return why a task cannot be had by a name; empty if it can."""
+    try:
+        kind.list_fields()
+    except TypeError as error:
+        return str(error)
+    command = getattr(kind, "command", "")
+    if command != name:
+        return f"its command is '{command}', but its entry point '{name}'"
+    return "a job of studies has that name" if name in JOBS else ""
 
 
 TASKS = TaskRegistry("bozzini.tasks", lambda: Task, _find_own, noun="task")
