@@ -50,6 +50,23 @@ def test_intervals_hold_the_truth_where_rows_of_a_run_err_alike():
     assert alone < 0.7 * DRAWS  # of intervals by rows as if independent
 
 
+@pytest.mark.parametrize("groups", [1, 3, 5])
+def test_few_groups_that_differ_are_warned_of_as_their_intervals_are_too_short(groups):
+    labels, hits = np.repeat([f"group {k}" for k in range(groups)], 30), 0
+    for seed in range(DRAWS):
+        random = np.random.default_rng(seed)
+        measured = 0.05 * random.normal(size=labels.size) + random.normal(size=groups).repeat(30)
+        level = estimate(
+            lambda values, rows, measured=measured: (values["level"] - measured)[rows],
+            [FitParameter("level", 0.0)],
+            labels=labels,
+        )
+        hits += np.prod(level.intervals[0]) <= 0.0
+    assert (hits > 0.85 * DRAWS) == (groups == 5)
+    warned = any("3 groups do not tell how groups differ" in text for text in level.warnings)
+    assert warned == (groups == 3)
+
+
 def test_values_of_groups_are_those_of_separate_fits_if_nothing_is_shared():
     groups = tuple(np.unique(LABELS))
     of_row = np.repeat(np.arange(RUNS), ROWS)

@@ -22,6 +22,7 @@ from ..checks import check_integer, check_number, check_word
 from ..errors import InputError
 from .arrays import Floats
 from .estimation import (
+    LEAST_LABELS,
     Blocks,
     Determination,
     FitCovariance,
@@ -220,6 +221,12 @@ class Estimation:
         found = describe_bounds(self.names, self.at_bound)
         if not self.undetermined:
             found += judge_fit(self.names, self.known.correlations, self.known.condition)
+        count = len(np.unique(self.task.labels))
+        if 1 < count < LEAST_LABELS and not self.task.is_apart:
+            found.append(
+                f"{count} groups do not tell how groups differ, {LEAST_LABELS} would: the intervals "
+                "are too short if rows of a group err alike"
+            )
         return tuple(found)
 
     @property
