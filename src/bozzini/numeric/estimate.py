@@ -224,8 +224,8 @@ class Estimation:
         count = len(np.unique(self.task.labels))
         if 1 < count < LEAST_LABELS and not self.task.is_apart:
             found.append(
-                f"{count} groups do not tell how groups differ, {LEAST_LABELS} would: the intervals "
-                "are too short if rows of a group err alike"
+                f"{count} groups do not tell how groups differ, {LEAST_LABELS} would: the "
+                "intervals are too short if rows of a group err alike"
             )
         return tuple(found)
 
