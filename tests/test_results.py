@@ -11,6 +11,7 @@ import numpy as np
 import pandas
 import pytest
 
+from bozzini import views
 from bozzini.anatomy.tract import LabelTract
 from bozzini.duct import Centreline
 from bozzini.effector import (
@@ -22,7 +23,7 @@ from bozzini.effector import (
     tip_force,
     trace_circle,
 )
-from bozzini.errors import InputError
+from bozzini.errors import InputError, MissingExtraError
 from bozzini.muscle import (
     EnergyMuscle,
     Measurements,
@@ -129,6 +130,17 @@ def test_fields_are_the_columns_of_a_table() -> None:
     assert walked.list_table() == {"place_mm": [1.0, 2.0], "why": ["a", "b"]}
     assert walked.list_table().keys() == Walked(steps=()).list_table().keys()
     assert walked.converged and not Walked(steps=(), reason="none").converged
+
+
+def test_a_view_that_lacks_an_extra_says_so_each_time(monkeypatch) -> None:
+    def load() -> None:
+        raise MissingExtraError("nothing", "none")
+
+    monkeypatch.setattr(views, "_loaders", [])
+    views.load_views_by(load)
+    for _ in range(2):
+        with pytest.raises(MissingExtraError):
+            views.find_view(int)
 
 
 def test_a_result_without_a_view_says_so() -> None:

@@ -8,17 +8,21 @@ import importlib
 import json
 import os
 import sys
-from dataclasses import replace
+from dataclasses import dataclass, make_dataclass, replace
 
 import numpy as np
 import pytest
 from jsonschema import Draft202012Validator
 
+from bozzini.checks import quantity
 from bozzini.cli.main import main
+from bozzini.cli.task import make_command
 from bozzini.cockpit.forms import fill_form, list_forms, list_words
 from bozzini.errors import InputError
+from bozzini.results import ReasonedResult, measured
 from bozzini.study import Study
-from bozzini.study.tasks import TASKS
+from bozzini.study.tasks import TASKS, TaskJob
+from bozzini.task import Task
 from bozzini.vision import LengthOptions, StripBoard, plan_setup
 from bozzini.vision.planning import SetupPlanning
 from docs.made_pages import format_commands
@@ -157,10 +161,113 @@ def test_form(arc) -> None:
         assert said in refused["error"]["message"]
 
 
+def test_a_form_answers_whatever_is_filled_in(arc, tmp_path, capfd) -> None:
+    asked = [{"length": "1cm\0"}, {"length": "x" * 200_000}, {"length": "--help"}]
+    for values in asked:
+        found = asyncio.run(fill_form("arc", values))["answer"]
+        assert "length" in found["error"]["message"]
+    (tmp_path / "site" / "arcs.py").write_text(
+        MODULE.replace("radius, half =", "print('so')\n        radius, half ="), encoding="utf-8"
+    )
+    found = asyncio.run(fill_form("arc", {"length": "1cm"}))["answer"]
+    assert found["error"]["message"] == "the command wrote something else than its answer"
+
+
+def test_a_task_that_cannot_be_a_command_is_refused_alone(arc, tmp_path) -> None:
+    points = "[bozzini.tasks]\narc = arcs:ArcTask\nbow = arcs:ArcTask\nno = none:No\n"
+    points += "routing = ways:RoutingTask\n"
+    ways = MODULE.replace('"arc"', '"routing"').replace("ArcTask", "RoutingTask")
+    (tmp_path / "site/ways.py").write_text(ways, encoding="utf-8")
+    (tmp_path / "site/arcs-1.0.dist-info/entry_points.txt").write_text(points, encoding="utf-8")
+    TASKS.__dict__.pop("plugins", None)
+    assert {"arc", "plan-setup"} <= {form["name"] for form in list_forms()}
+    for name, said in (
+        ("bow", "its command is 'arc'"),
+        ("no", "cannot be imported"),
+        ("routing", "a job of studies has that name"),
+    ):
+        assert said in asyncio.run(fill_form(name, {}))["answer"]["error"]["message"]
+    assert main(["bow", "--length", "1cm"]) == 2
+
+
+@dataclass(frozen=True)
+class Found(ReasonedResult):
+    share: float = measured("")
+    width: float | None = measured("mm")
+    reason: str = ""
+    residual: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Odd(Task):
+    """Take what is odd."""
+
+    name = "odd"
+    result = Found
+
+    share: float = quantity(default=2.0 / 3.0, low=0.0, high=2.0 / 3.0)
+    count: int = quantity(default=3, whole=True)
+    kind: str | None = quantity("text", default=None, words=("a", "b"), example="b")
+
+    def run(self, progress=None):
+        return Found(self.share, None)
+
+
+def test_defaults_of_a_command_are_those_of_the_task(capsys) -> None:
+    command = make_command(Odd)
+    for arguments in (["--json"], ["--json", "--count", "-7"]):
+        command.main(arguments, standalone_mode=False)
+        assert json.loads(capsys.readouterr().out)["share"] == 2.0 / 3.0
+    command.main(["--help"], standalone_mode=False)
+    assert "0.666667" in capsys.readouterr().out
+    with pytest.raises(
+        InputError, match=r"count is 2.5: it must be a whole number in \[-inf, inf\]"
+    ):
+        Odd(count=2.5)
+
+
+def test_an_output_that_is_no_number_is_not_known_and_one_called_like_an_input_is_left_out() -> (
+    None
+):
+    job = TaskJob.of(Odd)({})
+    assert job.outputs == {"width": "mm"}
+    rows = job.run({"share": np.array([0.1, 0.2])})
+    assert np.isnan(rows.outputs["width"]).all() and not rows.code.any()
+
+
+def test_a_form_proposes_the_default_word_and_not_the_example(monkeypatch) -> None:
+    monkeypatch.setitem(TASKS.own, "odd", Odd)
+    (form,) = (form for form in list_forms() if form["name"] == "odd")
+    assert form["fields"][2]["shown"] == ""
+
+
+@pytest.mark.parametrize(
+    ("field", "said"),
+    [
+        (("force", float, quantity("force", default=1.0)), "the input 'force': every command"),
+        (("pull", float, quantity("force", default=1.0, option="out")), "every command has one"),
+        (("on", bool, quantity("flag", default=True)), "'on': it must be false by default"),
+    ],
+)
+def test_inputs_that_can_be_no_options_are_refused(field, said) -> None:
+    kind = make_dataclass("Bad", [field], bases=(Task,), frozen=True, kw_only=True)
+    with pytest.raises(TypeError, match=said):
+        kind.list_fields()
+
+
 def test_page(arc) -> None:
     page = format_commands()
     assert "## bozzini arc" in page
     assert "Find the chord of an arc" in page
+
+
+def test_a_study_varies_an_input_that_the_result_repeats() -> None:
+    given = {"away": 250.0, "height": 2.8, "diameter": 1.6, "ring": 2.0}
+    job = TaskJob.of(SetupPlanning)(given)
+    assert "length" not in job.outputs
+    rows = job.run({"length": np.array([30.0, 60.0])})
+    task = SetupPlanning.from_inputs({**given, "length": 60.0})
+    assert rows.outputs["uncertainty"][1] == task.run().uncertainty
 
 
 def test_parts_of_a_task_are_inputs_of_its_command_and_study() -> None:

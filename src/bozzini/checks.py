@@ -168,9 +168,9 @@ def _ask_unit(name: str, value: float, high: float, unit: str) -> str:
     )
 
 
-def check_integer(name: str, value: int, *, low: int, high: int | None = None) -> int:
+def check_integer(name: str, value: int, *, low: int | None = None, high: int | None = None) -> int:
     """Return `value` as an int inside `[low, high]`, or raise `InputError`."""
-    legal = f"[{low}, {'inf' if high is None else high}]"
+    legal = f"[{'-inf' if low is None else low}, {'inf' if high is None else high}]"
     try:
         number = int(value)
         whole = not isinstance(value, _NO_NUMBERS) and number == value
@@ -178,7 +178,7 @@ def check_integer(name: str, value: int, *, low: int, high: int | None = None) -
         whole = False
     if not whole:
         raise InputError(f"{name} is {show_value(value)}: it must be a whole number in {legal}")
-    if number < low or (high is not None and number > high):
+    if (low is not None and number < low) or (high is not None and number > high):
         raise InputError(f"{name} is {number}: it must lie in {legal}")
     return number
 
@@ -507,8 +507,8 @@ class Quantity:
         """
         low, high = (end(item) if callable(end) else end for end in (self.low, self.high))
         if self.whole:
-            most = None if math.isinf(high) else int(high)
-            return check_integer(name, value, low=int(low), high=most)
+            least, most = (None if math.isinf(end) else int(end) for end in (low, high))
+            return check_integer(name, value, low=least, high=most)
         return check_number(name, value, low=low, high=high, low_open=self.low_open, unit=self.unit)
 
 

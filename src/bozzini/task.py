@@ -13,7 +13,7 @@ from typing import Any, ClassVar, Self, get_type_hints
 
 import numpy as np
 
-from .checks import Quantity, check_fields, list_fields
+from .checks import Quantity, check_fields, list_fields, spell_option
 from .progress import Progress, no_progress
 from .results import Json, Result
 from .units import add_unit
@@ -21,14 +21,18 @@ from .units import add_unit
 Inputs = dict[str, dataclasses.Field[object]]
 """Fields by name, each with the `Quantity` that it is."""
 
-_NUMBERS = (float, int, "float", "int", "float | None", "int | None")
+_NUMBERS = (float, int, float | None, int | None, "float", "int", "float | None", "int | None")
+
+_TAKEN = ("as_json", "debug", "force", "help", "json", "options", "out", "quiet")
+"""Options of every command."""
 
 
 class Task(ABC):
     """A job. A subclass is a frozen dataclass whose fields, the inputs, are made by `quantity`.
 
     A field whose type is such a dataclass itself stands for all fields of that; their names must
-    differ. Another package adds a task by an entry point of the group ``bozzini.tasks``.
+    differ, also from those of the options of every command. A flag is false by default. Another
+    package adds a task by an entry point of the group ``bozzini.tasks``; it has no `group`.
 
     Attributes
     ----------
@@ -78,13 +82,26 @@ class Task(ABC):
 
     @classmethod
     def list_fields(cls) -> Inputs:
-        """Return the inputs by name, those of parts too."""
+        """Return the inputs by name, those of parts too.
+
+        Raises
+        ------
+        TypeError
+            If they cannot be options of one command.
+        """
         found: Inputs = {}
         for kind in (cls, *_list_parts(cls).values()):
             own = list_fields(kind)
             if twice := found.keys() & own.keys():
                 raise TypeError(f"{cls.__name__} has the input '{twice.pop()}' twice")
             found |= own
+        for name, item in found.items():
+            if not {name, spell_option(item).removeprefix("--")}.isdisjoint(_TAKEN):
+                raise TypeError(f"{cls.__name__} has the input '{name}': every command has one")
+            if item.metadata["quantity"].kind == "flag" and item.default is not False:
+                raise TypeError(
+                    f"{cls.__name__} has the flag '{name}': it must be false by default"
+                )
         return found
 
     @classmethod

@@ -37,7 +37,8 @@ def find_view(kind: type) -> Callable[..., object]:
         If nothing does.
     """
     while _loaders:
-        _loaders.pop()()
+        _loaders[-1]()
+        _loaders.pop()  # not before: one that lacks an extra says so again
     for each in kind.__mro__:
         if each in _views:
             return _views[each]

@@ -50,6 +50,23 @@ def test_intervals_hold_the_truth_where_rows_of_a_run_err_alike():
     assert alone < 0.7 * DRAWS  # of intervals by rows as if independent
 
 
+@pytest.mark.parametrize("groups", [1, 3, 5])
+def test_few_groups_that_differ_are_warned_of_as_their_intervals_are_too_short(groups):
+    labels, hits = np.repeat([f"group {k}" for k in range(groups)], 30), 0
+    for seed in range(DRAWS):
+        random = np.random.default_rng(seed)
+        measured = 0.05 * random.normal(size=labels.size) + random.normal(size=groups).repeat(30)
+        level = estimate(
+            lambda values, rows, measured=measured: (values["level"] - measured)[rows],
+            [FitParameter("level", 0.0)],
+            labels=labels,
+        )
+        hits += np.prod(level.intervals[0]) <= 0.0
+    assert (hits > 0.85 * DRAWS) == (groups == 5)
+    warned = any("3 groups do not tell how groups differ" in text for text in level.warnings)
+    assert warned == (groups == 3)
+
+
 def test_values_of_groups_are_those_of_separate_fits_if_nothing_is_shared():
     groups = tuple(np.unique(LABELS))
     of_row = np.repeat(np.arange(RUNS), ROWS)
@@ -206,6 +223,24 @@ def test_further_starts_find_the_least_of_several_minima():
     assert found.values["frequency"] == pytest.approx(7.0)
 
 
+def test_where_a_misfit_is_not_finite_no_search_begins_and_none_goes_on():
+    rate = [FitParameter("rate", 1.0, low=-5.0, high=5.0)]
+
+    def model(values):
+        low = values["rate"] < 0.0
+        return np.full(TIME.size, np.nan) if low else np.exp(-values["rate"] * TIME)
+
+    options = EstimateOptions(starts=6)
+    found = estimate(miss(model({"rate": 2.0}), model), rate, labels=LABELS, options=options)
+    assert found.values["rate"] == pytest.approx(2.0)
+    with pytest.raises(InputError, match="a derivative of the misfits is not finite"):
+        estimate(
+            miss(np.ones(TIME.size), lambda values: np.where(values["rate"] < 1.0, TIME, np.nan)),
+            [FitParameter("rate", 1.0 - 1e-12)],
+            labels=LABELS,
+        )
+
+
 def test_a_fit_without_time_ends_at_the_best_point_until_then():
     options = EstimateOptions(budget=1e-9)
     found = estimate(miss(measure()), FREE, labels=LABELS, options=options)
@@ -267,6 +302,12 @@ def test_parameters_are_checked():
             lambda values, rows: np.where(rows == 1, np.nan, values["a"]),
             [FitParameter("a", 1.0)],
             labels=["x"] * 5,
+        )
+    with pytest.raises(InputError, match="groups of a are x, x: each once"):
+        FitParameter("a", 1.0, groups=("x", "x"))
+    with pytest.raises(InputError, match="there are 4 misfits of 5 rows"):
+        estimate(
+            lambda values, rows: values["a"] - rows[1:], [FitParameter("a", 1.0)], labels=["x"] * 5
         )
     alone = estimate(
         lambda values, rows: values["a"] - rows, [FitParameter("a", 1.0)], labels=["x"] * 5

@@ -7,6 +7,7 @@ import pytest
 
 from bozzini.cockpit.planning import Bench, PlanningRequest
 from bozzini.cockpit.wire import Change
+from bozzini.errors import InputError
 from bozzini.motion import Plan, Scope, insertion
 from bozzini.progress import no_progress
 from bozzini.study import run_insertion
@@ -49,6 +50,22 @@ def test_judging_is_planning_without_the_way(monkeypatch) -> None:
         assert answer(judged)[::2] == answer(planned)[::2]
         if judged.status == "stopped":
             assert judged.inserted <= planned.inserted
+
+
+def test_what_is_no_scope_plan_or_option_is_one_clear_line() -> None:
+    tract = open_phantom(seed=0, voxel=3.0)
+    case = Case.open(tract)
+    for wrong, said in (
+        (lambda: case.plan("9 mm"), "scope is '9 mm': it must be a Scope"),
+        (lambda: case.judge(None), "scope is None"),
+        (lambda: case.find_largest(None), "scope is None"),
+        (lambda: case.certify("plan.npz"), "plan is 'plan.npz': it must be a Plan"),
+        (lambda: Case.open(tract, {"voxel": 1.0}), "options is {'voxel': 1.0}"),
+        (lambda: Case(tract=tract, options=PathOptions()), "it must be an InsertionOptions"),
+        (lambda: Case.open(tract, reading="RAS"), "reading is 'RAS': it must be a ReadOptions"),
+    ):
+        with pytest.raises(InputError, match=said):
+            wrong()
 
 
 def open_bench(tract) -> Bench:

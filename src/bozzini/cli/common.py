@@ -630,9 +630,11 @@ def make_option(
         elif default is dataclasses.MISSING:
             given["required"] = "default" not in other
         elif default is not None:
-            if isinstance(given["type"], QuantityType) and "default" not in other:
-                default = f"{default:g}{known.unit}"
             given |= {"default": default, "show_default": True}
+            if isinstance(given["type"], QuantityType) and "default" not in other:
+                shown = f"{default:g}{known.unit}"
+                is_exact = float(f"{default:g}") == default
+                given |= {"default": shown} if is_exact else {"show_default": shown}
     return click.option(flag or spell_option(item), item.name, **(given | other))
 
 

@@ -7,21 +7,25 @@ import json
 import shlex
 import sys
 from collections.abc import Mapping
-from dataclasses import MISSING
+from dataclasses import MISSING, Field
 
-from ..checks import spell_option
-from ..errors import InputError
+from ..checks import show_value, spell_option
+from ..errors import BozziniError, InputError
 from ..results import Json
 from ..study.tasks import TASKS
 from ..task import is_argument
 
+LONGEST = 4096
+"""Characters of a value, as of a path."""
+
 
 def list_forms() -> list[Json]:
     """Return the forms of all tasks: the name, what it does, and its fields."""
+    broken = TASKS.broken
     return [
         {
             "name": name,
-            "about": (kind.__doc__ or "").strip().splitlines()[0],
+            "about": (kind.__doc__ or "").strip().partition("\n")[0],
             "fields": [
                 {
                     "name": field,
@@ -29,20 +33,24 @@ def list_forms() -> list[Json]:
                     "words": known.words,
                     "flag": known.kind == "flag",
                     "needed": item.default is MISSING,
-                    "shown": known.example or _spell(item.default, known.unit),
+                    "shown": _show(item),
                 }
                 for field, item in kind.list_fields().items()
                 for known in [item.metadata["quantity"]]
             ],
         }
-        for name, kind in ((name, TASKS[name]) for name in TASKS if name not in TASKS.broken)
+        for name, kind in ((name, TASKS[name]) for name in TASKS if name not in broken)
     ]
 
 
-def _spell(default: object, unit: str) -> str:
+def _show(item: Field[object]) -> str:
+    """Return an example of a value, or the default; of words always that, as it is chosen."""
+    known, default = item.metadata["quantity"], item.default
+    if known.example and not known.words:
+        return str(known.example)
     if default is MISSING or default is None:
         return ""
-    return f"{default:g} {unit}".rstrip() if isinstance(default, float) else str(default)
+    return f"{default:g} {known.unit}".rstrip() if isinstance(default, float) else str(default)
 
 
 def list_words(name: str, values: Mapping[str, str]) -> list[str]:
@@ -51,12 +59,16 @@ def list_words(name: str, values: Mapping[str, str]) -> list[str]:
     Raises
     ------
     InputError
-        If there is no such task.
+        If there is no such task, or a value is no word of a command.
+    PluginError
+        If it is a task of another package that cannot be used.
     """
     kind = TASKS.choose(name)
     options, files = [], []
     for field, item in kind.list_fields().items():
         value = values.get(field, "")
+        if "\0" in value or len(value) > LONGEST:
+            raise InputError(f"{field} is {show_value(value)}: it must be a text of one command")
         if value and is_argument(item):
             files.append(value)
         elif value:
@@ -73,7 +85,7 @@ async def fill_form(name: str, values: Mapping[str, str]) -> Json:
     """
     try:
         words = list_words(name, values)
-    except InputError as error:
+    except BozziniError as error:
         return {"command": "", "answer": {"error": {"message": str(error)}}}
     count = len(TASKS[name].command.split())
     process = await asyncio.create_subprocess_exec(
@@ -86,5 +98,9 @@ async def fill_form(name: str, values: Mapping[str, str]) -> Json:
     finally:
         if process.returncode is None:
             process.kill()
-    found = json.loads(answer) if answer else {"error": {"message": "it ended without an answer"}}
+    try:
+        found = json.loads(answer)
+    except ValueError:
+        ends = "wrote something else than its answer" if answer else "ended without an answer"
+        found = {"error": {"message": f"the command {ends}"}}
     return {"command": shlex.join(["bozzini", *words]), "answer": found}

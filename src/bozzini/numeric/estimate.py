@@ -22,6 +22,7 @@ from ..checks import check_integer, check_number, check_word
 from ..errors import InputError
 from .arrays import Floats
 from .estimation import (
+    LEAST_LABELS,
     Blocks,
     Determination,
     FitCovariance,
@@ -83,7 +84,8 @@ class FitParameter:
     Raises
     ------
     InputError
-        If the bounds are no range, the start is outside of them, or the scale is not positive.
+        If the bounds are no range, the start is outside of them, the scale is not positive, or a
+        group is named twice.
     """
 
     name: str
@@ -103,6 +105,8 @@ class FitParameter:
         check_number(f"start of {self.name}", self.start, low=self.low, high=self.high)
         if self.scale is not None:
             check_number(f"scale of {self.name}", self.scale, low=0.0, low_open=True)
+        if len(set(self.groups)) < len(self.groups):
+            raise InputError(f"groups of {self.name} are {', '.join(self.groups)}: each once")
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -126,7 +130,7 @@ class EstimateOptions:
         scatter less than by its square.
     starts : int
         Starts of the search: that declared, and others at random between the bounds, or about it
-        where there are none.
+        where there are none; those at which a misfit is not finite are left out.
     budget : float, optional
         Seconds of one search [s].
     """
@@ -217,6 +221,12 @@ class Estimation:
         found = describe_bounds(self.names, self.at_bound)
         if not self.undetermined:
             found += judge_fit(self.names, self.known.correlations, self.known.condition)
+        count = len(np.unique(self.task.labels))
+        if 1 < count < LEAST_LABELS and not self.task.is_apart:
+            found.append(
+                f"{count} groups do not tell how groups differ, {LEAST_LABELS} would: the "
+                "intervals are too short if rows of a group err alike"
+            )
         return tuple(found)
 
     @property
@@ -407,8 +417,8 @@ def estimate(
     Raises
     ------
     InputError
-        If two parameters have one name, none is free, there are no more misfits than unknowns, or
-        a misfit is not finite where the search begins.
+        If two parameters have one name, none is free, there are no more misfits than unknowns, a
+        misfit is not finite where the search begins, or a derivative on the way.
     """
     task = FitTask(
         misfit=misfit,
@@ -423,6 +433,8 @@ def estimate(
         raise InputError("no parameter is free: name one or more")
     rows = np.arange(len(task.labels))
     first = misfit(task.name_values(task.start), rows)
+    if len(rows) and first.size % len(rows):
+        raise InputError(f"there are {first.size} misfits of {len(rows)} rows: each has as many")
     if first.size <= count:
         raise InputError(f"{first.size} misfit(s) are too few for {count} unknown(s)")
     if lost := np.flatnonzero(~np.isfinite(first)).tolist():
@@ -430,6 +442,7 @@ def estimate(
         raise InputError(f"the misfit of row {row} is not finite where the search begins")
     search = task.make_search(rows)
     starts = task.draw_starts()
+    starts[1:] = [start for start in starts[1:] if np.isfinite(search.misfit(start)).all()]
     trial = _TRIAL if len(starts) > 1 else None
     found = search.search(starts, evaluations=EVALUATIONS, trial=trial)
     evaluations, loss_scale = found.evaluations, 0.0

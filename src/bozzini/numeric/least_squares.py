@@ -15,7 +15,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import BozziniError
+from ..errors import BozziniError, InputError
 from .arrays import Floats
 
 Loss = Literal["linear", "soft_l1", "huber"]
@@ -119,7 +119,13 @@ class LeastSquares:
     clock: Clock | None = None
 
     def descend(self, start: Floats, *, evaluations: int | None = None) -> Minimum:
-        """Return where the search from a start (k,) ends, after so many evaluations at most."""
+        """Return where the search from a start (k,) ends, after so many evaluations at most.
+
+        Raises
+        ------
+        InputError
+            If a derivative is not finite.
+        """
         if self.margin:
             low, high = (np.asarray(side, dtype=np.float64) for side in self.bounds)
             margin = self.margin * (high - low)
@@ -181,19 +187,24 @@ class LeastSquares:
     ) -> Minimum:
         from scipy.optimize import least_squares
 
-        found = least_squares(
-            misfit,
-            start,
-            jac="2-point" if self.slope is None else self.slope,
-            bounds=self.bounds,
-            x_scale=self.scale,
-            loss=self.loss,
-            f_scale=self.loss_scale,
-            xtol=self.xtol,
-            ftol=self.ftol,
-            gtol=self.gtol,
-            max_nfev=evaluations,
-        )
+        try:
+            found = least_squares(
+                misfit,
+                start,
+                jac="2-point" if self.slope is None else self.slope,
+                bounds=self.bounds,
+                x_scale=self.scale,
+                loss=self.loss,
+                f_scale=self.loss_scale,
+                xtol=self.xtol,
+                ftol=self.ftol,
+                gtol=self.gtol,
+                max_nfev=evaluations,
+            )
+        except ValueError as error:
+            if "infs or NaNs" not in str(error):  # as the singular value decomposition says it
+                raise
+            raise InputError("a derivative of the misfits is not finite on the way") from None
         return Minimum(
             point=np.asarray(found.x),
             misfit=np.asarray(found.fun),

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..anatomy.tract import Finding, LabelTract, SurfaceTract
-from ..checks import floor_mm
+from ..checks import check_kind, floor_mm
 from ..duct import Centreline, SampledField, build_field
 from ..duct.field import RefinedField, check_tract, refine_field
 from ..motion.largest import Largest, find_largest
@@ -156,6 +156,7 @@ class Case:
 
     def __post_init__(self) -> None:
         check_tract("tract", self.tract)
+        check_kind("options", self.options, InsertionOptions)
         _ = self.stated  # wrong ends and inputs are told before any long work
 
     @classmethod
@@ -178,14 +179,16 @@ class Case:
             How a file is read.
         progress : Progress
         """
+        reading = ReadOptions() if reading is None else reading
+        check_kind("reading", reading, ReadOptions)
         if options is None:
             options = InsertionOptions()
         elif not isinstance(options, InsertionOptions):
+            check_kind("options", options, PathOptions)
             path = {name: getattr(options, name) for name in PathOptions.__dataclass_fields__}
             options = InsertionOptions(**path)
         if isinstance(source, (LabelTract, SurfaceTract)):
             return cls(tract=source, options=options, progress=progress)
-        reading = ReadOptions() if reading is None else reading
         progress("read", 0.0)
         tract = reading.read(source)
         inputs = describe_source(source, reading, tract=tract, options=options)
@@ -323,6 +326,7 @@ class Case:
 
     def _list_grids(self, scope: Scope, *, reach: bool) -> Iterator[CasePlan]:
         """Give the plan on the first grid, and on the finer one if that may change it."""
+        check_kind("scope", scope, Scope)
         self.options.check(scope)
         with explain_scale(self.tract):
             found = self._plan_from_entry(scope, reach=reach)
@@ -334,6 +338,7 @@ class Case:
 
     def find_largest(self, scope: Scope, line: Centreline | None = None) -> Largest:
         """Return the largest diameter and the longest link that come through along a line."""
+        check_kind("scope", scope, Scope)
         options = self.options
         freedom = 0.0 if options.method == "follow" else 1.0
         with self._clock("largest"):
@@ -354,6 +359,7 @@ class Case:
         """Check a plan in this tract, sampled as the plan states, and prove it anew."""
         from ..motion.verify import build_wall, rebuild_field, verify_plan
 
+        check_kind("plan", plan, Plan)
         field = rebuild_field(plan, self.tract, progress=self.progress)
         return verify_plan(plan, field, wall=build_wall(self.tract), progress=self.progress)
 

@@ -63,7 +63,7 @@ class Study:
             if name in self.spec.factors:
                 raise InputError(f"'{name}' is a factor and an output: names must differ")
         if not self.job.outputs:
-            raise InputError("outputs is empty: name those that the function gives")
+            raise InputError("outputs is empty: the job gives no numbers unless they are named")
         for known in (self.axes, self.limits, self.rows):
             del known  # checked as they are made
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import MISSING
+from importlib.metadata import EntryPoint
 from typing import ClassVar
 
 from ..checks import Quantity, choose
-from ..errors import InputError
+from ..errors import InputError, PluginError
 from ..registry import Registry
 from ..task import Task, has_converged, list_numbers
 from ..units import INTERNAL_UNITS
@@ -21,7 +23,29 @@ def _find_own() -> dict[str, type[Task]]:
     return {kind.name: kind for kind in (SetupPlanning,)}
 
 
-TASKS: Registry[Task] = Registry("bozzini.tasks", lambda: Task, _find_own, noun="task")
+class TaskRegistry(Registry[Task]):
+    """Tasks by name; one of another package is refused if no command can be made of it."""
+
+    def _load(self, point: EntryPoint) -> type[Task]:
+        kind = super()._load(point)
+        if wrong := _find_fault(kind, point.name):
+            raise PluginError(f"the task '{point.name}' of {point.value} cannot be used: {wrong}")
+        return kind
+
+
+def _find_fault(kind: type[Task], name: str) -> str:
+    """Return why a task cannot be had by a name; empty if it can."""
+    try:
+        kind.list_fields()
+    except TypeError as error:
+        return str(error)
+    command = getattr(kind, "command", "")
+    if command != name:
+        return f"its command is '{command}', but its entry point '{name}'"
+    return "a job of studies has that name" if name in JOBS else ""
+
+
+TASKS = TaskRegistry("bozzini.tasks", lambda: Task, _find_own, noun="task")
 """Tasks by name: this package's, and those that other packages add as ``bozzini.tasks``."""
 
 
@@ -51,8 +75,9 @@ class TaskJob(RowJob):
 
     @property
     def outputs(self) -> Mapping[str, str]:
-        """The numbers of the result."""
-        return list_numbers(self.kind.result)
+        """The numbers of the result that no input is called like."""
+        inputs = self.kind.list_fields()
+        return {n: unit for n, unit in list_numbers(self.kind.result).items() if n not in inputs}
 
     def measure(self, row: Mapping[str, Value]) -> Mapping[str, float]:
         """Return the numbers of one result; that it has not converged is the reason of its row."""
@@ -61,7 +86,8 @@ class TaskJob(RowJob):
         found = self.kind.from_inputs(given).run()
         if not has_converged(found):
             raise InputError(str(found.reason))
-        return {name: float(getattr(found, name)) for name in self.outputs}
+        values = {name: getattr(found, name) for name in self.outputs}
+        return {name: math.nan if value is None else value for name, value in values.items()}
 
 
 def choose_job(name: str) -> type[Job]:
