@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from ..checks import check_kind
 from ..errors import InputError
-from ..muscle import MODELS
+from ..muscle import MODELS, MuscleModel
 from .design import PRESET_MODELS, effector_preset
 from .inverse import EffectorInverse, solve_inverse
 from .model import EffectorModel
@@ -59,6 +59,9 @@ class Effector(EffectorModel):
         check_kind("motion", self.motion, EffectorMotion)
         if self.pulls is not None:
             object.__setattr__(self, "pulls", take_pulls(self.pulls, self.design.names))
+
+    def _make_models(self) -> tuple[MuscleModel, ...]:
+        return super()._make_models() if self.pulls is None else ()
 
     def __reduce__(self) -> tuple[type[Effector], tuple[object, ...]]:
         """Pickle what it was made of; see `EffectorModel`."""
