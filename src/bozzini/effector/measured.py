@@ -94,7 +94,7 @@ class EffectorMeasurements:
                 f"seen has shape {seen.shape}: it must be ({count}, {len(self.channels)}), a value "
                 f"for each of {list(self.channels)}"
             )
-        if not np.isfinite(seen).any():
+        if self.channels and not np.isfinite(seen).any():
             raise InputError("nothing was seen: the values are all empty")
         runs = self.runs if len(self.runs) else np.full(count, "")
         if len(runs) != count:
@@ -167,6 +167,7 @@ def read_effector_measurements(
     *,
     per_volt: float | None = None,
     columns: Mapping[str, str] | None = None,
+    seen_needed: bool = True,
 ) -> EffectorMeasurements:
     """Read what was commanded and seen of an end-effector from a CSV or Parquet file.
 
@@ -184,6 +185,8 @@ def read_effector_measurements(
         Pressure per volt of the regulators [MPa/V].
     columns : mapping of str to str, optional
         Titles to read for titles of the file.
+    seen_needed : bool
+        Whether there must be a column of what was seen.
 
     Raises
     ------
@@ -238,13 +241,13 @@ def read_effector_measurements(
             if name in target:
                 raise FileFormatError(f"column '{old}' is there twice")
             target[name] = values
-        if not commands or not seen:
+        if not commands or (seen_needed and not seen):
             lacking = "a command, such as 'R pressure [kPa]'" if not commands else (
                 "what was seen, such as 'tip x [mm]' or 'spot x [cm]'")  # fmt: skip
             raise FileFormatError(f"there is no column with {lacking}: rename columns (--column)")
         if "length" in kinds and len(kinds) > 1:
             raise FileFormatError("there are pressures and contractions: give one kind of command")
-        values = np.stack(list(seen.values()), axis=-1)
+        values = np.stack(list(seen.values()), axis=-1) if seen else np.zeros((len(sheet.rows), 0))
         lost = int((~np.isfinite(values)).any(axis=-1).sum())
         notes = []
         if lost:

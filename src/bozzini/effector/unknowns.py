@@ -103,6 +103,17 @@ def parse_unknowns(setup: EffectorSetup, free: Sequence[str]) -> tuple[Unknown, 
     return tuple(_parse(setup, name) for name in names)
 
 
+def set_number(setup: EffectorSetup, name: str, value: float) -> EffectorSetup:
+    """Return a setup with a number, named as of `parse_unknowns`, in place of what it was."""
+    one = _parse(setup, name)
+    return one.put(setup, np.full(len(one.begin), value))
+
+
+def find_kind(setup: EffectorSetup, name: str) -> str:
+    """Return the kind of quantity of a number, named as of `parse_unknowns`."""
+    return _parse(setup, name).known.kind
+
+
 def _parse(setup: EffectorSetup, name: str) -> Unknown:
     head, _, field = name.partition(".")
     which, _, own = field.partition(".")

@@ -16,9 +16,10 @@ from .jobs import JOBS, FunctionJob, Job, RowJob, check_keywords, find_function
 
 
 def _find_own() -> dict[str, type[Task]]:
+    from ..effector.simulation import EffectorSimulation
     from ..vision.planning import SetupPlanning
 
-    return {kind.name: kind for kind in (SetupPlanning,)}
+    return {kind.name: kind for kind in (SetupPlanning, EffectorSimulation)}
 
 
 TASKS: Registry[Task] = Registry("bozzini.tasks", lambda: Task, _find_own, noun="task")
