@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from ..checks import check_integer, check_number, list_quantities
-from ..effector.design import PRESET_MODELS, EffectorDesign
+from ..effector.design import DEFAULT_PRESET, PRESET_MODELS, EffectorDesign
 from ..effector.simulation import EffectorSimulation
 from ..errors import InputError
 from ..fabricate import HolderOptions
@@ -39,7 +39,7 @@ from .common import (
     split_setting,
     step_option,
 )
-from .effector_fit import add_fit
+from .effector_fit import make_fit
 from .muscle_options import (
     list_kinds,
     make_class,
@@ -96,9 +96,8 @@ class EffectorRequest:
         design, file = self.make_design(), self._file
         if file is not None and file.pulls:
             return replace(file.build(), design=design)
-        model = make_class(self.model_name, **self._choose())
-        motion = {} if file is None else {"motion": file.motion}
-        return Effector(design, model, **motion)
+        made = Effector(design, make_class(self.model_name, **self._choose()))
+        return made if file is None else replace(made, motion=file.motion)
 
     @cached_property
     def _file(self) -> EffectorFile | None:
@@ -121,8 +120,8 @@ class EffectorRequest:
             return self._file.model, self._file.choices
         return PRESET_MODELS.get(self.given["preset"], ("energy", {}))
 
-    def _choose(self) -> dict[str, str | None]:
-        choices = {name: self.given[name] for name in ("ends", "load_path")}
+    def _choose(self) -> dict[str, Any]:
+        choices: dict[str, Any] = {name: self.given[name] for name in ("ends", "load_path")}
         if self.given["model_name"] is None:
             choices = {name: choices[name] or self._of_preset[1].get(name) for name in choices}
         return choices
@@ -179,18 +178,18 @@ effector_options = gather(
     EffectorRequest,
     option(
         "--preset NAME|FILE",
-        "Where the design begins: prototype, or thesis, which has the thesis's own model too; or a "
-        "file of 'bozzini effector fit --out', ending in .yaml or .json.",
-        default="prototype",
+        "Where the design begins: measured, prototype, or thesis, which has the thesis's own model "
+        "too; or a file of 'bozzini effector fit --out', ending in .yaml or .json.",
+        default=DEFAULT_PRESET,
     ),
     option(
         "--muscle-preset NAME|FILE",
         "The muscles, by a name of 'bozzini muscle presets' or a muscle file ending in .yaml or "
-        ".json (prototype: fitted-45).",
+        ".json (measured: measured-45).",
     ),
     option(
         "--angles NAME=ANGLE,...",
-        "The muscles, such as A=0deg,B=120deg,C=240deg (prototype: R=307.5deg,G=219deg,B=75deg); "
+        "The muscles, such as A=0deg,B=120deg,C=240deg (measured: R=307.5deg,G=219deg,B=75deg); "
         "can be repeated.",
         multiple=True,
     ),
@@ -202,7 +201,7 @@ effector_options = gather(
     _field_option("pressure_limit"),
     option(
         "--beam",
-        "Beam formula M L^2 / (BEAM E I): 3 as printed, 2 as derived (prototype: 3).",
+        "Beam formula M L^2 / (BEAM E I): 3 as printed, 2 as derived (measured: 2).",
         ("2", "3"),
     ),
     option(
@@ -924,7 +923,7 @@ def _show_trace(found: Trace, asked: EffectorRequest, answer: Answer) -> None:
     _give(result, answer=answer, text=text, notes=notes, done=found.complete and settled)
 
 
-command.add_command(add_fit(effector_options))
+command.add_command(make_fit(effector_options))
 command.add_command(make_command(EffectorSimulation))
 
 

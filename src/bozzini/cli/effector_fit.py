@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,6 +17,7 @@ from .common import (
     OUTPUT,
     PICTURES,
     Answer,
+    Command,
     NameType,
     answer_options,
     check_target,
@@ -41,7 +42,8 @@ OF_PULLS = (
 IN_TIME = "motion.fill_lag,motion.bleed_lag,motion.creep_share,motion.creep_time"
 FIRST_WEIGHT = 0.1
 """Share of each play where the search begins."""
-FIRST_MOTION = {"fill_lag": 0.5, "bleed_lag": 0.5, "creep_share": 0.1}
+FIRST_LAG, FIRST_SHARE = 0.5, 0.1
+"""Lags [s] and share of the creep there, of a recording."""
 
 
 def _list_rests() -> Registry[Rest]:
@@ -65,7 +67,9 @@ class FitStart:
         radii = tuple(parse_quantity(text, "pressure") for text in _split(given["plays"]))
         motion = EffectorMotion(play_radii=radii, play_weights=(FIRST_WEIGHT,) * len(radii))
         if data.times is not None:
-            motion = replace(motion, **FIRST_MOTION)
+            motion = replace(
+                motion, fill_lag=FIRST_LAG, bleed_lag=FIRST_LAG, creep_share=FIRST_SHARE
+            )
         if given["pulls"]:
             design = asked.make_design()
             laws = (MusclePull(),) * len(design.muscles)
@@ -167,18 +171,25 @@ fit_options = gather(
 )  # fmt: skip
 
 
-def add_fit(effector_options: Any) -> Any:
+def make_fit(effector_options: Callable[[Command], Command]) -> click.Command:
     """Return the command, with the options of an end-effector."""
 
     @click.command("fit")
     @click.argument("table", metavar="TABLE.csv", type=INPUT)
     @start_options
     @option("--per-volt", "Pressure of the regulators at one volt.", "pressure")
-    @option("--column columns TITLE=OLD", "A title to read in place of one in the file; can be "
-            "repeated.", multiple=True)
+    @option(
+        "--column columns TITLE=OLD",
+        "A title to read in place of one in the file; can be repeated.",
+        multiple=True,
+    )
     @option("--hold NAME,...", "Runs that are predicted, not fitted.", default="")
-    @option("--check others FILE", "A table to predict, not to fit; can be repeated.",
-            INPUT, multiple=True)
+    @option(
+        "--check others FILE",
+        "A table to predict, not to fit; can be repeated.",
+        INPUT,
+        multiple=True,
+    )
     @fit_options
     @option("--figure FILE", "A picture: traces, errors over time, loops.", OUTPUT)
     @effector_options
@@ -227,9 +238,7 @@ def add_fit(effector_options: Any) -> Any:
                 raise InputError("--hold names all runs: leave one or more to fit")
             data = whole.select(kept)
         for path in others:
-            checked[str(path)] = read_effector_measurements(
-                path, per_volt=per_volt, columns=titles
-            )
+            checked[str(path)] = read_effector_measurements(path, per_volt=per_volt, columns=titles)
         setup = start.make_setup(asked, data)
         with answer.show_progress() as progress:
             found = fit_effector(
@@ -251,9 +260,13 @@ def add_fit(effector_options: Any) -> Any:
                 checks[name]["within_band"] = share
                 lines.append(f"{100.0 * share:.1f} % lie within the band of runs left out")
         if answer.out is not None:
-            held_model = {} if found.effector.pulls else {
-                "model": asked.model_name, "choices": asked.choices}  # fmt: skip
-            file = EffectorFile.of(found, per_volt=per_volt, **held_model)
+            of_model = not found.effector.pulls
+            file = EffectorFile.of(
+                found,
+                model=asked.model_name if of_model else "energy",
+                choices=asked.choices if of_model else {},
+                per_volt=per_volt,
+            )
             write_effector(answer.out, file)
         if figure is not None:
             from ..plot import write_figure

@@ -62,7 +62,7 @@ STUDY = """\
 format: bozzini-study-1
 job: effector-design # a job, or module:function of your own
 fixed: # inputs that do not vary
-  preset: prototype # {preset}
+  preset: measured # {preset}
   deflection: 12 mm # what the tip is to reach to the side; {deflection}
   #pressure_limit: 0.827 MPa # {pressure_limit}
 factors: # inputs that vary: a range, integers, normal, values or files each

@@ -316,26 +316,35 @@ def rigidity_from_test(force: float, deflection: float, *, length: float) -> flo
     return known.check("flexural rigidity of the test", rigidity)
 
 
-def _place_muscles(name: str) -> EffectorDesign:
+def _place_muscles(name: str, *, beam_factor: float = 3.0) -> EffectorDesign:
     """Return the thesis's section with muscles of a preset."""
     muscle = muscle_preset(name)
     return EffectorDesign(
         muscles=tuple(
             PlacedMuscle(name=name, muscle=muscle, angle=math.radians(degrees))
             for name, degrees in (("R", 307.5), ("G", 219.0), ("B", 75.0))
-        )
+        ),
+        beam_factor=beam_factor,
     )
 
 
+DEFAULT_PRESET = "measured"
+"""The end-effector that commands have by default."""
+
 EFFECTOR_PRESETS: dict[str, EffectorDesign] = {
+    "measured": _place_muscles("measured-45", beam_factor=2.0),
     "prototype": _place_muscles("fitted-45"),
     "thesis": _place_muscles("effector-45"),
 }
 """End-effectors by name.
 
+- ``measured``: the section of ``prototype`` with the derived beam formula and the muscle
+  ``measured-45``, fitted to the deflections that the thesis measured: 20.4, 18.5 and 15.8 mm at
+  689.4, 551.6 and 413.6 kPa. It is the default of all commands.
 - ``prototype``: the thesis's, with muscles R, G and B at 307.5, 219 and 75 degrees (Fig. 4.9). Its
   offset of 4 mm and its ``EI`` of 200 N mm^2 are those that Tables 4.1-4.4 were computed with. The
-  drawn holder leaves no space for a muscle so far out (`find_conflicts`).
+  drawn holder leaves no space for a muscle so far out (`find_conflicts`). Its muscle is fitted to
+  contractions without load, not to the section: 12.5 mm at 689.4 kPa.
 - ``thesis``: the same with the muscle ``effector-45``, for which the thesis's own model meets
   Tables 4.1, 4.3 and 4.4: 20.4 mm at 689.4 kPa (`PRESET_MODELS`, `Effector.from_preset`).
 """

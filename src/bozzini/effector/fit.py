@@ -416,9 +416,7 @@ def _predict_rest(rest: Rest, data: EffectorMeasurements, states: Floats) -> Flo
     return found
 
 
-def _list_states(
-    data: EffectorMeasurements, states: Floats
-) -> list[tuple[Floats, Floats, slice]]:
+def _list_states(data: EffectorMeasurements, states: Floats) -> list[tuple[Floats, Floats, slice]]:
     """Return times and states of each run, and its rows."""
     times = np.arange(len(data), dtype=np.float64) if data.times is None else data.times
     return [(times[part] - times[part][0], states[part], part) for part in data.parts]

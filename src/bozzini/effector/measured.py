@@ -124,7 +124,7 @@ class EffectorMeasurements:
                 row = part.start + int(back[0])
                 raise InputError(
                     f"time runs backwards or stands at row {row + 2}: {times[row + 1]:g} s after "
-                    f"{times[row]:g} s; if another run begins there, name the runs in a column 'run'"
+                    f"{times[row]:g} s; if a run begins there, name the runs in a column 'run'"
                 )
 
     def __len__(self) -> int:

@@ -45,9 +45,7 @@ class EffectorMotion:
         If a value is not legal, or there are not as many radii as weights.
     """
 
-    fill_lag: float = quantity(
-        "time", "Lag of the regulators on the way up.", default=0.0, **LAGS
-    )
+    fill_lag: float = quantity("time", "Lag of the regulators on the way up.", default=0.0, **LAGS)
     bleed_lag: float = quantity(
         "time", "Lag of the regulators on the way down.", default=0.0, **LAGS
     )

@@ -87,9 +87,7 @@ class PolynomialRest(Rest):
             return np.asarray(np.linalg.solve(matrix, sum(right[k] for k in which)))
 
         def miss_left_out(ridge: float) -> float:
-            off = [
-                misses[k] - products[k] @ solve(ridge, k) for k in range(len(misses))
-            ]
+            off = [misses[k] - products[k] @ solve(ridge, k) for k in range(len(misses))]
             return float(np.nansum(np.concatenate(off) ** 2))
 
         ridge = min(RIDGES, key=miss_left_out) if len(misses) > 1 else RIDGES[-1]
@@ -120,7 +118,7 @@ def _multiply(variables: Floats, degree: int) -> Floats:
 
 
 def _find_base() -> type[Rest]:
-    return Rest  # type: ignore[type-abstract]
+    return Rest
 
 
 RESTS: Registry[Rest] = Registry(

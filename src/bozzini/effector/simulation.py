@@ -66,8 +66,12 @@ class EffectorTrack(ReasonedResult):
 
     def to_dict(self) -> dict[str, object]:
         """Return the motion as plain values, without the state."""
-        return {"names": list(self.names), "columns": {
-            name: np.asarray(column).tolist() for name, column in self.list_columns().items()}}
+        return {
+            "names": list(self.names),
+            "columns": {
+                name: np.asarray(column).tolist() for name, column in self.list_columns().items()
+            },
+        }
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw both lateral coordinates over time, and return the axes."""

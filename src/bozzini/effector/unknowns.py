@@ -135,12 +135,12 @@ def _parse(setup: EffectorSetup, name: str) -> Unknown:
             name, SCALE, (), np.array([setup.scale]),
             lambda setup, values: dataclasses.replace(setup, scale=float(values[0])),
         )  # fmt: skip
-    design, motion, view = (list_quantities(k) for k in (EffectorDesign, EffectorMotion, TipView))
+    design, moves, view = (list_quantities(k) for k in (EffectorDesign, EffectorMotion, TipView))
     if name in design and not design[name].whole and name != "backbone_length":
         return _take_field(name, design[name], getattr(setup.effector.design, name), _put_design,
                            name)  # fmt: skip
-    if head == "motion" and field in motion:
-        return _take_field(name, motion[field], getattr(setup.effector.motion, field), _put_motion,
+    if head == "motion" and field in moves:
+        return _take_field(name, moves[field], getattr(setup.effector.motion, field), _put_motion,
                            field)  # fmt: skip
     if head in ("base", "board") and f"{head}_{field}" in view:
         own = f"{head}_{field}"
@@ -148,7 +148,7 @@ def _parse(setup: EffectorSetup, name: str) -> Unknown:
     raise InputError(
         f"'{name}' cannot be fitted: give muscles.each.FIELD or muscles.*.FIELD, one of "
         f"{', '.join(k for k in design if not design[k].whole and k != 'backbone_length')}, "
-        f"motion.FIELD with one of {', '.join(motion)} or play_weights, base.x to base.turn_z, "
+        f"motion.FIELD with one of {', '.join(moves)} or play_weights, base.x to base.turn_z, "
         "board.distance, board.slope_x, board.slope_y, board.x, board.y, or commands.scale"
     )
 

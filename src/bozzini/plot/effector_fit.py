@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+
 from .style import BLUE, INK, RED, make_panels
 
 if TYPE_CHECKING:
