@@ -115,20 +115,20 @@ class EffectorDesign:
     muscles: tuple[PlacedMuscle, ...]
     offset: float = quantity(
         "length",
-        "Distance of the muscles from the axis (prototype: 4 mm).",
+        "Distance of the muscles from the axis (measured: 4 mm).",
         default=4.0,
         low=1e-3,
         high=1e3,
     )
     backbone_length: float = quantity(
         "length",
-        "Length of the backbone and of the muscles (prototype: 45 mm).",
+        "Length of the backbone and of the muscles (measured: 45 mm).",
         default=45.0,
         low=1e-2,
         high=1e4,
     )
     segments: int = quantity(
-        help="Turns of the outer spring: part of the design, no mesh (prototype: 15).",
+        help="Turns of the outer spring: part of the design, no mesh (measured: 15).",
         default=15,
         low=1,
         high=1000,
@@ -136,44 +136,44 @@ class EffectorDesign:
     )
     flexural_rigidity: float = quantity(
         "rigidity",
-        "Flexural rigidity without a catheter (prototype: 200 N mm^2).",
+        "Flexural rigidity without a catheter (measured: 200 N mm^2).",
         default=200.0,
         low=1e-6,
         high=1e12,
     )
     catheter_rigidity: float = quantity(
         "rigidity",
-        "Flexural rigidity of the catheter; adds (prototype: 0).",
+        "Flexural rigidity of the catheter; adds (measured: 0).",
         default=0.0,
         low=0.0,
         high=1e12,
     )
     holder_length: float = quantity(
         "length",
-        "Length of the straight holder beyond the backbone (prototype: 10 mm).",
+        "Length of the straight holder beyond the backbone (measured: 10 mm).",
         default=10.0,
         low=0.0,
         high=1e4,
     )
     pressure_limit: float = quantity(
         "pressure",
-        "Largest pressure of a muscle (prototype: 0.827 MPa).",
+        "Largest pressure of a muscle (measured: 0.827 MPa).",
         default=0.827,
         low=1e-6,
         high=10.0,
     )
     beam_factor: float = quantity(default=3.0, low=2.0, high=3.0)
     holder_diameter: float = quantity(
-        "length", "Diameter of the holders (prototype: 9 mm).", default=9.0, low=1e-3, high=1e4
+        "length", "Diameter of the holders (measured: 9 mm).", default=9.0, low=1e-3, high=1e4
     )
     bore_diameter: float = quantity(
-        "length", "Catheter's hole in them (prototype: 3.5 mm).", default=3.5, low=0.0, high=1e4
+        "length", "Catheter's hole in them (measured: 3.5 mm).", default=3.5, low=0.0, high=1e4
     )
     hole_diameter: float = quantity(
-        "length", "A muscle's hole in them (prototype: 2 mm).", default=2.0, low=0.0, high=1e4
+        "length", "A muscle's hole in them (measured: 2 mm).", default=2.0, low=0.0, high=1e4
     )
     coil_diameter: float = quantity(
-        "length", "Coil in the middle (prototype: 4 mm).", default=4.0, low=0.0, high=1e4
+        "length", "Coil in the middle (measured: 4 mm).", default=4.0, low=0.0, high=1e4
     )
 
     def __post_init__(self) -> None:

@@ -123,7 +123,7 @@ class EffectorMeasurements:
             if back.size:
                 row = part.start + int(back[0])
                 raise InputError(
-                    f"time runs backwards or stands at row {row + 2}: {times[row + 1]:g} s after "
+                    f"time runs backwards or stands at row {row + 2} of the data: {times[row + 1]:g} s after "
                     f"{times[row]:g} s; if a run begins there, name the runs in a column 'run'"
                 )
 
