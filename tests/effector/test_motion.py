@@ -115,6 +115,26 @@ def test_plays_are_those_of_the_muscle_and_of_the_rig():
     assert plant.effective_pressures == pytest.approx(found.effective[0, -1], abs=1e-4)
 
 
+def test_the_rig_creeps_as_the_motion_does():
+    motion = EffectorMotion(
+        fill_lag=9.0, play_radii=(0.02,), play_weights=(0.3,), creep_share=0.4, creep_time=0.5
+    )
+    chamber = Chamber(pressure=[0.0, 1.2], volume=[400.0, 401.0], contraction=[0.0, 12.0])
+    plant = HystereticPlant(chamber, motion)
+    seen, acting = [plant.pressures], [plant.effective_pressures]
+    for _ in range(100):
+        plant.step([0.6, 0.5, 0.4, 0.0, 0.0, 0.0], 0.01)
+        seen.append(plant.pressures)
+        acting.append(plant.effective_pressures)
+    alone = EffectorMotion(play_radii=(0.02,), play_weights=(0.3,), creep_share=0.4, creep_time=0.5)
+    # a command holds until the next sample: the plant's pressure is known at the end of a step
+    commands = np.array([*seen[1:], seen[-1]])[None]
+    state = alone.begin(np.zeros((1, 3)))
+    found = alone.act(np.linspace(0.0, 1.0, 101), commands, state)
+    assert np.array(acting) == pytest.approx(found.effective[0], abs=1e-12)
+    assert np.ptp(acting, axis=0).min() > 0.1
+
+
 def test_a_section_of_pulls_is_in_balance():
     arm = make_arm()
     pressures = command(np.random.default_rng(4))
