@@ -70,7 +70,7 @@ def record(
         knots = random.uniform(0.0, 0.7, (11, 3)) * (np.arange(3) != random.integers(3))
         own = np.stack([np.interp(times, 2.0 * np.arange(11), k) for k in knots.T], axis=1)
         track = arm.simulate(times, own)
-        spot = view.observe(arm, track.bends, ["spot x", "spot y"])
+        spot = view.observe(arm, track.bends, channels=["spot x", "spot y"])
         commands.append(own)
         seen.append(spot + noise * random.normal(size=spot.shape))
     return EffectorMeasurements(

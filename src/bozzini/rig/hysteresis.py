@@ -73,7 +73,7 @@ class HystereticPlant(Plant):
     def _follow_operator(self, duration: float) -> None:
         if self._motion is not None:
             held = np.broadcast_to(self.pressures, (1, 2, MUSCLES)).copy()
-            acting = self._motion.act(np.array([0.0, duration]), held, self._moved)
+            acting = self._motion.act(np.array([0.0, duration]), held, initial=self._moved)
             self.effective_pressures, self._moved = acting.effective[0, 1], acting.state
             return
         output, self._state = self._operator.run(self.pressures[:, None], initial=self._state)
