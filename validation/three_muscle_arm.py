@@ -235,7 +235,8 @@ def validate(folder: Path, images: Path) -> Section:
             "What limits: the place of the spot drifts by up to 0.3 cm from run to run, which no "
             "command tells: so no rest that knows only the commands comes to 0.17 cm on `val01`, "
             "10 s long, which was asked for. Areas that change with pressure, and a stiffening "
-            "below 0 of muscle 2, say what the section does as a whole rather than what one muscle would do on a bench.",
+            "below 0 of muscle 2, say what the section does as a whole rather than what one "
+            "muscle would do on a bench.",
             "",
             *COMMANDS,
         ),
