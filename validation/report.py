@@ -28,6 +28,7 @@ SETS = (
     "three_cable_robot",
     "tentacle",
     "helical_robot",
+    "three_muscle_arm",
     "sorosim_statics",
 )
 """Folders of the sets, and modules here: each has `validate(folder, images)`, a `Section`.

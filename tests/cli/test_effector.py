@@ -26,8 +26,10 @@ from bozzini.effector import (
 from bozzini.muscle import MuscleFile, ThesisMuscle, write_muscle
 from bozzini.muscle import preset as muscle_preset
 
-EFFECTOR = Effector(effector_preset("prototype"))
-THESIS = ("--model", "thesis", "--load-path", "bulk", "--muscle-preset", "effector-45")
+EFFECTOR = Effector(effector_preset("measured"))
+UNTUNED = ("--preset", "prototype")
+THESIS = ("--beam", "3", "--model", "thesis", "--load-path", "bulk",
+          "--muscle-preset", "effector-45")  # fmt: skip
 
 
 @pytest.fixture
@@ -100,7 +102,7 @@ def test_tables_of_the_thesis(ask, run):
 
 def test_an_iteration_that_does_not_end_is_said(ask, run):
     # stiffer than the muscle: d lateral / d contraction is above c times the muscle's stiffness
-    command = ("pose", "--pressure", "R=689.4kPa", "--rigidity", "260Nmm^2", "--table")
+    command = ("pose", "--pressure", "R=689.4kPa", "--rigidity", "260Nmm^2", "--table", *UNTUNED)
     said = ask(*command)
     assert said["tables_converged"] == {"R": False}
     assert len(said["tables"]["R"]) > 50
@@ -132,18 +134,18 @@ def test_reach_comes_back(ask):
 
 
 def test_out_of_reach_is_a_negative_answer(ask, run):
-    said = ask("reach", "--to", "12mm,-5mm", code=1)
-    found = solve_inverse(EFFECTOR, (12.0, -5.0))
+    said = ask("reach", "--to", "12mm,-5mm", *UNTUNED, code=1)
+    found = solve_inverse(Effector(effector_preset("prototype")), (12.0, -5.0))
     assert said["reachable"] is False
     assert said["delivered_mm"] == pytest.approx(found.delivered.tolist())
     x, y = said["delivered_mm"]
     assert y / x == pytest.approx(-5.0 / 12.0)
-    code, text, _ = run("reach", "--to", "12mm,-5mm")
+    code, text, _ = run("reach", "--to", "12mm,-5mm", *UNTUNED)
     assert code == 1
     assert f"delivered {x:.3f}, {y:.3f} mm" in text
     assert str(found.reason) in text
     # the derived beam formula bends further
-    assert ask("reach", "--to", "12mm,-5mm", "--beam", "2")["reachable"] is True
+    assert ask("reach", "--to", "12mm,-5mm", *UNTUNED, "--beam", "2")["reachable"] is True
 
 
 def test_options_of_the_design_reach_it(ask):
@@ -249,7 +251,7 @@ def test_trace_circle(ask, run, tmp_path):
         pressures = [float(row[f"pressure_{name}_MPa"]) for name in "RGB"]
         tip = pose(EFFECTOR, np.minimum(pressures, 0.827)).lateral_vector
         assert np.hypot(*tip) == pytest.approx(8.0, abs=1e-5)
-    code, text, _ = run("trace", "circle", "--radius", "10mm", "--out", "circle.png")
+    code, text, _ = run("trace", "circle", "--radius", "14mm", "--out", "circle.png")
     assert code == 1
     assert "targets in reach" in text
     assert (tmp_path / "circle.png").exists()
@@ -328,10 +330,11 @@ def test_pose_pictures(run, tmp_path):
 def test_model_of_the_muscles(ask):
     said = ask("pose", "--pressure", "R=689.4kPa", *THESIS)
     design = EFFECTOR.design.replace(
+        beam_factor=3.0,
         muscles=tuple(
             type(placed)(name=placed.name, angle=placed.angle, muscle=muscle_preset("effector-45"))
             for placed in EFFECTOR.design.muscles
-        )
+        ),
     )
     effector = Effector(design, lambda muscle: ThesisMuscle(muscle, load_path="bulk"))
     assert said["lateral_mm"] == pytest.approx(
@@ -441,7 +444,7 @@ def test_a_place_out_of_reach_has_no_force(run, ask, tmp_path):
 
 
 def test_errors_are_of_targets_in_reach(run, ask):
-    command = ("trace", "circle", "--radius", "10mm")
+    command = ("trace", "circle", "--radius", "10mm", *UNTUNED)
     said = ask(*command, code=1)
     assert said["largest_error_mm"] < 1e-9 < 1.0 < said["largest_distance_mm"]
     _, _, told = run(*command)
@@ -472,7 +475,7 @@ def test_a_pressure_that_none_is_has_no_number(run, ask, tmp_path):
     assert [row["area_mm2"] != "" for row in rows] == [False, True, True]
 
 
-def test_help_says_the_defaults_of_the_prototype(run):
+def test_help_says_the_defaults(run):
     _, text, _ = run("pose", "--help")
     text = " ".join(text.split())
     design = EFFECTOR.design
@@ -480,10 +483,10 @@ def test_help_says_the_defaults_of_the_prototype(run):
     for value in (
         f"{design.offset:g} mm", f"{design.backbone_length:g} mm", f"{design.holder_length:g} mm",
         f"{design.segments}", f"{design.flexural_rigidity:g} N mm^2", f"{design.beam_factor:g}",
-        f"{design.catheter_rigidity:g}", f"{design.pressure_limit:g} MPa", angles, "fitted-45",
+        f"{design.catheter_rigidity:g}", f"{design.pressure_limit:g} MPa", angles, "measured-45",
     ):  # fmt: skip
-        assert f"(prototype: {value})" in text.replace("- ", "-")
-    assert design.muscles[0].muscle == muscle_preset("fitted-45")
+        assert f"(measured: {value})" in text.replace("- ", "-")
+    assert design.muscles[0].muscle == muscle_preset("measured-45")
 
 
 @pytest.mark.parametrize(
@@ -576,14 +579,15 @@ def test_a_repeated_pressure_adds_up(ask, run):
 
 
 def test_the_preset_of_the_thesis_is_its_model_and_its_muscle(ask, run):
-    typed = ("--model", "thesis", "--load-path", "bulk", "--muscle-preset", "effector-45")
+    typed = ("--model", "thesis", "--load-path", "bulk", "--muscle-preset", "effector-45",
+             "--beam", "3")  # fmt: skip
     said = ask("pose", "--pressure", "R=689.4kPa", "--preset", "thesis")
     assert said == ask("pose", "--pressure", "R=689.4kPa", *typed)
     assert said["model"] == "thesis"
     assert said["lateral_mm"] == pytest.approx(20.4, abs=0.05)
     # Any model can be had with it.
     assert ask("pose", "--pressure", "R=0.5", "--preset", "thesis", "--model", "energy") == ask(
-        "pose", "--pressure", "R=0.5", "--muscle-preset", "effector-45"
+        "pose", "--pressure", "R=0.5", "--muscle-preset", "effector-45", "--beam", "3"
     )
     code, text, _ = run("pose", "--pressure", "R=689.4kPa", "--preset", "thesis")
     assert code == 0

@@ -32,7 +32,7 @@ def test_prototype():
     assert np.degrees(design.angles) == pytest.approx([307.5, 219.0, 75.0])
     assert design.compliance == pytest.approx(13.5)
     assert design.index("B") == 2
-    assert set(EFFECTOR_PRESETS) == {"prototype", "thesis"}
+    assert set(EFFECTOR_PRESETS) == {"measured", "prototype", "thesis"}
     assert pickle.loads(pickle.dumps(design)) == design
 
 

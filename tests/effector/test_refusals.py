@@ -192,7 +192,7 @@ REFUSALS: list[tuple[Callable[[], object], str, str]] = [
     (lambda: DESIGN.index("X"), "there is no muscle 'X'", "choose one of R, G, B"),
     (lambda: DESIGN.replace(offset=HUGE), "offset is", "a number in [0.001, 1000] mm"),
     (lambda: effector_preset("x"),
-     "there is no effector preset 'x'", "choose one of prototype"),
+     "there is no effector preset 'x'", "choose one of measured"),
     (lambda: package.find_needed_pressure(EFFECTOR, 27.6),
      "deflection is 27.6 mm", "muscle R does not reach it at any pressure up to 10 MPa"),
     (lambda: package.find_needed_pressure(EFFECTOR, find_peak(DESIGN).lateral),

@@ -130,7 +130,7 @@ def test_strands_that_do_not_fit_are_refused():
 
 
 def test_presets():
-    miniature = {"thesis-40", "thesis-45", "thesis-60", "effector-45", "fitted-45"}
+    miniature = {"thesis-40", "thesis-45", "thesis-60", "effector-45", "fitted-45", "measured-45"}
     assert set(PRESETS) == miniature | {"festo-10", "festo-20", "festo-40"}
     for name, item in PRESETS.items():
         assert preset(name) == item.muscle

@@ -341,7 +341,7 @@ WRONG: list[tuple[dict[str, Any], str]] = [
     ({"factors": {"segments": {"values": [1.5]}}}, "whole numbers"),
     ({"fixed": {}, "factors": {"preset": {"range": [1, 5]}}}, "takes values or files"),
     ({"fixed": {"offset": "2 mm"}}, "fixed and a factor"),
-    ({"fixed": {"preset": "x"}}, "must be one of prototype, thesis"),
+    ({"fixed": {"preset": "x"}}, "must be one of measured, prototype, thesis"),
     ({"sampling": {"method": "grid", "count": 5}}, "a grid has none"),
     ({"sampling": {"method": "sobol"}}, "has no count"),
     ({"sampling": None}, "either sampling or search"),

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import click
 
+from ..effector.design import DEFAULT_PRESET
 from ..errors import InputError
 from ..study.options import PathOptions, ReadOptions
 from ._tract_options import MovingBody, list_given, tract_options
@@ -36,7 +37,7 @@ __all__ = ["command"]
 )
 @option("--rig RIG", "Drive a rig: demo (an emulated one), or serial:PORT.")
 @option("--board", "Of the emulated rig.", ("emulated", "native"), default="emulated")
-@option("--effector NAME", "The end-effector.", default="prototype")
+@option("--effector NAME", "The end-effector.", default=DEFAULT_PRESET)
 @option(
     "--host ADDRESS",
     "Listen there, such as 0.0.0.0; others than this computer need the token.",

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from ..checks import check_integer, check_number, list_quantities
-from ..effector.design import PRESET_MODELS, EffectorDesign
+from ..effector.design import DEFAULT_PRESET, PRESET_MODELS, EffectorDesign
+from ..effector.runs import EffectorSimulation
 from ..errors import InputError
 from ..fabricate import HolderOptions
 from ..results import format_rows
@@ -38,18 +39,21 @@ from .common import (
     split_setting,
     step_option,
 )
+from .effector_fit import make_fit
 from .muscle_options import (
     list_kinds,
     make_class,
     model_options,
     take_muscle,
 )
+from .task import make_command
 from .tip import InputSpread, draw_options, give_tip_error, parse_deviations, tip_answer
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from ..effector import Balance, CubicFit, Effector, EffectorInverse, EffectorPose, Trace
+    from ..effector.files import EffectorFile
     from ..effector.pose import PoseMethod
     from ..results import Json, Result
     from ..study.tip import DrawOptions
@@ -89,25 +93,54 @@ class EffectorRequest:
         """The effector."""
         from ..effector import Effector
 
-        given = self.given
-        choices = {name: given[name] for name in ("ends", "load_path")}
-        if given["model_name"] is None:
-            of_preset = PRESET_MODELS.get(given["preset"], ("energy", {}))[1]
-            choices = {name: choices[name] or of_preset.get(name) for name in choices}
-        return Effector(self._make_design(), make_class(self.model_name, **choices))
+        design, file = self.make_design(), self._file
+        if file is not None and file.pulls:
+            return replace(file.build(), design=design)
+        named = self._choose()
+        made = Effector(
+            design, make_class(self.model_name, ends=named["ends"], load_path=named["load_path"])
+        )
+        return made if file is None else replace(made, motion=file.motion)
+
+    @cached_property
+    def _file(self) -> EffectorFile | None:
+        """The file of a fitted end-effector, if that is what the preset names."""
+        from ..effector.files import read_effector
+
+        name = str(self.given["preset"])
+        return read_effector(name) if name.endswith((".yaml", ".yml", ".json")) else None
 
     @property
     def model_name(self) -> str:
         """The model of the muscles: that given, else that of the preset."""
         name: str | None = self.given["model_name"]
-        return name or PRESET_MODELS.get(self.given["preset"], ("energy", {}))[0]
+        return name or self._of_preset[0]
 
-    def _make_design(self) -> EffectorDesign:
+    @property
+    def _of_preset(self) -> tuple[str, Mapping[str, str]]:
+        """Model and choices that the preset is made for."""
+        if self._file is not None:
+            return self._file.model, self._file.choices
+        return PRESET_MODELS.get(self.given["preset"], ("energy", {}))
+
+    def _choose(self) -> dict[str, str | None]:
+        choices = {name: self.given[name] for name in ("ends", "load_path")}
+        if self.given["model_name"] is None:
+            choices = {name: choices[name] or self._of_preset[1].get(name) for name in choices}
+        return choices
+
+    @property
+    def choices(self) -> dict[str, str]:
+        """Choices of the model that are not left to it."""
+        return {name: word for name, word in self._choose().items() if word is not None}
+
+    def make_design(self) -> EffectorDesign:
+        """Return the design."""
         from ..effector import PlacedMuscle, effector_preset, rigidity_from_test
         from ..units import parse_quantity
 
-        given = self.given
-        design = effector_preset(given["preset"])
+        given, file = self.given, self._file
+        design = effector_preset(given["preset"]) if file is None else file.build().design
         placed = list(design.muscles)
         if given["angles"]:
             angles = parse_pairs("--angles", given["angles"], "angle", example="A=0deg,B=120deg")
@@ -147,18 +180,19 @@ effector_options = gather(
     "asked",
     EffectorRequest,
     option(
-        "--preset NAME",
-        "Where the design begins: prototype, or thesis, which has the thesis's own model too.",
-        default="prototype",
+        "--preset NAME|FILE",
+        "Where the design begins: measured, prototype, or thesis, which has the thesis's own model "
+        "too; or a file of 'bozzini effector fit --out', ending in .yaml or .json.",
+        default=DEFAULT_PRESET,
     ),
     option(
         "--muscle-preset NAME|FILE",
         "The muscles, by a name of 'bozzini muscle presets' or a muscle file ending in .yaml or "
-        ".json (prototype: fitted-45).",
+        ".json (measured: measured-45).",
     ),
     option(
         "--angles NAME=ANGLE,...",
-        "The muscles, such as A=0deg,B=120deg,C=240deg (prototype: R=307.5deg,G=219deg,B=75deg); "
+        "The muscles, such as A=0deg,B=120deg,C=240deg (measured: R=307.5deg,G=219deg,B=75deg); "
         "can be repeated.",
         multiple=True,
     ),
@@ -170,7 +204,7 @@ effector_options = gather(
     _field_option("pressure_limit"),
     option(
         "--beam",
-        "Beam formula M L^2 / (BEAM E I): 3 as printed, 2 as derived (prototype: 3).",
+        "Beam formula M L^2 / (BEAM E I): 3 as printed, 2 as derived (measured: 2).",
         ("2", "3"),
     ),
     option(
@@ -890,6 +924,10 @@ def _show_trace(found: Trace, asked: EffectorRequest, answer: Answer) -> None:
     if not settled:
         notes.append(f"not converged at {int((~found.settled).sum())} of {count} targets")
     _give(result, answer=answer, text=text, notes=notes, done=found.complete and settled)
+
+
+command.add_command(make_fit(effector_options))
+command.add_command(make_command(EffectorSimulation))
 
 
 @command.group("study")

@@ -62,7 +62,7 @@ STUDY = """\
 format: bozzini-study-1
 job: effector-design # a job, or module:function of your own
 fixed: # inputs that do not vary
-  preset: prototype # {preset}
+  preset: measured # {preset}
   deflection: 12 mm # what the tip is to reach to the side; {deflection}
   #pressure_limit: 0.827 MPa # {pressure_limit}
 factors: # inputs that vary: a range, integers, normal, values or files each
@@ -71,7 +71,7 @@ factors: # inputs that vary: a range, integers, normal, values or files each
   segments: {{integers: [10, 20]}} # {segments}; both ends included
   #muscle.braid_angle: {{values: [34 deg, 36 deg]}} # {muscle[braid_angle]}
   # mean and standard deviation; clip cuts the distribution
-  muscle.modulus: {{normal: [0.56 MPa, 0.03 MPa], clip: [0.4 MPa, 0.7 MPa]}} # {muscle[modulus]}
+  muscle.modulus: {{normal: [0.15 MPa, 0.02 MPa], clip: [0.1 MPa, 0.2 MPa]}} # {muscle[modulus]}
 # In place of sampling, a search for the best (evaluations: rows, 10 to 10,000,000):
 #   search: {{minimise: [needed_pressure], method: differential-evolution, evaluations: 500}}
 sampling:
@@ -80,7 +80,7 @@ sampling:
   #seed: 7 # of the random numbers, {seed}
 #outputs: [needed_pressure, inner_radius, area] # columns to keep, all if left out
 constraints: # what a row must keep to be feasible: at_least, at_most, or both
-  inner_radius: {{at_least: 5 mm}} # mm
+  inner_radius: {{at_least: 8 mm}} # mm
 #chunk: 1000 # rows of one part, {chunk}; about a second's work if left out
 """
 

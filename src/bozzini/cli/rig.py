@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import click
 
 from ..checks import check_number
+from ..effector.design import DEFAULT_PRESET
 from ..errors import InputError
 from ..results import format_rows
 from ..rig.stairs import Stairs
@@ -55,7 +56,7 @@ board_option = option(
 seed_option = click.option("--seed", default=0, show_default=True, help="Of the sensors' noise.")
 duration_option = option("--duration TIME", "How long.", "time", default="10s")
 period_option = option("--period TIME", "Of the host's loop.", "time", default="10ms")
-preset_option = option("--preset NAME", "The end-effector.", default="prototype")
+preset_option = option("--preset NAME", "The end-effector.", default=DEFAULT_PRESET)
 
 
 @click.group("rig", cls=CheckedGroup)
@@ -121,7 +122,7 @@ def demo_command(board: BoardKind, seed: int, answer: Answer) -> None:
     from ..plot import write_figure
     from ..rig import HostRun, emulate_rig, run_circle, run_faults, run_steps
 
-    effector = _make_effector("prototype")
+    effector = _make_effector(DEFAULT_PRESET)
 
     def make_rig() -> Cosimulation:
         return emulate_rig(effector.models, board=board, seed=seed)

@@ -149,11 +149,11 @@ def _read_data(path: Path) -> Shown:
         return ContinuumRobot.from_yaml(path)
     if "muscle" in keys:
         from ..effector import Effector
-        from ..effector.design import effector_preset
+        from ..effector.design import DEFAULT_PRESET, effector_preset
         from ..muscle import read_muscle
 
         muscle = read_muscle(path).muscle
-        design = effector_preset("prototype")
+        design = effector_preset(DEFAULT_PRESET)
         muscles = tuple(replace(each, muscle=muscle) for each in design.muscles)
         return Effector(design.replace(muscles=muscles, backbone_length=muscle.length))
     raise FileFormatError(

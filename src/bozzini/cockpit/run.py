@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from socket import socket
 from typing import TYPE_CHECKING, Any
 
+from ..effector.design import DEFAULT_PRESET
 from ..errors import BozziniError, InputError
 from .guard import LOOPBACK, Access
 from .planning import PATIENCE, Planning, PlanningRequest
@@ -55,7 +56,7 @@ class CockpitOptions:
     names: tuple[str, ...] = ()
     rig: str | None = None
     board: str = "emulated"
-    effector: str = "prototype"
+    effector: str = DEFAULT_PRESET
     operator: FigureKind | None = None
     is_shown: bool = True
 

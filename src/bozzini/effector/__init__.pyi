@@ -8,6 +8,8 @@ from .design import (
 )
 from .effector import Effector
 from .equilibrium import BALANCE_METHODS, Balance, balance
+from .files import EffectorFile, read_effector, write_effector
+from .fit import EffectorFit, EffectorFitOptions, EffectorPrediction, FittedNumber, fit_effector
 from .inverse import (
     INVERSE_OUTCOMES,
     EffectorInverse,
@@ -30,8 +32,14 @@ from .linkage import (
     lateral_slope,
     place_curve,
 )
+from .measured import EffectorMeasurements, read_effector_measurements
 from .model import EffectorModel
+from .motion import EffectorMotion, MotionState
 from .pose import POSE_METHODS, EffectorPose, find_resultant, pose
+from .rest import RESTS, PolynomialRest, Rest
+from .runs import EffectorSimulation, SimulatedRuns
+from .section import MusclePull
+from .simulation import EffectorTrack, simulate_effector
 from .steering import (
     CubicFit,
     Stick,
@@ -53,6 +61,7 @@ from .study import (
     optimise_design,
     sweep,
 )
+from .view import TipView
 from .workspace import (
     TipForce,
     Workspace,
@@ -121,4 +130,25 @@ __all__ = [
     "trace_line",
     "trace_path",
     "workspace",
+    "EffectorFile",
+    "EffectorFit",
+    "EffectorFitOptions",
+    "EffectorMeasurements",
+    "EffectorMotion",
+    "EffectorPrediction",
+    "EffectorSimulation",
+    "EffectorTrack",
+    "FittedNumber",
+    "MotionState",
+    "MusclePull",
+    "PolynomialRest",
+    "RESTS",
+    "Rest",
+    "SimulatedRuns",
+    "TipView",
+    "fit_effector",
+    "read_effector",
+    "read_effector_measurements",
+    "simulate_effector",
+    "write_effector",
 ]

@@ -115,20 +115,20 @@ class EffectorDesign:
     muscles: tuple[PlacedMuscle, ...]
     offset: float = quantity(
         "length",
-        "Distance of the muscles from the axis (prototype: 4 mm).",
+        "Distance of the muscles from the axis (measured: 4 mm).",
         default=4.0,
         low=1e-3,
         high=1e3,
     )
     backbone_length: float = quantity(
         "length",
-        "Length of the backbone and of the muscles (prototype: 45 mm).",
+        "Length of the backbone and of the muscles (measured: 45 mm).",
         default=45.0,
         low=1e-2,
         high=1e4,
     )
     segments: int = quantity(
-        help="Turns of the outer spring: part of the design, no mesh (prototype: 15).",
+        help="Turns of the outer spring: part of the design, no mesh (measured: 15).",
         default=15,
         low=1,
         high=1000,
@@ -136,44 +136,44 @@ class EffectorDesign:
     )
     flexural_rigidity: float = quantity(
         "rigidity",
-        "Flexural rigidity without a catheter (prototype: 200 N mm^2).",
+        "Flexural rigidity without a catheter (measured: 200 N mm^2).",
         default=200.0,
         low=1e-6,
         high=1e12,
     )
     catheter_rigidity: float = quantity(
         "rigidity",
-        "Flexural rigidity of the catheter; adds (prototype: 0).",
+        "Flexural rigidity of the catheter; adds (measured: 0).",
         default=0.0,
         low=0.0,
         high=1e12,
     )
     holder_length: float = quantity(
         "length",
-        "Length of the straight holder beyond the backbone (prototype: 10 mm).",
+        "Length of the straight holder beyond the backbone (measured: 10 mm).",
         default=10.0,
         low=0.0,
         high=1e4,
     )
     pressure_limit: float = quantity(
         "pressure",
-        "Largest pressure of a muscle (prototype: 0.827 MPa).",
+        "Largest pressure of a muscle (measured: 0.827 MPa).",
         default=0.827,
         low=1e-6,
         high=10.0,
     )
     beam_factor: float = quantity(default=3.0, low=2.0, high=3.0)
     holder_diameter: float = quantity(
-        "length", "Diameter of the holders (prototype: 9 mm).", default=9.0, low=1e-3, high=1e4
+        "length", "Diameter of the holders (measured: 9 mm).", default=9.0, low=1e-3, high=1e4
     )
     bore_diameter: float = quantity(
-        "length", "Catheter's hole in them (prototype: 3.5 mm).", default=3.5, low=0.0, high=1e4
+        "length", "Catheter's hole in them (measured: 3.5 mm).", default=3.5, low=0.0, high=1e4
     )
     hole_diameter: float = quantity(
-        "length", "A muscle's hole in them (prototype: 2 mm).", default=2.0, low=0.0, high=1e4
+        "length", "A muscle's hole in them (measured: 2 mm).", default=2.0, low=0.0, high=1e4
     )
     coil_diameter: float = quantity(
-        "length", "Coil in the middle (prototype: 4 mm).", default=4.0, low=0.0, high=1e4
+        "length", "Coil in the middle (measured: 4 mm).", default=4.0, low=0.0, high=1e4
     )
 
     def __post_init__(self) -> None:
@@ -316,26 +316,35 @@ def rigidity_from_test(force: float, deflection: float, *, length: float) -> flo
     return known.check("flexural rigidity of the test", rigidity)
 
 
-def _place_muscles(name: str) -> EffectorDesign:
+def _place_muscles(name: str, *, beam_factor: float = 3.0) -> EffectorDesign:
     """Return the thesis's section with muscles of a preset."""
     muscle = muscle_preset(name)
     return EffectorDesign(
         muscles=tuple(
             PlacedMuscle(name=name, muscle=muscle, angle=math.radians(degrees))
             for name, degrees in (("R", 307.5), ("G", 219.0), ("B", 75.0))
-        )
+        ),
+        beam_factor=beam_factor,
     )
 
 
+DEFAULT_PRESET = "measured"
+"""The end-effector that commands have by default."""
+
 EFFECTOR_PRESETS: dict[str, EffectorDesign] = {
+    "measured": _place_muscles("measured-45", beam_factor=2.0),
     "prototype": _place_muscles("fitted-45"),
     "thesis": _place_muscles("effector-45"),
 }
 """End-effectors by name.
 
+- ``measured``: the section of ``prototype`` with the derived beam formula and the muscle
+  ``measured-45``, fitted to the deflections that the thesis measured: 20.4, 18.5 and 15.8 mm at
+  689.4, 551.6 and 413.6 kPa. It is the default of all commands.
 - ``prototype``: the thesis's, with muscles R, G and B at 307.5, 219 and 75 degrees (Fig. 4.9). Its
   offset of 4 mm and its ``EI`` of 200 N mm^2 are those that Tables 4.1-4.4 were computed with. The
-  drawn holder leaves no space for a muscle so far out (`find_conflicts`).
+  drawn holder leaves no space for a muscle so far out (`find_conflicts`). Its muscle is fitted to
+  contractions without load, not to the section: 12.5 mm at 689.4 kPa.
 - ``thesis``: the same with the muscle ``effector-45``, for which the thesis's own model meets
   Tables 4.1, 4.3 and 4.4: 20.4 mm at 689.4 kPa (`PRESET_MODELS`, `Effector.from_preset`).
 """

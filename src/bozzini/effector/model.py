@@ -101,12 +101,15 @@ class EffectorModel:
             )
         if not callable(self.model):
             raise InputError(f"model is {show_value(self.model)}: it must be a class or a function")
-        models = tuple(self.model(placed.muscle) for placed in self.design.muscles)
+        models = self._make_models()
         for built in models:
             if not isinstance(built, MuscleModel):
                 raise InputError(f"model gives a {type(built).__name__}: it must be a MuscleModel")
         object.__setattr__(self, "models", models)
         object.__setattr__(self, "packed", pack_effector(self.design, models))
+
+    def _make_models(self) -> tuple[MuscleModel, ...]:
+        return tuple(self.model(placed.muscle) for placed in self.design.muscles)
 
     def __reduce__(self) -> tuple[type[EffectorModel], tuple[object, ...]]:
         """Pickle design and model: addresses of compiled functions hold in one process only."""

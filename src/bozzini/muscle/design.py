@@ -616,6 +616,13 @@ PRESETS: dict[str, Preset] = {
         "as effector-45; modulus and dead length fitted, so that EnergyMuscle meets the three "
         "contractions without load of chapter 4",
     ),
+    "measured-45": Preset(
+        _MINIATURE.replace(
+            outer_radius=0.75, modulus=0.152, braid_angle=math.radians(35.05), dead_length=10.0
+        ),
+        "as effector-45, with the dead ends of 5 mm that the captions have; modulus, braid angle "
+        "fitted, so that EnergyMuscle on a section meets the deflections of Tables 4.1, 4.3, 4.4",
+    ),
     **{
         f"festo-{bore}": Preset(Muscle(length=250.0, outer_radius=0.5 * bore), _FESTO.format(bore))
         for bore in (10, 20, 40)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ..checks import Quantity, list_quantities, show_value
 from ..effector import Effector, effector_preset
 from ..effector.batch import REASONS, can_batch, measure_designs
-from ..effector.design import EFFECTOR_PRESETS, PRESET_MODELS, EffectorDesign
+from ..effector.design import DEFAULT_PRESET, EFFECTOR_PRESETS, PRESET_MODELS, EffectorDesign
 from ..effector.study import try_design
 from ..errors import BozziniError, InputError
 from ..motion.planners import PlannerOptions
@@ -148,7 +148,7 @@ class EffectorJob(Job):
     def __init__(self, fixed: Mapping[str, Value]) -> None:
         super().__init__(fixed)
         given = dict(fixed)
-        preset = str(given.pop("preset", "prototype"))
+        preset = str(given.pop("preset", DEFAULT_PRESET))
         self.deflection = float(given.pop("deflection", 0.0))
         design = effector_preset(preset)
         model, choices = PRESET_MODELS.get(preset, ("energy", {}))

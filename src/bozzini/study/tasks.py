@@ -18,9 +18,10 @@ from .jobs import JOBS, FunctionJob, Job, RowJob, check_keywords, find_function
 
 
 def _find_own() -> dict[str, type[Task]]:
+    from ..effector.runs import EffectorSimulation
     from ..vision.planning import SetupPlanning
 
-    return {kind.name: kind for kind in (SetupPlanning,)}
+    return {kind.name: kind for kind in (SetupPlanning, EffectorSimulation)}
 
 
 class TaskRegistry(Registry[Task]):
