@@ -9,6 +9,9 @@ export OPENBLAS_NUM_THREADS ?= 1
 # Tests begin hundreds of processes: each would compile all modules anew.
 unexport PYTHONDONTWRITEBYTECODE
 
+# One more than there are processors, as tests wait for programs and browsers, but four at most.
+WORKERS := $(shell n=$$(getconf _NPROCESSORS_ONLN 2>/dev/null || echo 2); [ $$n -ge 3 ] && echo 4 || echo $$((n + 1)))
+
 VENV := .venv
 RUN := $(VENV)/bin/python
 PIP := $(RUN) -m pip --disable-pip-version-check --no-input -q -q install
@@ -39,16 +42,16 @@ demo: $(CORE) ## Plan a scope through a phantom tract; report in bozzini-demo/
 
 test: $(DEV) ## Run the tests
 	@$(RUN) -m bozzini doctor --compile --quiet >$(VENV)/doctor.log || { cat $(VENV)/doctor.log >&2; exit 1; }
-	@BOZZINI_COMPILED=yes $(RUN) -m pytest -m "not slow" -n auto --maxprocesses 4 --dist loadfile
+	@BOZZINI_COMPILED=yes $(RUN) -m pytest -m "not slow" -n $(WORKERS) --dist loadfile
 
 test-all: test opencv ## Run all tests, those that take minutes too
-	@$(RUN) -m pytest -m slow -n auto --maxprocesses 4 --dist worksteal
+	@$(RUN) -m pytest -m slow -n $(WORKERS) --dist worksteal
 
 rig: $(DEV) ## Build the firmware and run the tests of the rig (installs nothing)
 	@missing="$$($(RIG_TOOLS))" && if [ -n "$$missing" ]; then \
 	  echo "make: the firmware needs these, which are missing; on Debian: apt-get install $$missing" >&2; exit 1; fi
 	@$(MAKE) --no-print-directory -C firmware BUILD=../build/firmware avr native emulator size
-	@$(RUN) -m pytest -n auto --maxprocesses 4 --dist worksteal tests/rig
+	@$(RUN) -m pytest -n $(WORKERS) --dist worksteal tests/rig
 
 # The modules that call OpenCV, and its commands; what else reads pictures goes through these.
 CV_TESTS := $(patsubst %,tests/vision/test_%.py,board calibrate camera commands length pictures shape)
@@ -56,18 +59,18 @@ CV_TESTS := $(patsubst %,tests/vision/test_%.py,board calibrate camera commands 
 opencv: $(DEV) ## Run the tests of what calls OpenCV with the oldest one, too
 	@$(PIP) --no-deps --upgrade --target build/opencv 'opencv-python-headless==4.10.*'
 	@PYTHONPATH=build/opencv $(RUN) -c 'import cv2; assert cv2.__version__.startswith("4.10."), cv2.__version__'
-	@PYTHONPATH=build/opencv $(RUN) -m pytest -m "not slow" -n auto --maxprocesses 4 --dist loadfile $(CV_TESTS)
+	@PYTHONPATH=build/opencv $(RUN) -m pytest -m "not slow" -n $(WORKERS) --dist loadfile $(CV_TESTS)
 
 kernels: $(DEV) ## Record which kernels are called with what types, by all tests
 	@rm -rf build/signatures && mkdir -p build/signatures
-	@BOZZINI_SIGNATURES=$(CURDIR)/build/signatures $(RUN) -m pytest -n auto --maxprocesses 4 --dist worksteal
+	@BOZZINI_SIGNATURES=$(CURDIR)/build/signatures $(RUN) -m pytest -n $(WORKERS) --dist worksteal
 	@$(RUN) -m tests.compiled build/signatures
 
 oldest: $(DEV) ## Run the tests with the lowest versions declared, in .venv-oldest
 	@$(PIP) uv
 	@$(RUN) -m uv venv --quiet --clear --python $(RUN) .venv-oldest
 	@$(RUN) -m uv pip install --quiet --python .venv-oldest/bin/python --resolution lowest-direct --editable '.[dev]'
-	@.venv-oldest/bin/python -m pytest -m "not slow" -n auto --maxprocesses 4 --dist loadfile
+	@.venv-oldest/bin/python -m pytest -m "not slow" -n $(WORKERS) --dist loadfile
 
 fuzz: $(DEV) ## Run all commands on damaged files (COUNT=500 SEED=0, CASE= repeats one)
 	@$(RUN) -m tests.fuzz --count $(or $(COUNT),500) --seed $(or $(SEED),0) $(if $(CASE),--case $(CASE))

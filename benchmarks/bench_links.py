@@ -17,7 +17,9 @@ import pytest
 from numba import njit
 
 from bozzini.duct.base import Duct
-from bozzini.motion.kernels.chain import duct_value, make_frame, place_tail, search_sphere
+from bozzini.duct.kernels.clearance import space_estimate
+from bozzini.motion import FreeSpace
+from bozzini.motion.kernels.chain import make_frame, place_tail, search_sphere
 from bozzini.motion.link import bound_slope
 from tests.motion.pipes import NAMES, make_pipes
 
@@ -27,36 +29,33 @@ ROOM = 3.0
 """What the tail keeps from the wall [mm]."""
 HEAD_STEP = 0.25
 """[mm]."""
-NO_INTRODUCER = np.zeros(7)
 
 
 @njit
-def place_all(duct, heads, olds, length, room, slope, planar, tails, codes):
+def place_all(space, heads, olds, length, room, slope, planar, tails, codes):
     """Every link of a batch, by the march or the local step with its fallback."""
-    intro = np.zeros(7)
     work = np.empty((6, 5))
     for n in range(heads.shape[0]):
         codes[n], _ = place_tail(
-            duct, intro, heads[n], olds[n], length, room, slope, planar, work, tails[n]
+            space, heads[n], olds[n], length, room, slope, planar, work, tails[n]
         )
 
 
 @njit
-def prove_all(duct, heads, olds, length, room, slope, tails, turns, bounds):
+def prove_all(space, heads, olds, length, room, slope, tails, turns, bounds):
     """Every link of a batch in space, each held against a search of all directions."""
-    intro = np.zeros(7)
     work = np.empty((6, 5))
     frame = np.empty((3, 3))
     spare = np.empty(2)
     for n in range(heads.shape[0]):
-        place_tail(duct, intro, heads[n], olds[n], length, room, slope, False, work, tails[n])
+        place_tail(space, heads[n], olds[n], length, room, slope, False, work, tails[n])
         make_frame(heads[n], olds[n], False, frame)
         ahead = 0.0
         for k in range(3):
             ahead += frame[0, k] * (tails[n, k] - heads[n, k])
         turn = math.acos(min(max(ahead / length, -1.0), 1.0))
         _, turns[n], bounds[n], _ = search_sphere(
-            duct, intro, heads[n], frame, length, room, slope, turn, 1e-3, 1e-4, 100_000, spare
+            space, heads[n], frame, length, room, slope, turn, 1e-3, 1e-4, 100_000, spare
         )
 
 
@@ -71,7 +70,7 @@ class Links:
 def draw_links(duct: Duct, count: int) -> Links:
     """Random heads with room, their tails placed from anywhere, the heads then moved one step."""
     random = np.random.default_rng(2)
-    planar, slope, data = duct.dim == 2, bound_slope(duct), duct.pack()
+    planar, slope, data = duct.dim == 2, bound_slope(duct), FreeSpace(duct).pack()
     work, tail, start = np.empty((6, 5)), np.empty(3), np.empty(3)
     heads: list[np.ndarray] = []
     olds: list[np.ndarray] = []
@@ -82,11 +81,11 @@ def draw_links(duct: Duct, count: int) -> Links:
         if duct.signed_distance(head) > -ROOM:
             continue
         first = duct.to_grid(head)
-        code, _ = place_tail(data, NO_INTRODUCER, first, duct.to_grid(head + away), *given, start)
+        code, _ = place_tail(data, first, duct.to_grid(head + away), *given, start)
         if code == 3:
             continue
         moved = duct.to_grid(head + HEAD_STEP * step / np.linalg.norm(step))
-        code, _ = place_tail(data, NO_INTRODUCER, moved, start, *given, tail)
+        code, _ = place_tail(data, moved, start, *given, tail)
         if code in (1, 2):
             heads.append(moved)
             olds.append(start.copy())
@@ -110,7 +109,7 @@ def solve_slsqp(data: Any, head: np.ndarray, old: np.ndarray, *, planar: bool) -
 
     def keep_inside(x: np.ndarray) -> float:
         z = height if planar else x[2]
-        return -ROOM - read_value(data, NO_INTRODUCER, x[0], x[1], z)
+        return read_clearance(data, x[0], x[1], z) - ROOM
 
     constraints = [{"type": "eq", "fun": keep_length}, {"type": "ineq", "fun": keep_inside}]
     result = minimize(objective, old, constraints=constraints, method="SLSQP")
@@ -122,14 +121,14 @@ def solve_slsqp(data: Any, head: np.ndarray, old: np.ndarray, *, planar: bool) -
 
 
 @njit
-def read_value(duct, intro, x, y, z):
-    return duct_value(duct, intro, x, y, z)
+def read_clearance(space, x, y, z):
+    return space_estimate(space, x, y, z)
 
 
 @pytest.mark.parametrize("name", NAMES)
 def bench_one_link(benchmark: Any, name: str) -> None:
     duct = make_pipes()[name]
-    planar, slope, data = duct.dim == 2, bound_slope(duct), duct.pack()
+    planar, slope, data = duct.dim == 2, bound_slope(duct), FreeSpace(duct).pack()
     links = draw_links(duct, 400)
     tails, codes = np.empty_like(links.heads), np.empty(len(links.heads), dtype=np.int64)
     given = (data, links.heads, links.olds, LINK, ROOM, slope)
@@ -174,8 +173,8 @@ def compare_answers(
     heads, olds = links.heads[some], links.olds[some]
     found = np.isfinite(answers).all(axis=1)
     answers[~found] = heads[~found]
-    value = np.array([read_value(data, NO_INTRODUCER, *x) for x in answers])
-    found &= value + ROOM <= 1e-5
+    clearance = np.array([read_clearance(data, *x) for x in answers])
+    found &= ROOM - clearance <= 1e-5
     found &= np.abs(np.linalg.norm(answers - heads, axis=1) - LINK) <= 1e-5
     assert found.mean() >= 0.5
     gap = np.linalg.norm(tails[some] - olds, axis=1) - np.linalg.norm(answers - olds, axis=1)

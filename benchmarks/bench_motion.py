@@ -11,7 +11,6 @@ from numba import njit
 
 from benchmarks.ring import (
     LINK,
-    NO_INTRODUCER,
     ROOM,
     advance,
     constrained_share,
@@ -20,8 +19,9 @@ from benchmarks.ring import (
     settle,
 )
 from bozzini.duct import Centreline, SampledField
+from bozzini.duct.kernels.clearance import space_estimate
 from bozzini.motion import FreeSpace, Introducer, Scope
-from bozzini.motion.kernels.chain import duct_value, place_tail
+from bozzini.motion.kernels.chain import place_tail
 from bozzini.motion.thesis import move_by_thesis
 from bozzini.numeric.polylines import measure_arc_length, resample_polyline
 from tests.shapes import tube_lumen
@@ -33,12 +33,12 @@ def ring() -> SampledField:
 
 
 @njit
-def place_all(duct, intro, heads, olds, length, room, slope, tails, codes):
+def place_all(space, heads, olds, length, room, slope, tails, codes):
     """Every link of a batch: a compiled loop, so that no call from Python is timed."""
     work = np.empty((6, 5))
     for n in range(heads.shape[0]):
         codes[n], _ = place_tail(
-            duct, intro, heads[n], olds[n], length, room, slope, False, work, tails[n]
+            space, heads[n], olds[n], length, room, slope, False, work, tails[n]
         )
 
 
@@ -49,7 +49,7 @@ def solve_slsqp(field: SampledField, head: np.ndarray, old: np.ndarray, *, squar
     """
     from scipy.optimize import minimize
 
-    duct = field.pack()
+    space = FreeSpace(field).pack()
 
     def objective(x: np.ndarray) -> float:
         away = x - old
@@ -60,7 +60,7 @@ def solve_slsqp(field: SampledField, head: np.ndarray, old: np.ndarray, *, squar
         return np.sqrt(away @ away) - LINK
 
     def keep_inside(x: np.ndarray) -> float:
-        return -ROOM - duct_value(duct, NO_INTRODUCER, x[0], x[1], x[2])
+        return space_estimate(space, x[0], x[1], x[2]) - ROOM
 
     constraints = [{"type": "eq", "fun": keep_length}, {"type": "ineq", "fun": keep_inside}]
     return minimize(objective, old, constraints=constraints, method="SLSQP")
@@ -86,7 +86,7 @@ def time_slsqp(
 def bench_link_step_against_slsqp(benchmark: Any, ring: SampledField, form: str) -> None:
     heads, olds = draw_links(ring, 2000)
     tails, codes = np.empty_like(heads), np.empty(len(heads), dtype=np.int64)
-    arguments = (ring.pack(), NO_INTRODUCER, heads, olds, LINK, ROOM, 3**0.5, tails, codes)
+    arguments = (FreeSpace(ring).pack(), heads, olds, LINK, ROOM, 3**0.5, tails, codes)
     benchmark.pedantic(place_all, args=arguments, rounds=15, warmup_rounds=1)
     ours = benchmark.stats.stats.min / len(heads)
     some = slice(0, None, 10)

@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from bozzini.duct import SampledField
+from bozzini.motion import FreeSpace
 from bozzini.motion.kernels.chain import advance_chain
 from tests.shapes import sample_field
 
@@ -30,8 +30,6 @@ HEAD_STEP = 0.25
 
 SLOPE = 3**0.5
 """How fast the interpolant changes per mm at most."""
-
-NO_INTRODUCER = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0])
 
 
 def ring_distance(points: np.ndarray) -> np.ndarray:
@@ -68,8 +66,7 @@ def advance(field: SampledField, chain: np.ndarray, angle: float, steps: int) ->
     arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
     out = np.empty((steps + 2, len(chain), 3))
     code, rows = advance_chain(
-        field.pack(),
-        NO_INTRODUCER,
+        FreeSpace(field).pack(),
         path,
         arc,
         LINK,
@@ -112,7 +109,7 @@ def draw_links(field: SampledField, count: int) -> tuple[np.ndarray, np.ndarray]
     heads: list[np.ndarray] = []
     olds: list[np.ndarray] = []
     work, tail, start = np.empty((6, 5)), np.empty(3), np.empty(3)
-    given: Any = (field.pack(), NO_INTRODUCER)
+    space = FreeSpace(field).pack()
     while len(heads) < count:
         turn = random.uniform(0.0, 2.0 * np.pi)
         radial, height = random.uniform(-LUMEN + ROOM, LUMEN - ROOM, size=2)
@@ -121,12 +118,12 @@ def draw_links(field: SampledField, count: int) -> tuple[np.ndarray, np.ndarray]
         if field.signed_distance(head) + ROOM > 0.0:
             continue
         head_g, old_g = field.to_grid(head), field.to_grid(old)
-        code, _ = place_tail(*given, head_g, old_g, LINK, ROOM, SLOPE, False, work, start)
+        code, _ = place_tail(space, head_g, old_g, LINK, ROOM, SLOPE, False, work, start)
         if code == 3:
             continue
         step = random.normal(size=3)
         moved = head_g + HEAD_STEP * step / np.linalg.norm(step)
-        code, _ = place_tail(*given, moved, start, LINK, ROOM, SLOPE, False, work, tail)
+        code, _ = place_tail(space, moved, start, LINK, ROOM, SLOPE, False, work, tail)
         if code == 1:
             heads.append(moved)
             olds.append(start.copy())

@@ -48,6 +48,7 @@ def test_files_of_measured_robots_are_read_and_named_on_their_page():
     assert tendons == {"tentacle": 2, "three cables": 3, "three sections": 9, "helical": 3}
 
 
+@pytest.mark.slow
 def test_breathing_plans_every_frame_again(tmp_path, capsys):
     example = load("breathing")
     out = tmp_path / "breathing.png"
@@ -196,6 +197,7 @@ def test_fabricate_draws_closed_parts(tmp_path):
     assert all(mesh.is_volume for mesh in meshes)
 
 
+@pytest.mark.slow
 def test_a_soft_rod_coils_up_in_a_bulb_and_a_stiff_one_passes(tmp_path, capsys):
     out = tmp_path / "bulb.png"
     soft, middle, stiff = load("contact_bulb").main(["--out", str(out)])

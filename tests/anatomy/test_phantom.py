@@ -167,6 +167,7 @@ def test_every_seed_is_valid(seed):
     assert radii.min() > 6.0
 
 
+@pytest.mark.slow
 @settings(max_examples=6)
 @given(seed=SEEDS)
 def test_every_seed_is_one_closed_part_without_handles(seed):

@@ -410,6 +410,7 @@ def test_a_small_hole_of_more_edges_needs_repair_and_has_its_place():
     assert mended.volume == pytest.approx(tract_from_surface(vertices, faces).volume, rel=2e-3)
 
 
+@pytest.mark.slow
 def test_corners_doubled_by_more_than_rounding_are_welded_by_repair():
     vertices, faces = ball()
     random = np.random.default_rng(1)

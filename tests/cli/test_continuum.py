@@ -362,6 +362,7 @@ def test_workspace_says_in_how_many_directions_the_tip_looks(ask, run):
     assert "take more shapes or larger cells" in text
 
 
+@pytest.mark.slow
 def test_files(run, tmp_path):
     bent = ("--displacement", BENT)
     assert run("pose", TWO, *bent, "--out", "pose.png")[0] == 0

@@ -53,6 +53,7 @@ def test_kinds_lists_the_shapes_of_other_packages_beside_ours(duct, monkeypatch)
         assert name in shown.out and row["summary"] and row["summary"] in shown.out
 
 
+@pytest.mark.slow
 def test_fit_writes_a_file_that_can_be_read_and_shown(duct, tracts, tmp_path):
     out = tmp_path / "cones.yaml"
     answer = duct(

@@ -51,6 +51,7 @@ def test_a_plan_is_driven_beside_a_pushed_scope(
     assert outcome.err == ""
 
 
+@pytest.mark.slow
 def test_a_tract_is_planned_first(capsys: CAPTURE, tracts: Tracts, tmp_path: Path) -> None:
     outcome = run(
         capsys, "execute", tracts.surface, *SCOPE[:4], *FAST, "--check", "--wall", "prism",

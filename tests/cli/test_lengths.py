@@ -46,6 +46,7 @@ def refuse(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
     return told.err
 
 
+@pytest.mark.slow
 def test_every_length_of_every_command_has_an_end(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

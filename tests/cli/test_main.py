@@ -260,6 +260,7 @@ def test_reader_that_goes_away_is_no_traceback() -> None:
     assert err == b""
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="a shell of POSIX closes them")
 @pytest.mark.parametrize("closed", [">&-", "2>&-", "<&-", ">&- 2>&- <&-"])
 def test_closed_streams_are_no_error(tmp_path: Path, closed: str) -> None:
@@ -423,6 +424,7 @@ def test_an_error_in_json_on_a_full_disk_is_bad_input_too() -> None:
     assert done.stderr.splitlines()[1:] == ["bozzini: error: cannot write: No space left on device"]
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="names are no bytes there")
 @pytest.mark.parametrize(
     "locale",

@@ -116,6 +116,7 @@ def test_a_new_plan_runs_at_once_and_the_command_line_goes_before(
     assert found["head_step_mm"] == 1.0
 
 
+@pytest.mark.slow
 def test_options_of_a_file_are_those_of_the_command_line(
     ask: Callable[..., Any], tracts: Tracts
 ) -> None:

@@ -142,6 +142,7 @@ def test_reverse_enters_at_the_other_end(
     assert back.path[-1] == pytest.approx(forth.path[0], abs=2.0)
 
 
+@pytest.mark.slow
 def test_ends_given_as_points_and_as_labels(tracts: Tracts, run: Run, tmp_path: Path) -> None:
     low = CURVE.min(axis=0) - 12.0
     start, end = CURVE[3] - low, CURVE[-4] - low
@@ -179,6 +180,7 @@ def test_length_of_the_scope_is_kept(tracts: Tracts, run: Run, tmp_path: Path) -
     assert Plan.load(tmp_path / "p" / "plan.npz").joints.shape[1] == 4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("suffix", ["stl", "ply", "obj", "glb"])
 def test_every_kind_of_surface_gives_the_same_plan(
     tracts: Tracts, run: Run, tmp_path: Path, suffix: str

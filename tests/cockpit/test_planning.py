@@ -87,6 +87,7 @@ def test_wider_wall_gives_more_clearance_and_is_what_the_tip_is_measured_in(benc
     assert session.plan.wall.signed_distance(wide.joints[-1, :1].astype(float)) == before
 
 
+@pytest.mark.slow
 def test_scope_that_does_not_fit_is_shown_as_far_as_it_goes_and_then_what_would_fit(bench) -> None:
     first, last = plan(bench, diameter=17.0, inflate=0.0)
     assert not first.info["final"] and last.info["final"]

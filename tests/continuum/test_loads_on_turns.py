@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from bozzini.continuum.kernels import energy as kernels
-from bozzini.continuum.kernels.loads import measure_loads, place_spots
+from bozzini.continuum.kernels.loads import locate_stations, measure_loads
 
 SEGMENTS = 4
 
@@ -30,7 +30,7 @@ def place(grid, turns, spots):
     count = len(spots[0])
     places, rotations = np.empty((count, 3)), np.empty((count, 3, 3))
     jacobians = np.empty((count, 6, 3 * SEGMENTS))
-    place_spots(grid, turns, spots, places, rotations, jacobians)
+    locate_stations(grid, turns, spots, places, rotations, jacobians)
     return places, rotations, jacobians
 
 

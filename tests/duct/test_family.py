@@ -92,6 +92,7 @@ def test_passing_over_far_shapes_changes_nothing(seed):
         assert duct.signed_distance(points) == pytest.approx(one_by_one(shapes, points), abs=1e-9)
 
 
+@pytest.mark.slow
 @given(seed=SEEDS, amount=st.floats(0.0, 2.0))
 def test_every_kind_is_the_same_alone_and_in_a_union(seed, amount):
     random, planar, solid = random_ducts(seed)

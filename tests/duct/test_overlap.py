@@ -111,6 +111,7 @@ def test_shuffled_shapes_need_no_search(monkeypatch):
     SuperEllipsoids(**{name: values[order] for name, values in chain().items()})
 
 
+@pytest.mark.slow
 @given(seed=SEEDS)
 def test_the_order_of_shapes_does_not_matter(seed):
     random = np.random.default_rng(seed)

@@ -64,6 +64,7 @@ def test_side_and_distance_agree_with_the_quads_one_by_one(seed):
     assert np.abs(value) == pytest.approx(wall_distance(corners, points), abs=1e-9)
 
 
+@pytest.mark.slow
 def test_a_hundred_thousand_points_agree_with_the_quads():
     random, duct = random_strip(7, 10)
     points = scatter(random, duct, 100_000)

@@ -93,6 +93,7 @@ def test_inflation_moves_both_and_is_refused_beyond_the_reach():
         fine.inflate(4.5)
 
 
+@pytest.mark.slow
 def test_a_field_of_another_tract_is_refused():
     labels, _ = make_tract("labels")
     surface, _ = make_tract("surface")

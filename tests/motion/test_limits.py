@@ -104,6 +104,7 @@ def test_a_narrow_goal_is_named_as_such(narrow_end):
     assert narrow_end.plan(refusal.diameter_max - 0.1, 9.0).status == "complete"
 
 
+@pytest.mark.slow
 def test_what_stops_it_far_before_a_narrow_goal_is_named():
     curve = np.arange(0.0, 140.0)[:, None] * np.array([0.0, 0.0, 1.0])
     s = measure_arc_length(curve)
@@ -150,6 +151,7 @@ def test_too_long_a_link_is_named_and_a_shorter_one_fits(hairpin):
     assert refusal.diameter_max is None or refusal.diameter_max < 5.0
 
 
+@pytest.mark.slow
 def test_a_shorter_link_gets_as_far_or_farther(hairpin):
     reached = []
     for link in (6.0, 16.0, 24.0):

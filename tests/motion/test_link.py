@@ -8,10 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 
+from bozzini.motion import FreeSpace
 from bozzini.motion.kernels.chain import place_tail
 from tests.shapes import bend_curve, curve_distance, sample_field
-
-NO_INTRODUCER = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0])
 
 
 @pytest.fixture(scope="module")
@@ -25,8 +24,7 @@ def tube():
 def solve(field, head, old, length, room):
     tail = np.empty(3)
     code, best = place_tail(
-        field.pack(),
-        NO_INTRODUCER,
+        FreeSpace(field).pack(),
         field.to_grid(head),
         field.to_grid(old),
         length,

@@ -113,8 +113,7 @@ def test_in_a_ball_the_free_directions_are_a_cap(centre, away, length):
     frame, place = np.empty((3, 3)), np.zeros(2)
     make_frame(np.zeros(3), away, False, frame)
     found, turn, bound, _ = search_sphere(
-        duct.pack(),
-        np.zeros(7),
+        FreeSpace(duct).pack(),
         np.zeros(3),
         frame,
         length,

@@ -165,6 +165,7 @@ def test_one_joint_through_the_wall_is_caught(zigzag):
     assert abs(broken.step - (plan.steps - 40)) <= 1.0 and broken.link in (2, 3)
 
 
+@pytest.mark.slow
 @settings(max_examples=8)
 @given(seed=st.integers(0, 10**6))
 def test_a_planted_passage_is_found(seed):

@@ -101,6 +101,7 @@ def test_what_is_proved_holds_in_the_lumen_as_it_is_now(at_rest, amount):
     assert room.min() >= bound
 
 
+@pytest.mark.slow
 def test_many_breaths_do_not_wear_the_path_out(at_rest):
     field, _, plan = at_rest
     last, proved = 0.0, []
@@ -223,6 +224,7 @@ def test_planar_and_analytic_lumens_are_planned_again_too():
     assert space.certified
 
 
+@pytest.mark.slow
 def test_a_human_tract_in_a_breath(upper_gi_dir):
     tract = read_tract(upper_gi_dir / "upper_gi_labels_1mm.nii.gz", labels="all")
     mask, affine = np.pad(tract.mask, 6), tract.affine.copy()

@@ -26,7 +26,7 @@ from bozzini.muscle import (
 )
 from bozzini.muscle import problem as fitting
 from bozzini.muscle.muscle_fit import judge_parameters, judge_repeats
-from bozzini.muscle.problem import Task
+from bozzini.muscle.problem import FitData
 from bozzini.numeric.estimation import CONDITION_LIMIT, CORRELATION_LIMIT, determine
 
 TRUTH = preset("thesis-45", modulus=0.5, dead_length=10.0)
@@ -345,11 +345,11 @@ def test_lack_of_fit_is_seldom_seen_where_there_is_none():
         data = Measurements(pressure=pressure, contraction=error)
         line = np.polynomial.Polynomial.fit(pressure, error, 1)
         seen += bool(
-            judge_repeats(Task(muscle=TRUTH, data=data), error - line(pressure), parameters=2)
+            judge_repeats(FitData(muscle=TRUTH, data=data), error - line(pressure), parameters=2)
         )
     assert seen <= 3  # 0.1 % of 300 is expected
     alone = Measurements(pressure=PRESSURES, contraction=np.zeros(20))
-    assert judge_repeats(Task(muscle=TRUTH, data=alone), np.full(20, 9.0), parameters=2) == []
+    assert judge_repeats(FitData(muscle=TRUTH, data=alone), np.full(20, 9.0), parameters=2) == []
 
 
 def test_rules_before_the_fit():
@@ -469,14 +469,14 @@ def test_trials_that_have_no_answer_are_stepped_back_from():
     # near the largest load that the model takes, weaker trials cannot hold it
     problem = fitting.Problem(
         model_class=EnergyMuscle,
-        task=Task(muscle=TRUTH, data=measure()),
+        task=FitData(muscle=TRUTH, data=measure()),
         free=("outer_radius",),
         limits=np.array([[0.1, 1.0]]),
     )
     _, held = problem.evaluate(np.array([0.2]) / problem.scales)  # thinner than its bore
     assert not held.any()
     assert problem.evaluate(np.array([0.5]) / problem.scales)[1].all()
-    assert (problem.slope(np.array([0.2]) / problem.scales) == 0.0).all()
+    assert (problem.measure_jacobian(np.array([0.2]) / problem.scales) == 0.0).all()
     data = measure(muscle=TRUTH.replace(outer_radius=0.5))
     found = calibrate(
         EnergyMuscle,

@@ -23,6 +23,7 @@ def pair(name: str = "thesis-45", **changes: float) -> tuple[EnergyMuscle, Energ
     return EnergyMuscle(muscle), EnergyMuscle(muscle, ends="trellis")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "pressure", "load"),
     [("thesis-45", 0.7, 0.0), ("thesis-45", 0.7, 1.0), ("effector-45", 0.3, 0.4)],

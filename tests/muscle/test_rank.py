@@ -23,7 +23,7 @@ from bozzini.muscle import (
     rank,
 )
 from bozzini.muscle.muscle_fit import fit_task
-from bozzini.muscle.problem import Task, find_states
+from bozzini.muscle.problem import FitData, find_states
 from bozzini.muscle.ranking import cross_validate, split_rows
 from tests.muscle.models.catalogue import SURVEY
 
@@ -404,7 +404,7 @@ def test_no_constant_has_the_name_of_a_field():
 def test_folds_are_a_partition_that_keeps_repeats_together():
     pressure = np.repeat(np.linspace(0.1, 0.8, 11), 3)
     data = Measurements(pressure=pressure, contraction=10.0 * pressure)
-    task = Task(muscle=MUSCLE, data=data)
+    task = FitData(muscle=MUSCLE, data=data)
     parts = list(split_rows(task, folds=4, seed=3).values())
     assert np.sum(parts, axis=0).tolist() == [1] * 33
     assert find_states(task)[0] == 11
@@ -418,7 +418,7 @@ def test_folds_are_a_partition_that_keeps_repeats_together():
 
 def test_cross_validation_is_the_error_of_rows_that_the_fit_did_not_see():
     data = measure(make("chou"), noise=0.1)
-    task = Task(muscle=MUSCLE, data=data)
+    task = FitData(muscle=MUSCLE, data=data)
     folds = split_rows(task, folds=6)
     parts = list(folds.values())
     seen = []

@@ -34,7 +34,7 @@ from bozzini.muscle import (
     write_measurements,
     write_muscle,
 )
-from bozzini.muscle.problem import Problem, Task
+from bozzini.muscle.problem import FitData, Problem
 from bozzini.muscle.ranking import split_pressures, split_specimens
 from bozzini.numeric.least_squares import Clock
 
@@ -324,14 +324,14 @@ def out_muscle(data, angle):
 
 
 def test_folds_are_partitions():
-    task = Task(muscle=MUSCLE, data=make_specimens(), response="force")
+    task = FitData(muscle=MUSCLE, data=make_specimens(), response="force")
     for folds in (split_specimens(task), split_pressures(task)):
         assert np.sum(list(folds.values()), axis=0).tolist() == [1] * 120
     assert len(split_pressures(task)) == 8  # the levels of the pressures
     noisy = dataclasses.replace(
         task.data, pressure=np.random.default_rng(1).uniform(0.1, 0.6, size=120)
     )
-    assert 2 <= len(split_pressures(Task(muscle=MUSCLE, data=noisy))) <= 20
+    assert 2 <= len(split_pressures(FitData(muscle=MUSCLE, data=noisy))) <= 20
 
 
 @pytest.mark.slow
@@ -710,17 +710,19 @@ def test_derivatives_of_the_misfit_by_two_routes(response, errors):
     data = data.select(data.load > 5.0)
     problem = Problem(
         model_class=MODELS["chou"],
-        task=Task(muscle=MUSCLE, data=data, response=response, ends=EndEffects(compliance=0.01)),
+        task=FitData(muscle=MUSCLE, data=data, response=response, ends=EndEffects(compliance=0.01)),
         free=("braid_angle", "outer_radius", "compliance"),
         limits=np.array([[0.3, 0.6], [4.5, 8.0], [0.0, 0.1]]),
     )
     point = problem.choose_start()
     held = problem.evaluate(point)[1]
-    table = problem.slope(point)[held]
+    table = problem.measure_jacobian(point)[held]
     for column in range(3):
         step = np.zeros(3)
         step[column] = 3e-5
-        slope = (problem.miss(point + step) - problem.miss(point - step))[held] / 6e-5
+        slope = (problem.measure_residuals(point + step) - problem.measure_residuals(point - step))[
+            held
+        ] / 6e-5
         assert table[:, column] == pytest.approx(slope, rel=1e-3, abs=1e-3 * np.abs(slope).max())
 
 
@@ -730,24 +732,26 @@ def test_derivatives_behind_fittings_cost_two_forces_a_parameter(monkeypatch):
     names = ("modulus", "braid_angle", "offset", "compliance", "slack_force")
     problem = Problem(
         model_class=MODELS["kothera-balance"],
-        task=Task(muscle=MUSCLE, data=data, response="force", ends=ends),
+        task=FitData(muscle=MUSCLE, data=data, response="force", ends=ends),
         free=names,
         limits=np.array([[0.1, 9.0], [0.3, 0.6], [-9.0, 9.0], [0.0, 0.1], [0.0, 50.0]]),
     )
     point = problem.choose_start()
-    residuals, calls, kind = problem.miss(point), [], MODELS["kothera-balance"]
+    residuals, calls, kind = problem.measure_residuals(point), [], MODELS["kothera-balance"]
     ask = kind.try_force
     monkeypatch.setattr(
         kind, "try_force", lambda *args, **more: calls.append(1) or ask(*args, **more)
     )
-    table = problem.slope(point)
+    table = problem.measure_jacobian(point)
     assert len(calls) <= 2 * len(names) + 2
     slack = residuals + data.load < 20.0 + 1e-9
     assert 0 < slack.sum() < len(data)
     for column, name in enumerate(names):
         step = np.zeros(len(names))
         step[column] = 3e-5
-        slope = (problem.miss(point + step) - problem.miss(point - step)) / 6e-5
+        slope = (
+            problem.measure_residuals(point + step) - problem.measure_residuals(point - step)
+        ) / 6e-5
         assert table[:, column] == pytest.approx(slope, rel=1e-4, abs=1e-4 * np.abs(slope).max())
         assert name == "slack_force" or not table[slack, column].any()
 
@@ -757,7 +761,7 @@ def test_derivatives_of_an_offset_from_a_length_by_two_routes():
     data = dataclasses.replace(measure(model, specimen="A"), free_lengths={0.62: np.full(40, 92.0)})
     problem = Problem(
         model_class=MODELS["kothera-balance"],
-        task=Task(
+        task=FitData(
             muscle=MUSCLE, data=data, response="force", ends=EndEffects(compliance=0.01),
             anchored=True,
         ),
@@ -765,10 +769,12 @@ def test_derivatives_of_an_offset_from_a_length_by_two_routes():
         limits=np.array([[0.1, 9.0], [0.3, 0.6]]),
     )  # fmt: skip
     point = problem.choose_start()
-    held, table = problem.evaluate(point)[1], problem.slope(point)
+    held, table = problem.evaluate(point)[1], problem.measure_jacobian(point)
     for column in range(2):
         step = np.zeros(2)
         step[column] = 3e-5
-        slope = (problem.miss(point + step) - problem.miss(point - step)) / 6e-5
+        slope = (
+            problem.measure_residuals(point + step) - problem.measure_residuals(point - step)
+        ) / 6e-5
         expected = pytest.approx(slope[held], rel=1e-3, abs=1e-3 * np.abs(slope).max())
         assert table[held, column] == expected

@@ -268,6 +268,7 @@ def test_pictures_are_those_that_stable_baselines_asks_for(lumen: Lumen) -> None
         Insertion(lumen=lumen, render_mode="rgb_array").render()
 
 
+@pytest.mark.slow
 def test_its_name_with_the_module_needs_no_import() -> None:
     """In a new process, without a lumen: nothing is planned before a reset."""
     code = (

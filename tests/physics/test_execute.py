@@ -52,6 +52,7 @@ def test_a_body_that_is_too_thick_touches_as_deep_as_it_must(touching: Scenery) 
     assert (found.normal_sum * math.hypot(1.0, 0.1) >= found.resultant - 1e-9).all()
 
 
+@pytest.mark.slow
 def test_half_the_step_changes_little_and_friction_is_looked_at(touching: Scenery) -> None:
     study = study_execution(touching, FAST, check=True)
     assert study.convergence is not None
@@ -67,6 +68,7 @@ def test_half_the_step_changes_little_and_friction_is_looked_at(touching: Scener
     assert checked["friction_0.3"]["normal_sum_N"]["change"] != 0.0
 
 
+@pytest.mark.slow
 def test_both_walls_press_about_as_hard_at_the_same_moments(clear: Scenery) -> None:
     thick = dataclasses.replace(clear.plan, scope=Scope(diameter=8.0, link_length=8.0))
     dragged = dataclasses.replace(FAST, drive="tractrix")

@@ -140,6 +140,7 @@ def test_an_open_surface_is_refused() -> None:
         build_prisms((np.asarray(box.vertices), np.asarray(box.faces)[1:]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("gap", [1.0, 2.0])
 def test_a_wall_thinner_than_the_body_is_deep_in_it_holds_as_stated(kind, gap) -> None:

@@ -255,6 +255,7 @@ def test_a_bare_plan_and_summary_are_enough(tmp_path):
     assert "The scope reaches the far end" in read_report(tmp_path, plan, summary={}).text
 
 
+@pytest.mark.slow
 def test_long_plans_stay_small(tmp_path):
     plan = make_plan(steps=5000, links=150, link_length=1.0)
     page = read_report(tmp_path, plan)

@@ -24,6 +24,7 @@ def answer(plan: Plan) -> tuple[str, str, float | None]:
     return plan.status, plan.reason_code, None if proved is None else round(proved, 6)
 
 
+@pytest.mark.slow
 def test_a_plan_is_certified_and_carried_to_a_wider_wall() -> None:
     case = Case.open(open_phantom(seed=0, voxel=3.0), InsertionOptions(head_step=HEAD_STEP))
     found = case.plan(Scope(diameter=6.0, link_length=12.0))
@@ -75,7 +76,7 @@ def judge_in_study(seed: int, scope: Scope) -> tuple[int, float]:
 
 
 @pytest.mark.slow(60)
-@pytest.mark.parametrize("seeds", [(0, 3), (2, 11)], ids=str)  # 0 to 39 agree, too
+@pytest.mark.parametrize("seeds", [(0, 2)], ids=str)  # 0 to 39 agree, too
 def test_all_routes_have_one_answer(seeds, monkeypatch) -> None:
     # What would fit is not compared here, and to seek it takes most of the time.
     monkeypatch.setattr(insertion, "find_advice", lambda job, refusal, *, progress: refusal)

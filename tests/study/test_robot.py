@@ -58,6 +58,7 @@ def test_without_parquet_there_is_csv(
     assert "tendons.csv" in names and "tendons.parquet" not in names
 
 
+@pytest.mark.slow
 def test_a_robot_that_does_not_get_there_is_a_finding(tmp_path: Path) -> None:
     short = run(robot=make_robot(15.0, 3, radius=2.5))
     assert short.plan.status == "complete" and short.plan.certified

@@ -57,6 +57,7 @@ def make_corner(**changes: Any) -> Study:
     return make_study("fail_in_a_corner", **({"factors": factors} | changes))
 
 
+@pytest.mark.slow
 def test_ishigami(tmp_path: Path) -> None:
     sampling = {"method": "saltelli", "count": 2**13, "seed": 7}
     found = analyse_study(

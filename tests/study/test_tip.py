@@ -189,6 +189,7 @@ def test_displacements_of_a_robot_agree_with_its_jacobian() -> None:
     assert found.coverage == pytest.approx(0.95, abs=0.01)
 
 
+@pytest.mark.slow
 def test_tensions_agree_with_the_derivatives_of_the_elastic_model() -> None:
     robot, given = make_robot(), {"T1": 2.0, "T5": 1.0}
     found = robot_tip_error(robot, given, held="tensions", command_sd=0.01)

@@ -181,6 +181,7 @@ def measure_brute(plan, tract, samples, error, count, duct):
     return np.array(least)
 
 
+@pytest.mark.slow
 def test_first_order_agrees_with_displaced_walls(case):
     plan, tract, duct, samples = case
     error = WallError(sd=0.4, correlation=12.0)
@@ -221,6 +222,7 @@ def test_first_order_agrees_with_displaced_walls_of_a_phantom(phantom_case, sd, 
     assert abs(np.mean(reach < radius) - share) <= 0.05
 
 
+@pytest.mark.slow
 def test_one_error_everywhere_is_the_limit_of_a_long_correlation(case):
     plan, _, _, samples = case
     error = WallError(sd=0.5, correlation=1e4)

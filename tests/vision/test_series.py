@@ -137,6 +137,7 @@ def test_repeats_of_a_set_point_belong_together_whatever_was_measured(tmp_path):
     assert columns["contraction [mm]"] == pytest.approx([4.0, 4.2])
 
 
+@pytest.mark.slow
 def test_every_fault_of_a_picture_is_its_row(tmp_path):
     board, setup = StripBoard(), LengthSetup(pitch=0.1, columns=860, rows=700)
     camera, muscle = setup.make_camera(board), HungMuscle(length=37.0)

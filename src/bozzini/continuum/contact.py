@@ -23,15 +23,15 @@ from .contact_solver import (
     ContactState,
     FreePart,
     Solution,
-    judge,
+    check_solution,
     measure_depth,
     measure_push,
     measure_radii,
-    settle,
+    settle_friction,
 )
 from .elastic import LIMIT_ROUND_OFF, check_pretensions, check_tension_commands
 from .energy import FEWER, STIFF
-from .equilibrium import Spots, measure_rest
+from .equilibrium import LumpedLoads, measure_rest
 from .kernels.energy import fill_frames
 from .loads import Load, PackedLoads, pack_loads
 from .model import BendMeasure, check_limits, check_tensions
@@ -227,15 +227,17 @@ class ContactCommand(NamedTuple):
     displacements: Floats
     tensions: Floats
     inserted: float
-    share: float = 1.0
+    load_factor: float = 1.0
 
-    def take_part(self, share: float, inserted: float) -> ContactCommand:
+    def take_part(self, load_factor: float, inserted: float) -> ContactCommand:
         """Return a part of the displacements, tensions and loads."""
-        if share == 0.0:
+        if load_factor == 0.0:
             return ContactCommand(
                 np.full_like(self.tensions, np.nan), 0.0 * self.tensions, inserted, 0.0
             )
-        return ContactCommand(share * self.displacements, share * self.tensions, inserted, share)
+        return ContactCommand(
+            load_factor * self.displacements, load_factor * self.tensions, inserted, load_factor
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -411,12 +413,12 @@ class ContactModel:
             initial = before
         reached, part = 0.0, FIRST_PART
         while reached < 1.0:
-            share = min(1.0, reached + part)
-            shape = self._solve(command.take_part(share, length), initial)
+            load_factor = min(1.0, reached + part)
+            shape = self._solve(command.take_part(load_factor, length), initial)
             if shape.settled:
-                reached, initial = share, shape
+                reached, initial = load_factor, shape
             elif part <= LEAST_PART:
-                words = f"at {100.0 * share:.3g} % of loads and displacements, {shape.reason}"
+                words = f"at {100.0 * load_factor:.3g} % of loads and displacements, {shape.reason}"
                 return dataclasses.replace(shape, reason=words)
             else:
                 part *= 0.5
@@ -438,7 +440,7 @@ class ContactModel:
 
     def _find_lock(self, command: ContactCommand, initial: ContactShape | None) -> str:
         """Return words if tendons that hardly stretch leave the body no play; else nothing."""
-        soft = np.maximum(self._compliances, STIFF * self._whole.give)
+        soft = np.maximum(self._compliances, STIFF * self._whole.flexibility)
         rigid = np.isfinite(command.displacements) & (self._compliances < FEWER * soft)
         if np.count_nonzero(rigid) < 2 or not self._solve(command, initial, soft).settled:
             return ""
@@ -484,13 +486,15 @@ class ContactModel:
         cut = max(robot.length - command.inserted, 0.0)
         idle = np.isnan(command.displacements) & (command.tensions == 0.0)
         part = FreePart(robot, stations=self.stations, cut=cut, whole=self._whole, idle=idle)
-        spots = Spots.place(robot, part.arc_length, self._packed).scale(command.share)
+        lumped_loads = LumpedLoads.place(robot, part.arc_length, self._packed).scale(
+            command.load_factor
+        )
         count, n = len(robot.tendons), len(part.spans)
         # A tendon that ends in the introducer does nothing.
         limits = part.straight.sum(axis=1) + self._rest_changes - command.displacements
         limits[part.counts == 0] = np.nan
         compliances = self._compliances if compliances is None else compliances
-        task = ContactProblem(part, spots, self.walls, limits, compliances, self.options)
+        task = ContactProblem(part, lumped_loads, self.walls, limits, compliances, self.options)
         before = None
         if initial is None:
             none = np.zeros((len(self.walls), n))
@@ -500,8 +504,8 @@ class ContactModel:
             before = place_before(initial, part) - task.base[:3, 3]
         pulled = np.where(part.counts > 0, command.tensions, 0.0)
         start.tensions = np.where(task.held, start.tensions, pulled)
-        solution = settle(task, start, before, WARM if initial is not None else 0)
-        commands = command.displacements - command.share * self._pretension_stretches
+        solution = settle_friction(task, start, before, WARM if initial is not None else 0)
+        commands = command.displacements - command.load_factor * self._pretension_stretches
         return self._describe(task, solution, commands)
 
     def _describe(self, task: ContactProblem, solution: Solution, commands: Floats) -> ContactShape:
@@ -515,21 +519,21 @@ class ContactModel:
         tangents[:k] = base[:3, 2]
         n = len(part.spans)
         rotations, spare = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3))
-        fill_frames(part.packed, solution.state.turns, rotations, spare)
+        fill_frames(part.packed, solution.state.rotation_vectors, rotations, spare)
         points[k:] = base[:3, 3] + found.points
         tangents[k:] = rotations[1:, :, 2] @ base[:3, :3].T
         forces, normal = np.zeros((len(places), 3)), np.zeros(len(places))
         gaps = np.full(len(places), np.inf)
-        normal[k:] = np.sqrt(np.sum(found.pressed.body**2, axis=1))
-        normal[~task.feel(normal)] = 0.0
+        normal[k:] = np.sqrt(np.sum(found.reaction.body**2, axis=1))
+        normal[~task.find_felt(normal)] = 0.0
         forces[k:] = np.where(normal[k:, None] > 0.0, found.body_forces, 0.0)
-        gaps[k:] = found.pressed.gaps
-        at, loads, moments = task.measure_loads(solution.state.turns)
+        gaps[k:] = found.reaction.gaps
+        at, loads, moments = task.measure_loads(solution.state.rotation_vectors)
         moment = np.cross(at - base[:3, 3], loads).sum(axis=0) + moments.sum(axis=0)
         moment += np.cross(found.points, forces[k:]).sum(axis=0)
-        bent = solution.state.turns - part.rest
+        bent = solution.state.rotation_vectors - part.rest
         distance, pair = find_self_contact(robot, places, points)
-        settled, reason = judge(task, solution)
+        settled, reason = check_solution(task, solution)
         depth, words = measure_depth(task, solution)
         if settled and distance < 0.0:
             words = (
@@ -537,7 +541,7 @@ class ContactModel:
                 f"{-distance:.3g} mm too near"
             )
         verdict = np.asarray(settled and not words), np.asarray(reason or words)
-        bends = measure_bends(part, solution.state.turns)
+        bends = measure_bends(part, solution.state.rotation_vectors)
         verdict = check_limits(robot, commands, bends, verdict)
         passed, over = check_tensions(robot, found.tensions, verdict)
         return ContactShape(
@@ -557,11 +561,11 @@ class ContactModel:
             push_force=measure_push(task, solution),
             energy=0.5 * float(np.sum(part.stiffness * bent**2)),
             stability=solution.stability,
-            left_unstable=solution.kicked,
+            left_unstable=solution.perturbed,
             self_distance=distance,
             self_places=pair,
             iterations=solution.steps,
-            residual=found.missed,
+            residual=found.violation,
             imbalance=solution.imbalance,
             depth=depth,
             converged=bool(passed),
@@ -573,9 +577,12 @@ class ContactModel:
         )
 
 
-def measure_bends(part: FreePart, turns: Floats) -> BendMeasure:
-    """Return how sections bend beyond an introducer, by the turns (n, 3) of the segments."""
-    angles, count = np.hypot(turns[:, 0], turns[:, 1]), len(part.robot.sections)
+def measure_bends(part: FreePart, rotation_vectors: Floats) -> BendMeasure:
+    """Return how sections bend beyond an introducer, by the rotations (n, 3) of the segments."""
+    angles, count = (
+        np.hypot(rotation_vectors[:, 0], rotation_vectors[:, 1]),
+        len(part.robot.sections),
+    )
     curvatures = np.zeros(count)
     np.maximum.at(curvatures, part.sections, angles / part.spans)
     bends = np.bincount(part.sections, angles, count).astype(np.float64)
@@ -588,12 +595,14 @@ def carry_state(initial: ContactShape, part: FreePart) -> ContactState:
     if np.array_equal(old.arc_length, part.arc_length):
         return dataclasses.replace(state)
     here, there = part.middles, old.middles
-    curvature = (state.turns - old.rest) / old.spans[:, None]
-    turns = np.stack([np.interp(here, there, row) for row in curvature.T], axis=1)
+    curvature = (state.rotation_vectors - old.rest) / old.spans[:, None]
+    rotation_vectors = np.stack([np.interp(here, there, row) for row in curvature.T], axis=1)
     ends, before = part.arc_length[1:] - part.cut, old.arc_length[1:] - old.cut
-    density = state.forces / old.shares
-    forces = np.stack([np.interp(ends, before, row) for row in density]) * part.shares
-    return ContactState(turns * part.spans[:, None] + part.rest, forces, state.tensions, forces)
+    density = state.forces / old.tributary_lengths
+    forces = np.stack([np.interp(ends, before, row) for row in density]) * part.tributary_lengths
+    return ContactState(
+        rotation_vectors * part.spans[:, None] + part.rest, forces, state.tensions, forces
+    )
 
 
 def place_before(initial: ContactShape, part: FreePart) -> Floats:

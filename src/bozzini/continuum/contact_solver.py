@@ -1,4 +1,32 @@
-"""The shape of least energy of a discrete rod outside walls: Newton's method on a Lagrangian."""
+"""The shape of least energy of a discrete rod outside walls: Newton's method on a Lagrangian.
+
+Backbone, tendons and loads are those of `energy.EnergyModel` with ``channel`` segments, each with a
+rotation vector ``w_j`` [rad], ``u_j`` at rest; ``x_i(w)`` are the stations, of radius ``rho_i``,
+and ``c_i = -d(x_i) - rho_i`` their gaps to a wall by its smoothed signed distance::
+
+    minimise   1/2 sum_j (w_j - u_j) . K_j (w_j - u_j) - work of the loads + potential of friction
+    such that  c_i + e_i f_i >= 0 ,   sum_j l_kj - e_k T_k <= limit_k
+
+with ``K_j = diag(EI, EI, GJ) / h_j`` and the compliances ``e`` of wall and tendons [mm/N]; equality
+for rods that push, and tensions instead of lengths where these are commanded. The first frame is
+fixed at the introducer's end. docs/theory/contact.md has the assumptions.
+
+*Unknowns*: ``w`` (n, 3), base first, about x, y, z of the frame where the segment begins. Beside
+them multipliers: forces ``f`` of w walls on n stations (w, n) [N], tensions ``T`` (t,) [N].
+
+*Method*: an augmented Lagrangian. With the compliance ``r`` of the penalty and the last multiplier
+``f0``, the force is the positive root of ``f (c + e f + r (f - f0)) = width^2 / (e + r)``, which
+for width 0 is ``max(0, (r f0 - c) / (e + r))``. Each step is Newton's, with the contact stiffness
+of a primal-dual method, a Hessian that is shifted until it is positive, and a line search; five
+stages make penalty and width smaller. Loads without a potential take the tangent as it is. Coulomb
+friction on the motion s since the last shape has the potential ``mu f (s - d / 2)``, and ``mu f s^2
+/ 2 d`` below a slip d, with ``f`` held and updated in rounds.
+
+*Ends* with a step that moves no station by 1e-7 mm and a gradient below 1e-8 of the moments that
+act, or one that falls no more. `check_solution` takes it where the last step is at most 3e-4 mm,
+gaps and lengths are within the tolerance, the gradient is below 1e-6, and the least eigenvalue of
+the second variation is positive among motions that hold lengths and contacts.
+"""
 
 from __future__ import annotations
 
@@ -13,23 +41,23 @@ from numpy.typing import NDArray
 
 from ..numeric.arrays import Floats
 from .energy import Grid, Segment
-from .equilibrium import Spots, find_least, vary_twice
+from .equilibrium import LumpedLoads, find_least_eigenvalue, vary_twice
 from .kernels.contact import add_contacts, press_walls
 from .kernels.energy import POINTS, fill_frames, measure_lengths
 from .kernels.equilibrium import make_state, measure_equilibrium
-from .kernels.loads import measure_loads, place_spots
+from .kernels.loads import locate_stations, measure_loads
 from .profile import ROUND_OFF_MM
 from .robot import RobotDesign
 from .walls import Boundary, ContactOptions, Touched
 
 SHIFT = 1e-4
-"""Share of the first segment by which it is made longer to see how the energy changes."""
+"""Part of the first segment by which it is made longer for the derivative of the energy."""
 
 SHORTEST = 0.3
-"""A first segment shorter than this share of the next one is joined with it."""
+"""A first segment shorter than this part of the next one is joined with it."""
 
-TURN_LIMIT = 0.3
-"""Largest turn of a segment in one step of Newton's method [rad]."""
+ROTATION_LIMIT = 0.3
+"""Largest rotation of a segment in one step of Newton's method [rad]."""
 
 MOST_STEPS = 100
 """Steps of Newton's method for one shape."""
@@ -65,10 +93,10 @@ FRICTION_SHARE = 1e-5
 """Change of the normal forces at which they have settled, against the largest."""
 
 FAR = 5.0
-"""Radii of the body beyond which a step is not taken, but a shorter one that turns to the slope."""
+"""Radii of the body beyond which a step is not taken, but a shorter one, of a shifted Hessian."""
 
-KICK_MM, KICK_RAD = 0.03, 0.03
-"""Step below which an unstable shape is left, and the largest turn by which it is [mm], [rad]."""
+PERTURBATION_MM, PERTURBATION_RAD = 0.03, 0.03
+"""Step below which an unstable shape is left, and the largest rotation by which it is."""
 
 CHECKS, DEEP = 4, 0.1
 """Places of a segment where its depth in walls is checked, and the most, by the body's radius."""
@@ -130,7 +158,7 @@ class FreePart(Grid):
 
     @cached_property
     def stiffness(self) -> Floats:
-        """Moment by turn of each segment about x, y and z [N mm], shape (n, 3)."""
+        """Moment by rotation of each segment about x, y and z [N mm/rad], shape (n, 3)."""
         if self.whole is None:
             return super().stiffness
         return np.concatenate([self.shifted[1].stiffness, self.whole.stiffness[self.first :]])
@@ -168,11 +196,11 @@ class FreePart(Grid):
         return 0.5 * (self.arc_length[1:] + self.arc_length[:-1]) - self.cut
 
     @cached_property
-    def shares(self) -> Floats:
-        """Length of the body that each point but the first stands for [mm], shape (n,)."""
-        shares = 0.5 * self.spans
-        shares[:-1] += 0.5 * self.spans[1:]
-        return shares
+    def tributary_lengths(self) -> Floats:
+        """Tributary length of each station but the first [mm], shape (n,)."""
+        tributary_lengths = 0.5 * self.spans
+        tributary_lengths[:-1] += 0.5 * self.spans[1:]
+        return tributary_lengths
 
     @cached_property
     def radii(self) -> Floats:
@@ -180,8 +208,8 @@ class FreePart(Grid):
         return measure_radii(self.robot, self.arc_length[1:])
 
     @cached_property
-    def give(self) -> Floats:
-        """How much each tendon gives way to tension where nothing else holds the robot, (t,)."""
+    def flexibility(self) -> Floats:
+        """Flexibility of each tendon's length where nothing else holds the robot, (t,) [mm/N]."""
         reach = np.mean(np.sum(self._guides[..., :2] ** 2, axis=-1), axis=-1)
         return np.asarray(np.sum(reach / self.stiffness[:, 0], axis=-1))
 
@@ -193,19 +221,19 @@ class FreePart(Grid):
 
 @dataclass(eq=False)
 class ContactState:
-    """Turns (n, 3) of the segments and multipliers: contacts (w, n) [N], tensions (t,) [N].
+    """Rotation vectors (n, 3) and multipliers: contact forces (w, n) [N], tensions (t,) [N].
 
-    `expected` (w, n) are the forces that the last step expects here [N].
+    `expected` (w, n) are the forces that the last step predicts here [N].
     """
 
-    turns: Floats
+    rotation_vectors: Floats
     forces: Floats
     tensions: Floats
     expected: Floats
 
 
-Seen = tuple[NDArray[np.int64], Touched]
-"""The walls of touches, and their smooth gaps."""
+Contacts = tuple[NDArray[np.int64], Touched]
+"""The walls of contacts, and their smooth gaps."""
 
 
 class Stage(NamedTuple):
@@ -240,52 +268,72 @@ class Slip:
     forces: Floats
 
 
-class Pressed(NamedTuple):
-    """What walls do to n points, as `press_walls` fills it."""
+class WallReaction(NamedTuple):
+    """Reactions of w walls on n stations, as `press_walls` fills them.
+
+    Attributes
+    ----------
+    forces, stiffnesses : (w, n) ndarray
+        Normal forces [N], and how they fall with the gap [N/mm].
+    gap_gradients : (w, n, 3) ndarray
+        Normals of the smooth walls, towards the inside, in world axes.
+    body, expected_body : (n, 3) ndarray
+        Force on each station, and that of the predicted forces [N].
+    bare, blocks : (n, 3, 3) ndarray
+        Stiffness against motion of the stations without and with that of the contacts [N/mm].
+    gaps : (n,) ndarray
+        Least gaps [mm].
+    """
 
     forces: Floats
-    stiff: Floats
-    ways: Floats
+    stiffnesses: Floats
+    gap_gradients: Floats
     body: Floats
-    likely: Floats
+    expected_body: Floats
     bare: Floats
     blocks: Floats
     gaps: Floats
 
     @classmethod
-    def make(cls, walls: int, points: int) -> Pressed:
+    def make(cls, walls: int, points: int) -> WallReaction:
         """Return arrays for so many walls and points."""
-        forces, stiff = np.empty((2, walls, points))
-        body, likely = np.empty((2, points, 3))
+        forces, stiffnesses = np.empty((2, walls, points))
+        body, expected_body = np.empty((2, points, 3))
         bare, blocks = np.empty((2, points, 3, 3))
-        ways = np.empty((walls, points, 3))
-        return cls(forces, stiff, ways, body, likely, bare, blocks, np.empty(points))
+        gap_gradients = np.empty((walls, points, 3))
+        return cls(
+            forces, stiffnesses, gap_gradients, body, expected_body, bare, blocks, np.empty(points)
+        )
 
 
 @dataclass(frozen=True, eq=False)
 class Measure:
-    """Energy with penalties at a shape, and what follows from it."""
+    """Energy with penalties at a shape, and what follows from it.
+
+    `violation` is by how much gaps and lengths miss their conditions [mm], `length_gradients`
+    (t, 3 n), gradient (3 n,) and Hessian (3 n, 3 n) are by the rotation vectors.
+    """
 
     value: float
     points: Floats
-    pressed: Pressed
-    rubbed: Floats
+    reaction: WallReaction
+    friction_forces: Floats
     tensions: Floats
-    slopes: Floats
-    missed: float
+    length_gradients: Floats
+    violation: float
     gradient: Floats
     hessian: Floats
 
     @property
     def body_forces(self) -> Floats:
         """Forces of walls on the points, friction included [N], world, (n, 3)."""
-        return self.pressed.body + self.rubbed
+        return self.reaction.body + self.friction_forces
 
-    def expect(self, way: Floats) -> Floats:
-        """Return the contact forces that are expected where the points have moved by (n, 3)."""
-        pressed = self.pressed
-        change = pressed.stiff * np.sum(pressed.ways * way, axis=-1)
-        return np.asarray(np.maximum(pressed.forces - change, 1e-3 * pressed.forces))
+    def predict_forces(self, motion: Floats) -> Floats:
+        """Return the contact forces to first order where the stations have moved by (n, 3)."""
+        reaction = self.reaction
+        change = reaction.stiffnesses * np.sum(reaction.gap_gradients * motion, axis=-1)
+        return np.asarray(np.maximum(reaction.forces - change, 1e-3 * reaction.forces))
 
 
 @dataclass(frozen=True, eq=False)
@@ -298,7 +346,7 @@ class ContactProblem:
     """
 
     part: FreePart
-    spots: Spots
+    lumped_loads: LumpedLoads
     boundaries: tuple[Boundary, ...]
     limits: Floats
     compliances: Floats
@@ -312,13 +360,17 @@ class ContactProblem:
 
     @cached_property
     def stages(self) -> tuple[Stage, ...]:
-        """Stages of the solver: the first so soft that all loads press the body in by its radius.
+        """Stages of the solver: the first so soft that loads press in part of the body's radius.
 
         A penalty that is hard from the start has a narrow valley for its least energy.
         """
-        part, spots = self.part, self.spots
+        part, lumped_loads = self.part, self.lumped_loads
         length = float(part.spans.sum())
-        load = self.bend + spots.reach + float(np.linalg.norm(spots.moments, axis=1).sum()) / length
+        load = (
+            self.bend
+            + lumped_loads.reach
+            + float(np.linalg.norm(lumped_loads.moments, axis=1).sum()) / length
+        )
         soft = float(part.radii.min()) / load / float(np.median(part.penalty))
         soft = min(max(SOFT_SHARE * soft, LEAST_SOFT), 1e3)
         return tuple(map(Stage, (soft, math.sqrt(soft), 1.0, *HARDNESS), WIDTHS_MM))
@@ -329,8 +381,8 @@ class ContactProblem:
         spans = self.part.spans
         return float((self.part.stiffness[:, 0] * spans).max() / spans.sum() ** 2)
 
-    def feel(self, forces: Floats) -> NDArray[np.bool_]:
-        """Return which forces of walls are not those of a soft beginning alone."""
+    def find_felt(self, forces: Floats) -> NDArray[np.bool_]:
+        """Return which forces of walls are not those of the smoothed beginning alone."""
         largest = max(float(forces.max(initial=0.0)), UNFELT * self.bend)
         return np.asarray(forces > UNFELT * largest)
 
@@ -338,13 +390,13 @@ class ContactProblem:
     def wall_compliance(self) -> Floats:
         """Of the wall at the points [mm/N], (n,)."""
         if self.options.wall_stiffness is None:
-            return np.zeros(len(self.part.shares))
-        return np.asarray(1.0 / (self.options.wall_stiffness * self.part.shares))
+            return np.zeros(len(self.part.tributary_lengths))
+        return np.asarray(1.0 / (self.options.wall_stiffness * self.part.tributary_lengths))
 
     @cached_property
     def tendon_penalty(self) -> Floats:
         """Compliance by which tendons are held in a step, (t,) [mm/N]."""
-        return np.asarray(TENDON_SHARE * self.part.give + 1e-15)
+        return np.asarray(TENDON_SHARE * self.part.flexibility + 1e-15)
 
     @cached_property
     def stations(self) -> tuple[NDArray[np.int64], Floats, Floats]:
@@ -363,22 +415,22 @@ class ContactProblem:
         return self.held & ~self.part.robot.pushes
 
     @cached_property
-    def acted(self) -> tuple[tuple[NDArray[np.generic], ...], Floats, NDArray[np.bool_]]:
-        """Where loads and walls act, moments there, and which forces follow the body."""
-        spots, n = self.spots, len(self.part.spans)
-        own = spots.segments, spots.parts, spots.offsets
+    def loaded_stations(self) -> tuple[tuple[NDArray[np.generic], ...], Floats, NDArray[np.bool_]]:
+        """Stations where loads and walls act, moments there, and which forces follow the body."""
+        lumped_loads, n = self.lumped_loads, len(self.part.spans)
+        own = lumped_loads.segments, lumped_loads.parts, lumped_loads.offsets
         places = tuple(map(np.concatenate, zip(own, self.stations, strict=True)))
-        moments = np.concatenate([spots.moments, np.zeros((n, 3))])
-        return places, moments, np.concatenate([spots.follows, np.zeros(n, dtype=np.bool_)])
+        moments = np.concatenate([lumped_loads.moments, np.zeros((n, 3))])
+        return places, moments, np.concatenate([lumped_loads.follows, np.zeros(n, dtype=np.bool_)])
 
-    def locate(self, turns: Floats) -> Floats:
+    def locate(self, rotation_vectors: Floats) -> Floats:
         """Return the points but the first from the base in the world's axes, (n, 3) [mm]."""
         n = len(self.part.spans)
         rotations, points = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3))
-        fill_frames(self.part.packed, turns, rotations, points)
+        fill_frames(self.part.packed, rotation_vectors, rotations, points)
         return np.asarray(points[1:] @ self.base[:3, :3].T)
 
-    def touch(self, points: Floats, held: Floats) -> Seen:
+    def find_contacts(self, points: Floats, held: Floats) -> Contacts:
         """Return walls and places of the smooth gaps that are small, or have a force (w, n)."""
         margin = float(self.part.radii.max())
         found = [
@@ -392,47 +444,54 @@ class ContactProblem:
         self,
         state: ContactState,
         stage: Stage,
-        seen: Seen | None = None,
+        contacts: Contacts | None = None,
         *,
         bare: bool = False,
     ) -> Measure:
         """Return energy, forces and derivatives about the multipliers of `state`.
 
-        `seen` are the walls where they are known. The Hessian is that of the Lagrangian with the
-        forces that are expected; if `bare`, without what holds tendons and contacts.
+        `contacts` are those found before. The Hessian is that of the Lagrangian with the predicted
+        forces; if `bare`, without the stiffness of tendons and contacts.
         """
-        part, turns = self.part, state.turns
+        part, rotation_vectors = self.part, state.rotation_vectors
         n, count = len(part.spans), len(self.limits)
-        rotation, points = self.base[:3, :3], self.locate(turns)
-        rows, touched = self.touch(points, state.forces) if seen is None else seen
-        pressed = Pressed.make(len(self.boundaries), n)
-        value, missed = press_walls(
+        rotation, points = self.base[:3, :3], self.locate(rotation_vectors)
+        # Walls: forces, their potential and stiffness, then friction on them.
+        rows, touched = self.find_contacts(points, state.forces) if contacts is None else contacts
+        reaction = WallReaction.make(len(self.boundaries), n)
+        value, violation = press_walls(
             (rows, *touched),
             (state.forces, state.expected),
             (self.wall_compliance, stage.softness * part.penalty),
             stage.width,
-            pressed,
+            reaction,
         )
-        likely, blocks = pressed.likely, pressed.bare if bare else pressed.blocks
-        rubbed = np.zeros((n, 3))
+        expected, blocks = reaction.expected_body, reaction.bare if bare else reaction.blocks
+        friction_forces = np.zeros((n, 3))
         if self.slip is not None:
-            potential, rubbed, stiff = self._rub(self.slip, points)
+            potential, friction_forces, stiff = self._measure_friction(self.slip, points)
             value += potential
-            likely, blocks = likely + rubbed, blocks + stiff
+            expected, blocks = expected + friction_forces, blocks + stiff
+        # Backbone, tendons and loads, the walls' predicted forces among these.
         filled = make_state(n, count)
-        lengths, tensions, slopes, _, _, gradient, hessian = filled
+        lengths, tensions, length_gradients, _, _, gradient, hessian = filled
         held = self.tendon_penalty
         tendons = self.compliances, self.held, self.cables, state.tensions, held
-        places, moments, follows = self.acted
-        loads = np.concatenate([self.spots.forces, likely @ rotation]), moments, follows
+        places, moments, follows = self.loaded_stations
+        loads = np.concatenate([self.lumped_loads.forces, expected @ rotation]), moments, follows
         rod = part.packed, part.rest, tendons, places, loads
-        value += measure_equilibrium(rod, self.limits, turns, state.tensions, filled)
-        # Of the walls' forces it is the potential that counts, not that of dead forces.
-        value += float(np.sum(likely * points))
-        missed = max(missed, float(np.max(np.abs(held * (state.tensions - tensions)), initial=0.0)))
-        errors = (likely - pressed.body - rubbed) @ rotation
-        add_contacts(part.packed, turns, rotation.T @ blocks @ rotation, errors, gradient, hessian)
-        rows = slopes.reshape(count, 3 * n)
+        value += measure_equilibrium(rod, self.limits, rotation_vectors, state.tensions, filled)
+        # The walls act as dead forces in the rod's kernel: their own potential is in their place.
+        value += float(np.sum(expected * points))
+        violation = max(
+            violation, float(np.max(np.abs(held * (state.tensions - tensions)), initial=0.0))
+        )
+        # What the walls do beside those forces: their error, and the contacts' stiffness.
+        errors = (expected - reaction.body - friction_forces) @ rotation
+        add_contacts(
+            part.packed, rotation_vectors, rotation.T @ blocks @ rotation, errors, gradient, hessian
+        )
+        rows = length_gradients.reshape(count, 3 * n)
         if not bare:
             taut = self.held & ((tensions > 0.0) | ~self.cables)
             hold = 1.0 / (self.compliances + held)[taut]
@@ -440,47 +499,51 @@ class ContactProblem:
         return Measure(
             value=value,
             points=points,
-            pressed=pressed,
-            rubbed=rubbed,
+            reaction=reaction,
+            friction_forces=friction_forces,
             tensions=tensions,
-            slopes=rows,
-            missed=missed,
+            length_gradients=rows,
+            violation=violation,
             gradient=gradient.ravel(),
             hessian=hessian,
         )
 
-    def pull_on(self, state: ContactState, found: Measure, turns: Floats) -> Floats:
+    def update_tensions(
+        self, state: ContactState, found: Measure, rotation_vectors: Floats
+    ) -> Floats:
         """Return the tensions (t,) that Newton's method on the lengths themselves takes."""
         hold = self.compliances + self.tendon_penalty
         taut = self.held & ((found.tensions > 0.0) | ~self.cables)
-        change = np.where(taut, found.slopes @ turns.ravel() / np.where(taut, hold, 1.0), 0.0)
+        change = np.where(
+            taut, found.length_gradients @ rotation_vectors.ravel() / np.where(taut, hold, 1.0), 0.0
+        )
         tensions = np.where(self.held, found.tensions + change, state.tensions)
         return np.where(self.cables, np.maximum(tensions, 0.0), tensions)
 
-    def measure_drift(self, turns: Floats) -> Floats:
-        """Return the part of the gradient of loads that have no potential, (3 n,)."""
-        spots = self.spots
-        gradient = np.zeros((len(turns), 3))
-        if not spots.have_potential:
-            hessian = np.empty((turns.size, turns.size))
-            forces = np.where(spots.follows[:, None], spots.forces, 0.0)
-            places = spots.segments, spots.parts, spots.offsets
-            loads = forces, spots.moments, spots.follows
-            measure_loads(self.part.packed, turns, places, loads, gradient, hessian)
+    def measure_nonconservative_gradient(self, rotation_vectors: Floats) -> Floats:
+        """Return the part of the gradient that loads without a potential have, (3 n,)."""
+        lumped_loads = self.lumped_loads
+        gradient = np.zeros((len(rotation_vectors), 3))
+        if not lumped_loads.have_potential:
+            hessian = np.empty((rotation_vectors.size, rotation_vectors.size))
+            forces = np.where(lumped_loads.follows[:, None], lumped_loads.forces, 0.0)
+            places = lumped_loads.segments, lumped_loads.parts, lumped_loads.offsets
+            loads = forces, lumped_loads.moments, lumped_loads.follows
+            measure_loads(self.part.packed, rotation_vectors, places, loads, gradient, hessian)
         return gradient.ravel()
 
-    def measure_loads(self, turns: Floats) -> tuple[Floats, Floats, Floats]:
+    def measure_loads(self, rotation_vectors: Floats) -> tuple[Floats, Floats, Floats]:
         """Return places [mm], forces [N] and moments [N mm] of all loads in the world, (p, 3)."""
-        spots = self.spots
-        count = len(spots.parts)
+        lumped_loads = self.lumped_loads
+        count = len(lumped_loads.parts)
         places, axes = np.empty((count, 3)), np.empty((count, 3, 3))
-        jacobians = np.empty((count, 6, turns.size))
-        kept = spots.segments, spots.parts, spots.offsets
-        place_spots(self.part.packed, turns, kept, places, axes, jacobians)
-        axes[~spots.follows] = np.eye(3)
+        jacobians = np.empty((count, 6, rotation_vectors.size))
+        kept = lumped_loads.segments, lumped_loads.parts, lumped_loads.offsets
+        locate_stations(self.part.packed, rotation_vectors, kept, places, axes, jacobians)
+        axes[~lumped_loads.follows] = np.eye(3)
         axes = self.base[:3, :3] @ axes
         forces, moments = (
-            (axes @ item[..., None])[..., 0] for item in (spots.forces, spots.moments)
+            (axes @ item[..., None])[..., 0] for item in (lumped_loads.forces, lumped_loads.moments)
         )
         return places @ self.base[:3, :3].T + self.base[:3, 3], forces, moments
 
@@ -491,23 +554,30 @@ class ContactProblem:
         into a wall that gives way.
         """
         n = len(self.part.spans)
-        pressed = found.pressed
-        settled = dataclasses.replace(state, tensions=found.tensions, expected=pressed.forces)
+        reaction = found.reaction
+        settled = dataclasses.replace(state, tensions=found.tensions, expected=reaction.forces)
+        # Hessian without the penalties, then what is held: taut tendons, contacts along normals.
         bare = self.measure(settled, self.stages[-1], bare=True)
         taut = self.held & ((found.tensions != 0.0) | self.part.robot.pushes)
-        walls, places = np.nonzero(self.feel(pressed.forces))
-        spots = tuple(np.ascontiguousarray(item[places]) for item in self.stations)
+        walls, places = np.nonzero(self.find_felt(reaction.forces))
+        stations = tuple(np.ascontiguousarray(item[places]) for item in self.stations)
         jacobians = np.empty((len(places), 6, 3 * n))
         spare = np.empty((len(places), 3)), np.empty((len(places), 3, 3))
-        place_spots(self.part.packed, state.turns, spots, *spare, jacobians)
-        ways = pressed.ways[walls, places] @ self.base[:3, :3]
-        rows = np.concatenate([found.slopes[taut], np.einsum("ci,cij->cj", ways, jacobians[:, 3:])])
-        gives = np.concatenate([self.compliances[taut], self.wall_compliance[places]])
-        matrix = vary_twice(bare.hessian, self.part.stiffness.ravel(), rows, gives)
-        return find_least(matrix, symmetric=self.spots.have_potential)
+        locate_stations(self.part.packed, state.rotation_vectors, stations, *spare, jacobians)
+        gap_gradients = reaction.gap_gradients[walls, places] @ self.base[:3, :3]
+        rows = np.concatenate(
+            [found.length_gradients[taut], np.einsum("ci,cij->cj", gap_gradients, jacobians[:, 3:])]
+        )
+        compliances = np.concatenate([self.compliances[taut], self.wall_compliance[places]])
+        matrix = vary_twice(bare.hessian, self.part.stiffness.ravel(), rows, compliances)
+        return find_least_eigenvalue(matrix, symmetric=self.lumped_loads.have_potential)
 
-    def _rub(self, slip: Slip, points: Floats) -> tuple[float, Floats, Floats]:
-        """Return potential, forces (n, 3) and stiffnesses (n, 3, 3) of friction."""
+    def _measure_friction(self, slip: Slip, points: Floats) -> tuple[float, Floats, Floats]:
+        """Return potential, forces (n, 3) and stiffnesses (n, 3, 3) of friction.
+
+        Of the motion across the normals, see the module; beyond the slip the stiffness along the
+        motion is 0.
+        """
         small = self.options.slip
         move = points - slip.before
         move -= slip.normals * np.sum(slip.normals * move, axis=1, keepdims=True)
@@ -531,14 +601,14 @@ class Solution:
     found: Measure
     steps: int = 0
     moved: float = math.inf
-    kicked: bool = False
+    perturbed: bool = False
     stability: float = 0.0
     imbalance: float = math.inf
     rounds: int = 0
 
 
 def factor(hessian: Floats, stiffness: Floats, start: int = 0) -> tuple[Floats, int]:
-    """Return a Cholesky factor of the Hessian, and how often it had to be made more convex."""
+    """Return a Cholesky factor of the Hessian, and the index of the shift that it needs."""
     from scipy.linalg.lapack import dpotrf
 
     diagonal = np.arange(len(hessian))
@@ -552,40 +622,48 @@ def factor(hessian: Floats, stiffness: Floats, start: int = 0) -> tuple[Floats, 
 
 
 @dataclass(eq=False)
-class Move:
-    """A step: turns (n, 3), largest way of a point [mm], and how the Hessian was shifted."""
+class ContactStep:
+    """A step: rotation vectors (n, 3), largest motion of a station [mm], index of the shift."""
 
-    turns: Floats
-    way: float
+    rotation_vectors: Floats
+    motion: float
     shift: int
-    kicked: bool = False
+    perturbed: bool = False
 
 
-def find_move(task: ContactProblem, state: ContactState, found: Measure) -> Move:
+def find_step(task: ContactProblem, state: ContactState, found: Measure) -> ContactStep:
     """Return the step of Newton's method, of a Hessian that is made convex."""
     from scipy.linalg.lapack import dpotrs
 
     stiffness, radius = task.part.stiffness.ravel(), float(task.part.radii.min())
 
-    def reach(turns: Floats, shift: int) -> Move:
-        return Move(turns, measure_way(task, state.turns + turns, found.points), shift)
+    def reach(rotation_vectors: Floats, shift: int) -> ContactStep:
+        return ContactStep(
+            rotation_vectors,
+            measure_motion(task, state.rotation_vectors + rotation_vectors, found.points),
+            shift,
+        )
 
-    if not task.spots.have_potential:
-        # The tangent is not symmetric: as it is, where that leads downwards or not far.
-        turns = np.asarray(-np.linalg.solve(found.hessian, found.gradient), dtype=np.float64)
-        move = reach(turns.reshape(-1, 3), 0)
-        if move.way < KICK_MM or (turns @ found.gradient < 0.0 and move.way < FAR * radius):
-            return move
-    move = Move(state.turns, math.inf, -1)
-    while move.way > FAR * radius and move.shift < len(SHIFTS) - 1:
+    if not task.lumped_loads.have_potential:
+        # The tangent is not symmetric: as it is, where the step goes downwards or not far.
+        rotation_vectors = np.asarray(
+            -np.linalg.solve(found.hessian, found.gradient), dtype=np.float64
+        )
+        step = reach(rotation_vectors.reshape(-1, 3), 0)
+        if step.motion < PERTURBATION_MM or (
+            rotation_vectors @ found.gradient < 0.0 and step.motion < FAR * radius
+        ):
+            return step
+    step = ContactStep(state.rotation_vectors, math.inf, -1)
+    while step.motion > FAR * radius and step.shift < len(SHIFTS) - 1:
         # Almost singular: the quadratic model does not hold so far away.
-        lower, shift = factor(found.hessian, stiffness, move.shift + 1)
-        move = reach(-dpotrs(lower, found.gradient, lower=1)[0].reshape(-1, 3), shift)
-    if move.shift > 0 and move.way < KICK_MM and task.spots.have_potential:
-        # Almost stationary, not a minimum: along the way in which the energy falls most.
-        move = reach(find_fall(found, stiffness), move.shift)
-        move.kicked = True
-    return move
+        lower, shift = factor(found.hessian, stiffness, step.shift + 1)
+        step = reach(-dpotrs(lower, found.gradient, lower=1)[0].reshape(-1, 3), shift)
+    if step.shift > 0 and step.motion < PERTURBATION_MM and task.lumped_loads.have_potential:
+        # Almost stationary, not a minimum: along the mode in which the energy is most concave.
+        step = reach(find_descent_mode(found, stiffness), step.shift)
+        step.perturbed = True
+    return step
 
 
 def minimise(task: ContactProblem, start: ContactState, first: int = 0) -> Solution:
@@ -595,83 +673,98 @@ def minimise(task: ContactProblem, start: ContactState, first: int = 0) -> Solut
     index, last = first, len(stages) - 1
     found = task.measure(state, stages[index])
     solution = Solution(state, found)
-    longest, stale = float(task.part.radii.min()), 0
+    longest, stalled = float(task.part.radii.min()), 0
     for step in range(1, MOST_STEPS + 1):
         solution.steps = step
         stage = stages[index]
-        move = find_move(task, state, found)
-        solution.kicked |= move.kicked
-        solution.moved = moved = move.way
-        slope = float(move.turns.ravel() @ found.gradient)
-        share = min(1.0, TURN_LIMIT / max(float(np.abs(move.turns).max()), 1e-300))
-        share = min(share, longest / max(moved, 1e-300))
+        # Newton's step, no longer than the quadratic model holds.
+        newton_step = find_step(task, state, found)
+        solution.perturbed |= newton_step.perturbed
+        solution.moved = moved = newton_step.motion
+        directional_derivative = float(newton_step.rotation_vectors.ravel() @ found.gradient)
+        step_length = min(
+            1.0, ROTATION_LIMIT / max(float(np.abs(newton_step.rotation_vectors).max()), 1e-300)
+        )
+        step_length = min(step_length, longest / max(moved, 1e-300))
         # Below round-off of the energy only the gradient is of use.
-        blind = move.shift == 0 and -slope < 1e-10 * (abs(found.value) + 1e-9)
+        below_round_off = newton_step.shift == 0 and -directional_derivative < 1e-10 * (
+            abs(found.value) + 1e-9
+        )
         # Loads without a potential stay as they are in the line search.
-        drift = float(move.turns.ravel() @ task.measure_drift(state.turns))
-        tensions = task.pull_on(state, found, move.turns)
+        nonconservative_derivative = float(
+            newton_step.rotation_vectors.ravel()
+            @ task.measure_nonconservative_gradient(state.rotation_vectors)
+        )
+        tensions = task.update_tensions(state, found, newton_step.rotation_vectors)
+        # Line search on the augmented Lagrangian (Armijo).
         while True:
-            turns = state.turns + share * move.turns
-            points = task.locate(turns)
-            expected = found.expect(points - found.points)
-            tried = dataclasses.replace(state, turns=turns, expected=expected)
-            seen = task.touch(points, state.forces)
-            after = task.measure(tried, stage, seen)
-            value = after.value + share * drift
-            if blind or value <= found.value + 1e-4 * share * slope or share < 1e-9:
+            rotation_vectors = state.rotation_vectors + step_length * newton_step.rotation_vectors
+            points = task.locate(rotation_vectors)
+            expected = found.predict_forces(points - found.points)
+            tried = dataclasses.replace(state, rotation_vectors=rotation_vectors, expected=expected)
+            contacts = task.find_contacts(points, state.forces)
+            after = task.measure(tried, stage, contacts)
+            value = after.value + step_length * nonconservative_derivative
+            if (
+                below_round_off
+                or value <= found.value + 1e-4 * step_length * directional_derivative
+                or step_length < 1e-9
+            ):
                 break
-            share *= 0.5
+            step_length *= 0.5
         state, found = tried, after
-        if share == 1.0 and move.shift == 0:
+        # After a whole step the multipliers follow, and the next stage begins.
+        if step_length == 1.0 and newton_step.shift == 0:
             state = dataclasses.replace(state, tensions=tensions)
             if moved < ROUGH_MM:
-                state = dataclasses.replace(state, forces=after.pressed.forces)
-                if after.missed < NEAR_MM:
+                state = dataclasses.replace(state, forces=after.reaction.forces)
+                if after.violation < NEAR_MM:
                     index = min(index + 1, last)
             if moved < ROUGH_MM or task.held.any():
-                found = task.measure(state, stages[index], seen)
+                found = task.measure(state, stages[index], contacts)
         before, solution.imbalance = solution.imbalance, measure_imbalance(task, state, found)
-        stale = 0 if solution.imbalance < 0.5 * before else stale + 1
-        settled = solution.imbalance < BALANCED or stale >= STALE
-        missed = max(found.missed, after.missed)
-        if moved < STEP_MM and index == last and settled and missed < task.options.tolerance:
+        stalled = 0 if solution.imbalance < 0.5 * before else stalled + 1
+        settled = solution.imbalance < BALANCED or stalled >= STALE
+        violation = max(found.violation, after.violation)
+        if moved < STEP_MM and index == last and settled and violation < task.options.tolerance:
             break
     solution.state, solution.found = state, found
     solution.stability = task.measure_stability(state, found)
     return solution
 
 
-def measure_way(task: ContactProblem, turns: Floats, points: Floats) -> float:
-    """Return the largest way of a point to where other turns have it [mm]; infinite if far off."""
-    if not np.abs(turns).max() < math.pi:
+def measure_motion(task: ContactProblem, rotation_vectors: Floats, points: Floats) -> float:
+    """Return the largest motion of a station to other rotations [mm]; infinite if far off."""
+    if not np.abs(rotation_vectors).max() < math.pi:
         return math.inf
-    return float(np.sqrt(np.max(np.sum((task.locate(turns) - points) ** 2, axis=1))))
+    return float(np.sqrt(np.max(np.sum((task.locate(rotation_vectors) - points) ** 2, axis=1))))
 
 
-def find_fall(found: Measure, stiffness: Floats) -> Floats:
-    """Return turns (n, 3) along which the energy is most concave, downwards."""
+def find_descent_mode(found: Measure, stiffness: Floats) -> Floats:
+    """Return rotations (n, 3) along which the energy is most concave, downwards."""
     from scipy.linalg import eigh
 
     scale = 1.0 / np.sqrt(stiffness)
     matrix = scale[:, None] * found.hessian * scale
     _, ways = eigh(matrix, subset_by_index=(0, 0), overwrite_a=True)
     way = scale * ways[:, 0]
-    way *= KICK_RAD / np.abs(way).max()
+    way *= PERTURBATION_RAD / np.abs(way).max()
     return np.asarray((-way if way @ found.gradient > 0.0 else way).reshape(-1, 3))
 
 
 def measure_imbalance(task: ContactProblem, state: ContactState, found: Measure) -> float:
     """Return the moment by which a segment is out of balance, against those that act."""
-    stiffness, spots = task.part.stiffness, task.spots
+    stiffness, lumped_loads = task.part.stiffness, task.lumped_loads
     arms = np.linalg.norm(found.points, axis=1)
     acting = float(np.linalg.norm(found.body_forces, axis=1) @ arms)
-    acting += float(np.linalg.norm(spots.forces, axis=1) @ arms[spots.segments])
-    acting += float(np.linalg.norm(spots.moments, axis=1).sum())
-    largest = max(float(np.abs(stiffness * state.turns).max()), acting)
+    acting += float(np.linalg.norm(lumped_loads.forces, axis=1) @ arms[lumped_loads.segments])
+    acting += float(np.linalg.norm(lumped_loads.moments, axis=1).sum())
+    bends = state.rotation_vectors - task.part.rest
+    largest = max(float(np.abs(stiffness * bends).max()), acting)
     return float(np.abs(found.gradient).max()) / max(largest, 1e-6 * float(stiffness.max()))
 
 
-def settle(
+def settle_friction(
     task: ContactProblem, start: ContactState, before: Floats | None, first: int
 ) -> Solution:
     """Return the equilibrium from a state, after the normal forces of friction have settled."""
@@ -680,31 +773,31 @@ def settle(
         return solution
     steps = solution.steps
     for round_ in range(FRICTION_ROUNDS):
-        normals = solution.found.pressed.body
+        normals = solution.found.reaction.body
         size = np.sqrt(np.sum(normals**2, axis=1))
         slip = Slip(before, normals / np.maximum(size, 1e-300)[:, None], size)
         solution = minimise(dataclasses.replace(task, slip=slip), solution.state, WARM)
         steps += solution.steps
         solution.steps, solution.rounds = steps, round_ + 1
-        change = np.abs(np.sqrt(np.sum(solution.found.pressed.body**2, axis=1)) - size)
+        change = np.abs(np.sqrt(np.sum(solution.found.reaction.body**2, axis=1)) - size)
         if change.max() <= FRICTION_SHARE * max(float(size.max()), 1e-9):
             return solution
     solution.rounds = FRICTION_ROUNDS + 1
     return solution
 
 
-def judge(task: ContactProblem, solution: Solution) -> tuple[bool, str]:
+def check_solution(task: ContactProblem, solution: Solution) -> tuple[bool, str]:
     """Return whether a solution is an equilibrium, and else why not."""
     found, part = solution.found, task.part
-    pressed = found.pressed
+    reaction = found.reaction
     if not np.isfinite(found.value):
         return False, "the shape that was found is not finite"
-    deep = np.where(np.isfinite(pressed.gaps), pressed.gaps, 0.0)
-    deep = deep + np.where(pressed.forces.max(axis=0) > 0, task.wall_compliance, 0.0) * np.sqrt(
-        np.sum(pressed.body**2, axis=1)
+    deep = np.where(np.isfinite(reaction.gaps), reaction.gaps, 0.0)
+    deep = deep + np.where(reaction.forces.max(axis=0) > 0, task.wall_compliance, 0.0) * np.sqrt(
+        np.sum(reaction.body**2, axis=1)
     )
     worst = int(np.argmin(deep))
-    if found.missed > task.options.tolerance and -deep[worst] > task.options.tolerance:
+    if found.violation > task.options.tolerance and -deep[worst] > task.options.tolerance:
         return False, (
             f"there is no equilibrium outside the wall: at {part.arc_length[1 + worst]:.4g} mm the "
             f"body, of radius {part.radii[worst]:g} mm, is {-deep[worst]:.3g} mm in it"
@@ -714,9 +807,9 @@ def judge(task: ContactProblem, solution: Solution) -> tuple[bool, str]:
             f"no equilibrium in {solution.steps} steps: the last moved the body by "
             f"{solution.moved:.3g} mm"
         )
-    if found.missed > task.options.tolerance:
+    if found.violation > task.options.tolerance:
         what = "a wall or a tendon's length" if task.held.any() else "a wall"
-        return False, f"{what} is missed by {found.missed:.3g} mm"
+        return False, f"{what} is missed by {found.violation:.3g} mm"
     if solution.rounds > FRICTION_ROUNDS:
         return False, f"the forces of friction do not settle in {FRICTION_ROUNDS} rounds"
     if solution.imbalance > WRONG:
@@ -736,18 +829,25 @@ def measure_depth(task: ContactProblem, solution: Solution) -> tuple[float, str]
     segments, parts = np.repeat(np.arange(n), CHECKS), np.tile(parts, n)
     places = part.arc_length[segments] + parts * part.spans[segments]
     points, axes = np.empty((len(parts), 3)), np.empty((len(parts), 3, 3))
-    spots = segments, parts, np.zeros((len(parts), 3))
-    place_spots(part.packed, solution.state.turns, spots, points, axes, np.empty((0, 6, 3 * n)))
+    stations = segments, parts, np.zeros((len(parts), 3))
+    locate_stations(
+        part.packed,
+        solution.state.rotation_vectors,
+        stations,
+        points,
+        axes,
+        np.empty((0, 6, 3 * n)),
+    )
     points = points @ task.base[:3, :3].T + task.base[:3, 3]
-    given = task.wall_compliance * np.sqrt(np.sum(found.pressed.body**2, axis=1))
-    given = np.maximum(given, np.append(0.0, given[:-1]))[segments]
+    yielded = task.wall_compliance * np.sqrt(np.sum(found.reaction.body**2, axis=1))
+    yielded = np.maximum(yielded, np.append(0.0, yielded[:-1]))[segments]
     radii = measure_radii(part.robot, places)
     deepest, words = 0.0, ""
     for wall in task.boundaries:
-        deep = -wall.measure(points, radii) - given
-        worst = int(np.argmax(deep))
-        if deep[worst] > deepest:
-            deepest = float(deep[worst])
+        depth = -wall.measure(points, radii) - yielded
+        worst = int(np.argmax(depth))
+        if depth[worst] > deepest:
+            deepest = float(depth[worst])
             if deepest > DEEP * radii[worst] + float(wall.duct.error):
                 words = (
                     f"at {places[worst]:.4g} mm the body, of radius {radii[worst]:g} mm, is "
@@ -762,30 +862,34 @@ def measure_push(task: ContactProblem, solution: Solution) -> float:
 
     Only the first segment changes; what is beyond it moves with its end.
     """
-    part, found, turns = task.part, solution.found, solution.state.turns[:1]
+    part, found, rotation_vectors = task.part, solution.found, solution.state.rotation_vectors[:1]
     rotation = task.base[:3, :3]
-    _, forces, _ = task.measure_loads(solution.state.turns)
-    beyond = task.spots.segments > 0
+    _, forces, _ = task.measure_loads(solution.state.rotation_vectors)
+    beyond = task.lumped_loads.segments > 0
     force = (found.body_forces.sum(axis=0) + forces[beyond].sum(axis=0)) @ rotation
     inner = np.flatnonzero(~beyond)
-    places = part.arc_length[0] + task.spots.parts[inner] * part.spans[0]
+    places = part.arc_length[0] + task.lumped_loads.parts[inner] * part.spans[0]
     count, values = len(task.limits), []
     for own in part.shifted[::2]:
-        bent = turns - own.rest
+        bent = rotation_vectors - own.rest
         value = 0.5 * float(np.sum(own.stiffness * bent**2))
         rotations, points = np.empty((2, 3, 3)), np.empty((2, 3))
-        fill_frames(own.packed, turns, rotations, points)
+        fill_frames(own.packed, rotation_vectors, rotations, points)
         value -= float(force @ points[1])
         if len(inner):
-            spots = np.zeros(len(inner), dtype=np.int64), (places - own.cut) / own.spans[0]
+            stations = np.zeros(len(inner), dtype=np.int64), (places - own.cut) / own.spans[0]
             at, axes = np.empty((len(inner), 3)), np.empty((len(inner), 3, 3))
             jacobians = np.empty((len(inner), 6, 3))
-            place_spots(own.packed, turns, (*spots, np.zeros_like(at)), at, axes, jacobians)
+            locate_stations(
+                own.packed, rotation_vectors, (*stations, np.zeros_like(at)), at, axes, jacobians
+            )
             value -= float(np.sum((forces[inner] @ rotation) * at))
         if count:
-            lengths, slopes = np.empty(count), np.empty((count, 1, 3))
+            lengths, length_gradients = np.empty(count), np.empty((count, 1, 3))
             full, spare = np.empty((2, 1, 3, 3))
-            measure_lengths(own.packed, turns, found.tensions, lengths, slopes, spare, full)
+            measure_lengths(
+                own.packed, rotation_vectors, found.tensions, lengths, length_gradients, spare, full
+            )
             value += float(np.sum(found.tensions * (lengths - own.straight.sum(axis=1))))
         values.append(value)
     return (values[0] - values[1]) / (2.0 * SHIFT * float(part.spans[0]))

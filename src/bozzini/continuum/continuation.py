@@ -1,4 +1,17 @@
-"""Continuation of equilibria past limit points, by pseudo-arc-length (Keller 1977)."""
+"""Continuation of equilibria past limit points, by pseudo-arc-length (Keller 1977).
+
+*Unknowns*, in this order: rotation vectors ``w`` of the segments (3 n) [rad], tensions of the a
+taut tendons of which the length is held [N], and the factor ``f`` of loads, command or both. With
+residual ``g(w, T, f)`` [N mm] and lengths, a point of the path meets::
+
+    g = 0 ,   l_k - c_k T_k - limit_k(f) = 0  of the a tendons ,   W t . W (z - z_0) = step
+
+with the unknowns ``z``, those of the last point ``z_0``, the unit tangent ``t`` there, and weights
+``W``: the root of n of every rotation, 0 of a tension, 1 over the range of the factor. Newton's
+method ends with a correction below 1e-10 in that measure. The set of taut tendons is held along a
+step; where a cable goes slack or taut is found by bisection, where the factor turns back by regula
+falsi on its rate.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +25,7 @@ from numpy.typing import NDArray
 from ..numeric.arrays import Floats
 from ..results import Json, ReasonedResult, list_coordinates, take_axes, to_plain
 from .equilibrium import Equilibrium, Factors, LoadedRod, TendonCommand
-from .kernels.energy import TURN_LIMIT
+from .kernels.energy import FOLD_ANGLE
 from .shape import Shape
 
 if TYPE_CHECKING:
@@ -22,7 +35,7 @@ Varied = Literal["loads", "command", "both"]
 """What a path's factor multiplies."""
 
 LARGEST_STEP = 0.2
-"""Largest step along a path: turns of all segments [rad], and the factor by its range."""
+"""Largest step along a path: rotations of all segments [rad], and the factor by its range."""
 
 SMALLEST_STEP = 1e-7
 """Smallest step along a path."""
@@ -132,9 +145,9 @@ class EquilibriumPath(ReasonedResult):
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    """A point of a path: turns, tensions of all tendons, factor, and the equilibrium there."""
+    """A point of a path: rotation vectors, all tensions, factor, and the equilibrium there."""
 
-    turns: Floats
+    rotation_vectors: Floats
     tensions: Floats
     factor: float
     found: Equilibrium
@@ -155,7 +168,7 @@ class Tracer:
         """Return points from an equilibrium at the first factor, where they turn, and a reason."""
         start, end = self.span
         taut = self.command.held & (self.rod.pushes | (first.tensions > 0.0))
-        point = self._point(first.turns, first.tensions, start, taut)
+        point = self._point(first.rotation_vectors, first.tensions, start, taut)
         forward = np.zeros(point.tangent.size)
         forward[-1] = np.sign(end - start)
         point = self._orient(point, forward)
@@ -169,7 +182,7 @@ class Tracer:
                 if step < SMALLEST_STEP:
                     return points, limits, "no further point was found"
                 continue
-            if np.abs(new.turns).max() > TURN_LIMIT:
+            if np.abs(new.rotation_vectors).max() > FOLD_ANGLE:
                 return points, limits, "a segment folds over"
             event = self._find_event(point, new, step)
             if event is not None:
@@ -219,16 +232,16 @@ class Tracer:
         return weights
 
     def _system(
-        self, turns: Floats, tensions: Floats, factor: float, taut: NDArray[np.bool_]
+        self, rotation_vectors: Floats, tensions: Floats, factor: float, taut: NDArray[np.bool_]
     ) -> tuple[Equilibrium, Floats, Floats]:
-        """Equilibrium, residual (3 n + a,), and its derivative by turns, tensions and factor."""
+        """Equilibrium, residual (3 n + a,), and its derivative by rotations, tensions, factor."""
         rod, command = self.rod, self.command
         factors = self.factors(factor)
-        found = rod.measure(factors, turns, self._pulls(tensions, factor, taut))
-        count, rows = turns.size, found.slopes.reshape(len(taut), -1)
+        found = rod.measure(factors, rotation_vectors, self._pulls(tensions, factor, taut))
+        count, rows = rotation_vectors.size, found.length_gradients.reshape(len(taut), -1)
         limits = command.limits(factors)
-        missed = found.lengths - limits - rod.compliances * tensions
-        residual = np.concatenate([found.gradient.ravel(), missed[taut]])
+        length_residuals = found.lengths - limits - rod.compliances * tensions
+        residual = np.concatenate([found.gradient.ravel(), length_residuals[taut]])
         size = residual.size
         matrix = np.zeros((size, size + 1))
         matrix[:count, :count] = found.hessian
@@ -240,11 +253,11 @@ class Tracer:
             matrix[:count, -1] += command.pulls[free] @ rows[free]
             matrix[count:, -1] -= (command.free_lengths - command.rest_lengths)[taut]
         if self.varied != "command":
-            none = rod.measure(Factors(loads=0.0), turns, found.tensions)
+            none = rod.measure(Factors(loads=0.0), rotation_vectors, found.tensions)
             if factors.loads:
                 matrix[:count, -1] += (found.gradient - none.gradient).ravel() / factors.loads
             else:
-                whole = rod.measure(Factors(), turns, found.tensions)
+                whole = rod.measure(Factors(), rotation_vectors, found.tensions)
                 matrix[:count, -1] += (whole.gradient - none.gradient).ravel()
         return found, residual, matrix
 
@@ -255,21 +268,23 @@ class Tracer:
 
     def _point(
         self,
-        turns: Floats,
+        rotation_vectors: Floats,
         tensions: Floats,
         factor: float,
         taut: NDArray[np.bool_],
         forward: Floats | None = None,
     ) -> Point:
         """A point with its tangent: along `forward`, a row of weighted steps, or either way."""
-        found, _, matrix = self._system(turns, tensions, factor, taut)
+        found, _, matrix = self._system(rotation_vectors, tensions, factor, taut)
         if forward is None:
             tangent = np.linalg.svd(matrix)[2][-1]
         else:
             ahead = np.append(np.zeros(len(matrix)), 1.0)
             tangent = np.linalg.solve(np.vstack([matrix, forward]), ahead)
         tangent = tangent / np.linalg.norm(self._weights(taut) * tangent)
-        return Point(turns, self._pulls(tensions, factor, taut), factor, found, tangent, taut)
+        return Point(
+            rotation_vectors, self._pulls(tensions, factor, taut), factor, found, tangent, taut
+        )
 
     def _orient(self, point: Point, forward: Floats) -> Point:
         """The point with its tangent along a direction, in the measure of steps."""
@@ -279,14 +294,16 @@ class Tracer:
 
     def _step(self, point: Point, step: float) -> Point | None:
         """The point at a step along the tangent: predicted, then corrected across it."""
-        taut, count = point.taut, point.turns.size
+        taut, count = point.taut, point.rotation_vectors.size
         weights = self._weights(taut) ** 2
-        origin = np.concatenate([point.turns.ravel(), point.tensions[taut], [point.factor]])
+        origin = np.concatenate(
+            [point.rotation_vectors.ravel(), point.tensions[taut], [point.factor]]
+        )
         place = origin + step * point.tangent
         row = point.tangent * weights
         for _ in range(CORRECTIONS):
-            turns, tensions, factor = self._split(place, count, point)
-            _, residual, matrix = self._system(turns, tensions, factor, taut)
+            rotation_vectors, tensions, factor = self._split(place, count, point)
+            _, residual, matrix = self._system(rotation_vectors, tensions, factor, taut)
             square = np.vstack([matrix, row])
             right = np.append(residual, row @ (place - origin) - step)
             try:
@@ -298,14 +315,14 @@ class Tracer:
             if not size < 1.0:
                 return None
             if size < CLOSE:
-                turns, tensions, factor = self._split(place, count, point)
-                return self._point(turns, tensions, factor, taut, row)
+                rotation_vectors, tensions, factor = self._split(place, count, point)
+                return self._point(rotation_vectors, tensions, factor, taut, row)
         return None
 
     def _split(self, place: Floats, count: int, point: Point) -> tuple[Floats, Floats, float]:
         tensions = point.tensions.copy()
         tensions[point.taut] = place[count:-1]
-        return place[:count].reshape(point.turns.shape), tensions, float(place[-1])
+        return place[:count].reshape(point.rotation_vectors.shape), tensions, float(place[-1])
 
     def _slackness(self, point: Point) -> Floats:
         """What must not be negative of each tendon: a cable's tension, or how slack it is."""
@@ -335,13 +352,13 @@ class Tracer:
         taut[index] = not taut[index]
         tensions = last.tensions.copy()
         tensions[index] = 0.0
-        switched = self._point(last.turns, tensions, last.factor, taut)
+        switched = self._point(last.rotation_vectors, tensions, last.factor, taut)
         # Along the path from here on the tendon gets slack, or gets tension.
-        count = last.turns.size
+        count = last.rotation_vectors.size
         if taut[index]:
             gain = switched.tangent[count + int(taut[:index].sum())]
         else:
-            rate = switched.tangent[:count] @ last.found.slopes[index].ravel()
+            rate = switched.tangent[:count] @ last.found.length_gradients[index].ravel()
             change = self.command.free_lengths[index] - self.command.rest_lengths[index]
             grown = 0.0 if self.varied == "loads" else change * switched.tangent[-1]
             gain = grown - rate
@@ -369,18 +386,22 @@ class Tracer:
     def _close(self, point: Point, new: Point, factor: float) -> Point | None:
         """The point at a factor, between two."""
         part = (factor - point.factor) / (new.factor - point.factor)
-        turns = point.turns + part * (new.turns - point.turns)
+        rotation_vectors = point.rotation_vectors + part * (
+            new.rotation_vectors - point.rotation_vectors
+        )
         tensions = point.tensions + part * (new.tensions - point.tensions)
-        taut, count = point.taut, point.turns.size
+        taut, count = point.taut, point.rotation_vectors.size
         for _ in range(CORRECTIONS):
-            _, residual, matrix = self._system(turns, tensions, factor, taut)
+            _, residual, matrix = self._system(rotation_vectors, tensions, factor, taut)
             try:
                 move = np.linalg.solve(matrix[:, :-1], -residual)
             except np.linalg.LinAlgError:
                 return None
-            turns = turns + move[:count].reshape(turns.shape)
+            rotation_vectors = rotation_vectors + move[:count].reshape(rotation_vectors.shape)
             tensions = tensions.copy()
             tensions[taut] += move[count:]
             if np.linalg.norm(move[:count]) < CLOSE:
-                return self._orient(self._point(turns, tensions, factor, taut), point.tangent)
+                return self._orient(
+                    self._point(rotation_vectors, tensions, factor, taut), point.tangent
+                )
         return None

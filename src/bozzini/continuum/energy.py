@@ -1,4 +1,18 @@
-"""The model for any routing: a discrete rod of least elastic energy under the tendons' lengths."""
+"""The model for any routing: a discrete rod of least elastic energy under the tendons' lengths.
+
+`EnergyModel` states the problem. *Unknowns*: the rotation vectors ``w`` (n, 3) of the segments
+[rad], base first, about x, y, z of the frame where each begins; beside them the tensions ``T`` (t,)
+[N], the multipliers of the lengths. With stiffness ``K_j = diag(EI, EI, GJ) / h_j`` its conditions
+are those of `equilibrium`. The base is fixed, the tip free but for its load.
+
+*Without loads* segments know of each other by the tensions alone: `kernels.energy` solves a
+quadratic problem in each step of Newton's method, whose dual has t unknowns. *With loads*, or
+curved at rest, `equilibrium` follows command and loads from rest with the whole Hessian
+(`kernels.equilibrium`), and `continuation` past limit points. *Converged*: the last step rotates no
+segment by more than 1e-10 rad, or 1e-6 where steps get no smaller, lengths are right to the
+tolerance, and the second variation is positive. Derivatives by tensions, loads, stiffness and
+routing follow from the theorem of implicit functions.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +36,7 @@ from .equilibrium import (
     ZERO_MODE,
     Equilibrium,
     LoadedRod,
-    Spots,
+    LumpedLoads,
     TendonCommand,
     measure_rest,
 )
@@ -37,7 +51,7 @@ from .kernels.energy import (
     share_tensions,
     solve_commands,
 )
-from .kernels.loads import place_spots
+from .kernels.loads import locate_stations
 from .model import advise_contradiction, explain_contrast, explain_play
 from .profile import ROUND_OFF_MM
 from .robot import RobotDesign
@@ -123,8 +137,8 @@ class Grid:
         return np.asarray(np.maximum(self.straight - least, 0.0).sum(axis=1))
 
     @cached_property
-    def give(self) -> Floats:
-        """How much each tendon, alone and almost straight, gives way to tension, (t,) [mm/N].
+    def flexibility(self) -> Floats:
+        """Flexibility of each tendon's length, alone and almost straight, (t,) [mm/N].
 
         If the backbone were as stiff everywhere as where it is stiffest.
         """
@@ -145,60 +159,69 @@ class Grid:
 
     @cached_property
     def stiffness(self) -> Floats:
-        """Moment by turn of each segment about x, y and z [N mm], shape (n, 3)."""
+        """Moment by rotation of each segment about x, y and z [N mm/rad], shape (n, 3)."""
         middles = 0.5 * (self.arc_length[1:] + self.arc_length[:-1])
         return self.robot.stiffness_at(middles)[:, 3:] / self.spans[:, None]
 
     @cached_property
     def rest(self) -> Floats:
-        """Turns of the segments at rest, shape (n, 3) [rad]."""
+        """Rotation vectors of the segments at rest, shape (n, 3) [rad]."""
         middles = 0.5 * (self.arc_length[1:] + self.arc_length[:-1])
         return self.robot.curvature_at(middles) * self.spans[:, None]
 
-    def place_frames(self, turns: Floats) -> Floats:
-        """Frames at the stations, for turns (b, n, 3) of the segments, (b, n + 1, 4, 4)."""
-        count, stations = len(turns), len(self.arc_length)
+    def place_frames(self, rotation_vectors: Floats) -> Floats:
+        """Frames at the stations, for rotation vectors (b, n, 3), (b, n + 1, 4, 4)."""
+        count, stations = len(rotation_vectors), len(self.arc_length)
         frames = np.zeros((count, stations, 4, 4))
         frames[:, :, 3, 3] = 1.0
         rotations, points = np.empty((stations, 3, 3)), np.empty((stations, 3))
         for index in range(count):
-            kernels.fill_frames(self.packed, turns[index], rotations, points)
+            kernels.fill_frames(self.packed, rotation_vectors[index], rotations, points)
             frames[index, :, :3, :3] = rotations
             frames[index, :, :3, 3] = points
         return frames
 
-    def move_spots(self, turns: Floats, spots: tuple[NDArray[np.int64], Floats, Floats]) -> Floats:
-        """Return how turns (n, 3) turn and move points of the body, (p, 6, 3 n)."""
-        count = len(spots[0])
-        moved = np.zeros((count, 6, turns.size))
-        place_spots(self.packed, turns, spots, np.empty((count, 3)), np.empty((count, 3, 3)), moved)
+    def move_stations(
+        self, rotation_vectors: Floats, stations: tuple[NDArray[np.int64], Floats, Floats]
+    ) -> Floats:
+        """Return rotation and motion of points of the body by rotations (n, 3), (p, 6, 3 n)."""
+        count = len(stations[0])
+        moved = np.zeros((count, 6, rotation_vectors.size))
+        locate_stations(
+            self.packed,
+            rotation_vectors,
+            stations,
+            np.empty((count, 3)),
+            np.empty((count, 3, 3)),
+            moved,
+        )
         return moved
 
-    def differentiate_routing(self, turns: Floats) -> tuple[Floats, Floats]:
+    def differentiate_routing(self, rotation_vectors: Floats) -> tuple[Floats, Floats]:
         """Return tendon lengths (t, 2) and their gradients (t, 2, n, 3) by the routing."""
         lengths = np.empty((len(self.counts), 2))
-        slopes = np.empty((*lengths.shape, *turns.shape))
-        kernels.differentiate_routing(self.packed, turns, lengths, slopes)
+        slopes = np.empty((*lengths.shape, *rotation_vectors.shape))
+        kernels.differentiate_routing(self.packed, rotation_vectors, lengths, slopes)
         return lengths, slopes
 
-    def sum_bends(self, turns: Floats) -> Floats:
+    def sum_bends(self, rotation_vectors: Floats) -> Floats:
         """Bend of each section; none unless all tendons are parallel."""
         if not self.robot.is_parallel:
-            return np.zeros((len(turns), 0, 2))
-        bends = np.zeros((len(turns), len(self.robot.sections), 2))
+            return np.zeros((len(rotation_vectors), 0, 2))
+        bends = np.zeros((len(rotation_vectors), len(self.robot.sections), 2))
         for index in range(len(self.robot.sections)):
-            total = turns[:, self.sections == index].sum(axis=1)
+            total = rotation_vectors[:, self.sections == index].sum(axis=1)
             bends[:, index] = np.stack([total[:, 1], -total[:, 0]], axis=-1)
         return bends
 
-    def measure_bends(self, turns: Floats) -> tuple[Floats, Floats]:
+    def measure_bends(self, rotation_vectors: Floats) -> tuple[Floats, Floats]:
         """Angle by which each section bends, and its largest curvature, (b, m) [rad], [1/mm]."""
-        angles = np.hypot(turns[..., 0], turns[..., 1])
+        angles = np.hypot(rotation_vectors[..., 0], rotation_vectors[..., 1])
         if self.segment == "chord":
             # As a linkage's: what the tendons see of it.
             angles = 2.0 * np.sin(0.5 * angles)
         count = len(self.robot.sections)
-        bends, curvatures = np.zeros((2, len(turns), count))
+        bends, curvatures = np.zeros((2, len(rotation_vectors), count))
         for index in range(count):
             own = self.sections == index
             bends[:, index] = angles[:, own].sum(axis=1)
@@ -227,13 +250,13 @@ MOST_STEPS = 60
 """Steps of Newton's method for one part of a command."""
 
 Start = tuple[Floats, Floats]
-"""Turns (n, 3) [rad] and tensions (t,) [N] to begin with."""
+"""Rotation vectors (n, 3) [rad] and tensions (t,) [N] to begin with."""
 
 STRONGEST = 1e4
-"""Tension at which a command counts as impossible, against one that turns a segment by 1 rad."""
+"""Tension at which a command counts as impossible, against one that bends a segment by 1 rad."""
 
 PUSH_STEP = 0.5
-"""Largest turn that tendons ask for at once, where there may be several equilibria [rad]."""
+"""Largest bend that tendons ask for at once, where there may be several equilibria [rad]."""
 
 STIFF = 1e-3
 """Flexibility of the tendons that stand in for stiff ones in messages, against the backbone's."""
@@ -245,33 +268,35 @@ FEWER = 0.1
 class Answers(NamedTuple):
     """What the kernel fills for b commands: as `solve_commands` has it."""
 
-    turns: Floats
+    rotation_vectors: Floats
     tensions: Floats
     lengths: Floats
     codes: NDArray[np.int64]
     steps: NDArray[np.int64]
     errors: Floats
-    shares: Floats
+    load_factors: Floats
     stability: Floats
 
     @classmethod
     def make(cls, count: int, segments: int, tendons: int) -> Answers:
         """Return arrays for so many commands, segments and tendons."""
         codes, steps = np.zeros((2, count), dtype=np.int64)
-        errors, shares, stability = np.zeros((3, count))
+        errors, load_factors, stability = np.zeros((3, count))
         tensions, lengths = np.zeros((2, count, tendons))
-        turns = np.zeros((count, segments, 3))
-        return cls(turns, tensions, lengths, codes, steps, errors, shares, stability)
+        rotation_vectors = np.zeros((count, segments, 3))
+        return cls(
+            rotation_vectors, tensions, lengths, codes, steps, errors, load_factors, stability
+        )
 
 
-def measure_turns(frames: Floats) -> Floats:
-    """Return the turns of segments (..., n, 3) between frames (..., n + 1, 4, 4) [rad]."""
+def measure_rotation_vectors(frames: Floats) -> Floats:
+    """Return the rotation vectors (..., n, 3) between frames (..., n + 1, 4, 4) [rad]."""
     from scipy.spatial.transform import Rotation
 
     axes = frames[..., :3, :3]
     steps = np.swapaxes(axes[..., :-1, :, :], -1, -2) @ axes[..., 1:, :, :]
-    turns = Rotation.from_matrix(steps.reshape(-1, 3, 3)).as_rotvec()
-    return np.asarray(turns.reshape(steps.shape[:-1]))
+    rotation_vectors = Rotation.from_matrix(steps.reshape(-1, 3, 3)).as_rotvec()
+    return np.asarray(rotation_vectors.reshape(steps.shape[:-1]))
 
 
 @dataclass(frozen=True)
@@ -392,7 +417,7 @@ class EnergyModel(ElasticModel):
             return self._shape_loaded(commands, todo, self._take_starts(initial, commands))
         stretched = flat + self._pretension_stretches
         found = self._solve_unloaded(stretched)
-        followed = self.natural_lengths - found.shares[:, None] * stretched
+        followed = self.natural_lengths - found.load_factors[:, None] * stretched
         slack = ~self.robot.pushes & (found.lengths < followed - self.tolerance)
         stability = found.stability
         for index in np.flatnonzero((found.codes == CONVERGED) & (stability < 0.0)):
@@ -400,23 +425,23 @@ class EnergyModel(ElasticModel):
             stability[index] = self._measure_stability(found, int(index), command)
             if stability[index] < -ZERO_MODE:
                 found.codes[index] = UNSTABLE
-        missed = found.lengths - self.natural_lengths + stretched
-        missed -= self._compliances * found.tensions
-        missed[slack] = 0.0
+        residuals = found.lengths - self.natural_lengths + stretched
+        residuals -= self._compliances * found.tensions
+        residuals[slack] = 0.0
         words = np.full(len(flat), "", dtype=object)
         for index in np.flatnonzero(found.codes != CONVERGED):
-            code, share = int(found.codes[index]), float(found.shares[index])
-            words[index] = self._explain(stretched[index], code, share)
+            code, load_factor = int(found.codes[index]), float(found.load_factors[index])
+            words[index] = self._explain(stretched[index], code, load_factor)
         return self._answer(
             commands,
             words.tolist(),
-            bends=self._grid.measure_bends(found.turns),
-            frames=self._grid.place_frames(found.turns),
+            bends=self._grid.measure_bends(found.rotation_vectors),
+            frames=self._grid.place_frames(found.rotation_vectors),
             tendon_lengths=found.lengths,
-            section_parameters=self._grid.sum_bends(found.turns),
+            section_parameters=self._grid.sum_bends(found.rotation_vectors),
             tensions=found.tensions,
             slack=slack,
-            residual=np.abs(missed).max(axis=1),
+            residual=np.abs(residuals).max(axis=1),
             iterations=found.steps,
             stability=np.where(words == "", np.maximum(stability, 0.0), stability),
         )
@@ -435,9 +460,11 @@ class EnergyModel(ElasticModel):
                 last, stability[index] = rod.settle(command, last)
                 if stability[index] < -ZERO_MODE:
                     path = path if start is None else rod.follow(command)
-                    share, before = rod.find_buckling(command, path)
-                    words[index] = self._explain_unstable(share)
-                    if share == 1.0 and start is None:  # steps were too long: from just before
+                    load_factor, before = rod.find_buckling(command, path)
+                    words[index] = self._explain_unstable(load_factor)
+                    if (
+                        load_factor == 1.0 and start is None
+                    ):  # steps were too long: from just before
                         other, value = rod.settle(command, rod.solve(command, WHOLE, before))
                         if other.found and value >= -ZERO_MODE:
                             last, stability[index], words[index] = other, value, ""
@@ -448,30 +475,32 @@ class EnergyModel(ElasticModel):
                 stability[index] = rod.measure_stability(command, last)
             solved.append(last)
         rows = len(todo), len(natural)
-        turns = np.array([found.turns for found in solved]).reshape(rows[0], *rod.rest.shape)
+        rotation_vectors = np.array([found.rotation_vectors for found in solved]).reshape(
+            rows[0], *rod.rest.shape
+        )
         lengths = np.array([found.lengths for found in solved]).reshape(rows)
         held = np.array([command.held for command in todo], dtype=np.bool_).reshape(rows)
-        shared = [self._share(*pair) for pair in zip(todo, solved, strict=True)]
+        shared = [self._resolve_redundancy(*pair) for pair in zip(todo, solved, strict=True)]
         tensions = np.array(shared).reshape(rows)
-        shares = np.array([found.share for found in solved]).reshape(-1, 1)
+        load_factors = np.array([found.load_factor for found in solved]).reshape(-1, 1)
         free = np.array([command.free_lengths for command in todo]).reshape(rows)
-        followed = natural + shares * (free - natural)
+        followed = natural + load_factors * (free - natural)
         idle = np.where(held, lengths < followed - self.tolerance, tensions == 0.0)
         slack = ~self.robot.pushes & idle
-        missed = lengths - free - self._compliances * tensions
-        missed[slack | ~held] = 0.0
+        residuals = lengths - free - self._compliances * tensions
+        residuals[slack | ~held] = 0.0
         displacements = natural - self._pretension_stretches
         displacements = displacements - np.where(held, free, lengths - self._compliances * tensions)
         return self._answer(
             displacements.reshape(commands.shape),
             words.tolist(),
-            bends=self._grid.measure_bends(turns),
-            frames=self._grid.place_frames(turns),
+            bends=self._grid.measure_bends(rotation_vectors),
+            frames=self._grid.place_frames(rotation_vectors),
             tendon_lengths=lengths,
             section_parameters=np.zeros((len(todo), 0, 2)),
             tensions=tensions,
             slack=slack,
-            residual=np.abs(missed).max(axis=1),
+            residual=np.abs(residuals).max(axis=1),
             iterations=np.array([found.steps for found in solved], dtype=np.int64),
             stability=np.where(words == "", np.maximum(stability, 0.0), stability),
         )
@@ -536,7 +565,7 @@ class EnergyModel(ElasticModel):
             raise GeometryError(f"at the factor {low:g}: {self._explain_loaded(whole, first)}")
         points, limits, reason = tracer.trace(first, most)
         stability = np.asarray([self._rod.measure_stability(whole, p.found) for p in points])
-        stability[np.abs(stability) < ZERO_MODE] = 0.0  # a turn that costs nothing
+        stability[np.abs(stability) < ZERO_MODE] = 0.0  # a rotation that costs nothing
         turned = [p.tangent[-1] for p in points]
         branches = [
             index
@@ -557,47 +586,53 @@ class EnergyModel(ElasticModel):
 
     def _make_path(self, tracer: Tracer, points: list[Point], stability: Floats) -> Shape:
         """Shapes of a path."""
-        turns = np.stack([point.turns for point in points])
+        rotation_vectors = np.stack([point.rotation_vectors for point in points])
         lengths = np.stack([point.found.lengths for point in points])
         tensions = np.stack([point.tensions for point in points])
         held = tracer.command.held
         limits = np.stack([tracer.command.limits(tracer.factors(p.factor)) for p in points])
         asked = np.where(held, limits, lengths - self._compliances * tensions)
         slack = ~self.robot.pushes & (tensions == 0.0) & (lengths < asked - self.tolerance)
-        missed = np.where(slack, 0.0, lengths - asked - self._compliances * tensions)
-        missed[:, ~held] = 0.0
+        residuals = np.where(slack, 0.0, lengths - asked - self._compliances * tensions)
+        residuals[:, ~held] = 0.0
         return self.make_shape(
             self.natural_lengths - asked - self._pretension_stretches,
             arc_length=self.arc_length,
-            frames=self._grid.place_frames(turns),
+            frames=self._grid.place_frames(rotation_vectors),
             tendon_lengths=lengths,
             section_parameters=np.zeros((len(points), 0, 2)),
             tensions=tensions,
             slack=slack,
-            residual=np.abs(missed).max(axis=1),
+            residual=np.abs(residuals).max(axis=1),
             stability=stability,
         )
 
     def _differentiate(self, shape: Shape, index: tuple[int, ...]) -> Response:
-        turns, tensions = measure_turns(shape.frames[index]), shape.tensions[index]
+        rotation_vectors, tensions = (
+            measure_rotation_vectors(shape.frames[index]),
+            shape.tensions[index],
+        )
         rod, grid = self._rod, self._grid
-        found = rod.measure(WHOLE, turns, tensions)
-        size, tendons, stations = turns.size, len(tensions), len(grid.spans)
-        slopes = found.slopes.reshape(tendons, size)
+        found = rod.measure(WHOLE, rotation_vectors, tensions)
+        size, tendons, stations = rotation_vectors.size, len(tensions), len(grid.spans)
+        slopes = found.length_gradients.reshape(tendons, size)
         ends = np.arange(stations), np.ones(stations), np.zeros((stations, 3))
-        moved = np.concatenate([np.zeros((1, 6, size)), grid.move_spots(turns, ends)])
-        # What changes the residual: tensions, a wrench on the tip, stiffnesses, routing, the base.
-        bent = (grid.stiffness * (turns - grid.rest))[:, None, None, :]
+        moved = np.concatenate([np.zeros((1, 6, size)), grid.move_stations(rotation_vectors, ends)])
+        # Right sides by tensions, a wrench on the tip, stiffnesses, routing, orientation of the
+        # base.
+        bent = (grid.stiffness * (rotation_vectors - grid.rest))[:, None, None, :]
         own = grid.sections[:, None] == np.arange(len(self.robot.sections))
         kinds = np.array([[1.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
         stiffer = (own[:, :, None, None] * kinds * bent).transpose(0, 3, 1, 2)
-        wound, gradients = grid.differentiate_routing(turns)
+        wound, gradients = grid.differentiate_routing(rotation_vectors)
         routed = (tensions[:, None, None, None] * gradients).reshape(-1, size)
-        world = self._world_spots
-        # By a turn of the base a load of the world turns back: by its cross product with the axis.
+        world = self._world_loads_lumped
+        # As the base rotates a load of the world turns back: by its cross product with the axis.
         wrenches = np.concatenate([world.moments, world.forces], axis=1).reshape(-1, 2, 3)
         turned = np.cross(wrenches[..., None, :], np.eye(3)).transpose(2, 0, 1, 3)
-        sag = turned.reshape(3, -1) @ grid.move_spots(turns, world.places).reshape(-1, size)
+        sag = turned.reshape(3, -1) @ grid.move_stations(rotation_vectors, world.places).reshape(
+            -1, size
+        )
         right = [-slopes.T, moved[-1].T, -stiffer.reshape(size, -1), -routed.T, sag.T]
         solved = np.linalg.solve(found.hessian, np.concatenate(right, axis=1))
         by_all, longer = moved @ solved, slopes @ solved
@@ -613,14 +648,14 @@ class EnergyModel(ElasticModel):
         )
 
     @cached_property
-    def _world_spots(self) -> Spots:
-        return Spots.place(self.robot, self.arc_length, self._world_loads)
+    def _world_loads_lumped(self) -> LumpedLoads:
+        return LumpedLoads.place(self.robot, self.arc_length, self._world_loads)
 
     @cached_property
     def _rod(self) -> LoadedRod:
         return LoadedRod(
             grid=self._grid,
-            spots=Spots.place(self.robot, self.arc_length, self._packed_loads),
+            lumped_loads=LumpedLoads.place(self.robot, self.arc_length, self._packed_loads),
             rest=self._grid.rest,
             compliances=self._compliances,
             pushes=self.robot.pushes,
@@ -639,7 +674,7 @@ class EnergyModel(ElasticModel):
         )
 
     def _take_starts(self, initial: Shape | None, commands: Floats) -> list[Start | None]:
-        """Turns and tensions to begin with, for each command."""
+        """Rotation vectors and tensions to begin with, for each command."""
         batch = commands.shape[:-1]
         if initial is None:
             return [None] * math.prod(batch)
@@ -649,30 +684,30 @@ class EnergyModel(ElasticModel):
                 f"initial has {len(initial.arc_length)} stations: it must be a shape at the "
                 f"{len(self.arc_length)} stations of this model"
             )
-        turns = measure_turns(initial.frames)
-        return [(turns[place], initial.tensions[place]) for place in places]
+        rotation_vectors = measure_rotation_vectors(initial.frames)
+        return [(rotation_vectors[place], initial.tensions[place]) for place in places]
 
     def _measure_stability(self, found: Answers, index: int, command: TendonCommand) -> float:
         """Stability of one answer of the unloaded rod."""
-        start = found.turns[index], found.tensions[index]
+        start = found.rotation_vectors[index], found.tensions[index]
         same = self._rod.solve(command, WHOLE, start)
         return self._rod.measure_stability(command, same)
 
-    def _share(self, command: TendonCommand, found: Equilibrium) -> Floats:
+    def _resolve_redundancy(self, command: TendonCommand, found: Equilibrium) -> Floats:
         """Least tensions that hold the rod as it is, where the lengths leave them open."""
         tensions = found.tensions.copy()
         if not found.found or self._compliances.any() or command.held.sum() < 2:
             return tensions
         held = np.where(command.held, tensions, 0.0)
-        turns = -np.tensordot(held, found.slopes, 1) / self._grid.stiffness
+        rotation_vectors = -np.tensordot(held, found.length_gradients, 1) / self._grid.stiffness
         limits = found.lengths - command.free_lengths > -2.0 * self.tolerance
         taut = command.held & (self.robot.pushes | limits)
         strongest = np.full(len(tensions), self._strongest)
         share_tensions(
             self._grid.stiffness,
             self._grid.counts,
-            found.slopes,
-            turns,
+            found.length_gradients,
+            rotation_vectors,
             taut,
             np.where(self.robot.pushes, -strongest, 0.0),
             strongest,
@@ -707,8 +742,8 @@ class EnergyModel(ElasticModel):
         """Part of each command that is tried at once: little where that may end elsewhere."""
         if not self.robot.pushes.any() or self.robot.is_parallel:  # there is one equilibrium
             return np.ones(len(commands))
-        turns = np.max(np.abs(commands) / self._levers, axis=1)
-        return np.asarray(PUSH_STEP / np.maximum(turns, PUSH_STEP))
+        rotation_vectors = np.max(np.abs(commands) / self._levers, axis=1)
+        return np.asarray(PUSH_STEP / np.maximum(rotation_vectors, PUSH_STEP))
 
     @cached_property
     def _levers(self) -> Floats:
@@ -717,7 +752,7 @@ class EnergyModel(ElasticModel):
         least = np.where(reach == 0.0, math.inf, reach).min(axis=1)  # it is 0 past a tendon's end
         return np.asarray(np.maximum(least, LEAST_LEVER * reach.max(axis=1)))
 
-    def _explain(self, command: Floats, code: int, share: float) -> str:
+    def _explain(self, command: Floats, code: int, load_factor: float) -> str:
         names = self.robot.tendon_names
         most = self._grid.most_pull
         over = command - most
@@ -733,12 +768,12 @@ class EnergyModel(ElasticModel):
                 "unstable: the robot snaps away from the equilibrium that was found; "
                 "pull less, or take a stiffer backbone"
             )
-        followed = f"the command can be followed to {math.floor(100.0 * share)} % only: "
+        followed = f"the command can be followed to {math.floor(100.0 * load_factor)} % only: "
         stretches = self._measure_stretches(command)
         if stretches.size == 0:
             what = "a segment folds over" if code == FOLDED else "no equilibrium was found"
             worst = int(np.argmax(command if command.max() > 0.0 else -command))
-            left = (1.0 - share) * command[worst]
+            left = (1.0 - load_factor) * command[worst]
             return followed + (
                 f"{what} beyond it, with tendon '{names[worst]}' {left:.3g} mm short of its "
                 f"{command[worst]:.3g} mm; pull less, or take more discs"
@@ -762,11 +797,10 @@ class EnergyModel(ElasticModel):
             asked = np.where(command.held, self.natural_lengths - command.free_lengths, 0.0)
             stretches = self._measure_stretches(asked)
             if stretches.size:
-                return self._explain(asked, last.code, last.share)
-        followed = (
-            f"the command with its loads can be followed to {math.floor(100.0 * last.share)} %"
-        )
-        soft = np.maximum(self._compliances, STIFF * self._grid.give)
+                return self._explain(asked, last.code, last.load_factor)
+        percent = math.floor(100.0 * last.load_factor)
+        followed = f"the command with its loads can be followed to {percent} %"
+        soft = np.maximum(self._compliances, STIFF * self._grid.flexibility)
         rigid = command.held & (self._compliances < FEWER * soft)
         if np.count_nonzero(rigid) > 1:
             if dataclasses.replace(self._rod, compliances=soft).follow(command)[-1].found:
@@ -789,18 +823,20 @@ class EnergyModel(ElasticModel):
             return ""
         loose = np.where(command.held, self.tolerance, 0.0)
         looser = dataclasses.replace(command, free_lengths=command.free_lengths + loose)
-        other = self._rod.solve(looser, WHOLE, (found.turns, found.tensions))
-        tips = self._grid.place_frames(np.stack([other.turns, found.turns]))[:, -1, :3, 3]
+        other = self._rod.solve(looser, WHOLE, (found.rotation_vectors, found.tensions))
+        tips = self._grid.place_frames(np.stack([other.rotation_vectors, found.rotation_vectors]))[
+            :, -1, :3, 3
+        ]
         play = float(np.linalg.norm(tips[0] - tips[1])) if other.found else math.inf
         lever = float(self._levers.min())
         return explain_play(self.tolerance, play, length=self.robot.length, lever=lever)
 
-    def _explain_unstable(self, share: float) -> str:
+    def _explain_unstable(self, load_factor: float) -> str:
         """From which part of the loads on the robot is not stable."""
-        force = np.linalg.norm(self._rod.spots.forces.sum(axis=0))
-        loads = f" of the load, {share * force:.3g} N" if force > 0.0 else " of the command"
+        force = np.linalg.norm(self._rod.lumped_loads.forces.sum(axis=0))
+        loads = f" of the load, {load_factor * force:.3g} N" if force > 0.0 else " of the command"
         return (
-            f"unstable: it buckles at {share:.3g}{loads}; the robot snaps away from the "
+            f"unstable: it buckles at {load_factor:.3g}{loads}; the robot snaps away from the "
             "equilibrium that was found"
         )
 
@@ -811,7 +847,7 @@ class EnergyModel(ElasticModel):
         """
         found = []
         for part in (1.0, FEWER):
-            compliances = np.maximum(self._compliances, part * STIFF * self._grid.give)
+            compliances = np.maximum(self._compliances, part * STIFF * self._grid.flexibility)
             answer = self._solve_unloaded(command[None], compliances=compliances)
             if answer.codes[0] != CONVERGED:
                 return np.empty(0)

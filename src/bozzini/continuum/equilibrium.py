@@ -1,4 +1,20 @@
-"""Equilibria of the discrete rod under loads, followed from rest, and whether they are stable."""
+"""Equilibria of the discrete rod under loads, followed from rest, and whether they are stable.
+
+With rotation vectors ``w`` (n, 3) of the segments [rad], ``u`` at rest, ``K = diag(EI, EI, GJ) /
+h`` and tendon lengths ``l_k(w)``, an equilibrium is::
+
+    K (w - u) + sum_k T_k dl_k/dw - (dx/dw)^T F - (dtheta/dw)^T M = 0
+    l_k - c_k T_k = limit_k  of a rod that pushes;  of a cable  <= ,  T_k >= 0 , one with equality
+
+or ``T_k`` given. ``x`` and ``theta`` are place and rotation of the points where forces ``F`` and
+moments ``M`` act; line loads are lumped at the middles of the segments. `kernels.equilibrium`
+solves it from a start; here one factor of command and loads is raised from the robot at rest, by
+increments in which rotations change by at most 1 rad in sum.
+
+*Stability* is the least eigenvalue of ``K^-1/2 (tangent + sum_k dl_k dl_k^T / c_k) K^-1/2`` over
+the taut tendons of which the length is held; rigid ones, ``c_k = 0``, are projected out. Without a
+potential it is the least real part. docs/theory/continuum.md has its limits.
+"""
 
 from __future__ import annotations
 
@@ -27,14 +43,14 @@ if TYPE_CHECKING:
 MOST_STEPS = 80
 """Steps of Newton's method for one part of a command and its loads."""
 
-LEAST_PART = 1.0 / 64.0
-"""Smallest part of a command and its loads by which they are raised."""
+LEAST_INCREMENT = 1.0 / 64.0
+"""Smallest increment of the factor by which a command and its loads are raised."""
 
-LARGEST_JUMP = 1.0
-"""Turns of the segments, summed, beyond which a part is halved: shapes follow each other [rad]."""
+LARGEST_CHANGE = 1.0
+"""Change of the segments' rotations, summed, beyond which an increment is halved [rad]."""
 
-PART_TURN = 2.0
-"""Turn that the first part of loads may bring, as a guess from the straight rod [rad]."""
+INCREMENT_ROTATION = 2.0
+"""Rotation that the first increment may bring, as a guess from the straight rod [rad]."""
 
 ZERO_MODE = 1e-9
 """Stability, against the straight rod's, that is round-off."""
@@ -43,12 +59,22 @@ KICK = 1e-3
 """Turn of the softest mode, of all segments together, by which a shape is tried [rad]."""
 
 BUCKLING_SHARE = 1e-4
-"""Share of the loads to which the buckling load is found."""
+"""Relative error of the buckling load."""
 
 
 @dataclass(frozen=True, eq=False)
-class Spots:
-    """Loads on points of a discrete rod, as the kernels take them."""
+class LumpedLoads:
+    """Loads lumped at points of a discrete rod, as the kernels take them.
+
+    Attributes
+    ----------
+    segments, parts, offsets : (p,), (p,), (p, 3) ndarray
+        Segment, part of it before the point, in [0, 1], and place in the cross-section [mm].
+    forces, moments : (p, 3) ndarray
+        Forces [N] and moments [N mm], in base axes or in those of the body.
+    follows : (p,) ndarray of bool
+        Which turn with the body.
+    """
 
     segments: NDArray[np.int64]
     parts: Floats
@@ -58,7 +84,7 @@ class Spots:
     follows: NDArray[np.bool_]
 
     @classmethod
-    def place(cls, robot: RobotDesign, arc_length: Floats, packed: PackedLoads) -> Spots:
+    def place(cls, robot: RobotDesign, arc_length: Floats, packed: PackedLoads) -> LumpedLoads:
         """Put loads on the segments between stations; forces along the rod by their middles.
 
         Those before the first station act on nothing that moves.
@@ -87,9 +113,11 @@ class Spots:
             follows=follows[used],
         )
 
-    def scale(self, share: float) -> Spots:
-        """Return a share of the loads."""
-        return dataclasses.replace(self, forces=share * self.forces, moments=share * self.moments)
+    def scale(self, load_factor: float) -> LumpedLoads:
+        """Return the loads times a factor."""
+        return dataclasses.replace(
+            self, forces=load_factor * self.forces, moments=load_factor * self.moments
+        )
 
     @property
     def places(self) -> tuple[NDArray[np.int64], Floats, Floats]:
@@ -146,19 +174,37 @@ class TendonCommand:
 
 @dataclass(frozen=True, eq=False)
 class Equilibrium:
-    """An equilibrium of a discrete rod, or how far one got."""
+    """An equilibrium of a discrete rod, or how far one got.
 
-    turns: Floats
+    Attributes
+    ----------
+    rotation_vectors : (n, 3) ndarray
+        Rotations of the segments [rad].
+    tensions, lengths : (t,) ndarray
+        Of the tendons [N], [mm].
+    length_gradients : (t, n, 3) ndarray
+        Derivatives of the lengths by the rotations [mm/rad].
+    blocks : (n, 3, 3) ndarray
+        Second derivatives of the lengths, times the tensions.
+    gradient, hessian : (n, 3), (3 n, 3 n) ndarray
+        Residual of the equilibrium [N mm], and its tangent with the tensions held.
+    code, steps, error : int, int, float
+        Of the kernel; steps of Newton's method; largest error of a length [mm].
+    load_factor : float
+        Part of command and loads under which it is one.
+    """
+
+    rotation_vectors: Floats
     tensions: Floats
     lengths: Floats
-    slopes: Floats
+    length_gradients: Floats
     blocks: Floats
     gradient: Floats
     hessian: Floats
     code: int
     steps: int
     error: float
-    share: float = 1.0
+    load_factor: float = 1.0
 
     @property
     def found(self) -> bool:
@@ -167,15 +213,15 @@ class Equilibrium:
 
 
 def make_equilibrium(
-    turns: Floats, state: tuple[Floats, ...], *, code: int, steps: int, error: float
+    rotation_vectors: Floats, state: tuple[Floats, ...], *, code: int, steps: int, error: float
 ) -> Equilibrium:
     """Return an equilibrium of what the kernels fill."""
-    lengths, trial, slopes, _, blocks, gradient, hessian = state
+    lengths, trial, length_gradients, _, blocks, gradient, hessian = state
     return Equilibrium(
-        turns=turns,
+        rotation_vectors=rotation_vectors,
         tensions=trial,
         lengths=lengths,
-        slopes=slopes,
+        length_gradients=length_gradients,
         blocks=blocks,
         gradient=gradient,
         hessian=hessian,
@@ -190,7 +236,7 @@ class LoadedRod:
     """A discrete rod with its natural shape, its tendons and its loads."""
 
     grid: Grid
-    spots: Spots
+    lumped_loads: LumpedLoads
     rest: Floats
     compliances: Floats
     pushes: NDArray[np.bool_]
@@ -202,9 +248,9 @@ class LoadedRod:
         factors: Factors,
         start: tuple[Floats, Floats],
     ) -> Equilibrium:
-        """Return the equilibrium that Newton's method finds from turns and tensions."""
-        turns, tensions = start[0].copy(), start[1].copy()
-        state = make_state(len(turns), len(tensions))
+        """Return the equilibrium that Newton's method finds from rotation vectors and tensions."""
+        rotation_vectors, tensions = start[0].copy(), start[1].copy()
+        state = make_state(len(rotation_vectors), len(tensions))
         one_sided = command.held & ~self.pushes
         pulls = factors.command * command.pulls
         rod = self._pack(command.held, pulls, factors.loads)
@@ -213,35 +259,39 @@ class LoadedRod:
         # As commanded to round-off; with the tolerance only where that cannot be.
         code, count, error = NOT_CONVERGED, 0, 0.0
         for allowed in (1e-4 * self.tolerance, 0.5 * self.tolerance):
-            turns[:], tensions[:] = start
+            rotation_vectors[:], tensions[:] = start
             code, steps, error, _ = solve_equilibrium(
                 rod,
                 limits + np.where(one_sided, allowed, 0.0),
                 allowed + round_off,
                 MOST_STEPS,
-                turns,
+                rotation_vectors,
                 tensions,
                 state,
             )
             count += steps
             if code == CONVERGED or not command.held.any():
                 break
-        return make_equilibrium(turns, state, code=int(code), steps=count, error=float(error))
+        return make_equilibrium(
+            rotation_vectors, state, code=int(code), steps=count, error=float(error)
+        )
 
-    def measure(self, factors: Factors, turns: Floats, tensions: Floats) -> Equilibrium:
-        """Return what acts on given turns under given tensions, whether in equilibrium or not."""
-        state = make_state(len(turns), len(tensions))
+    def measure(self, factors: Factors, rotation_vectors: Floats, tensions: Floats) -> Equilibrium:
+        """Return residual and tangent at given rotations and tensions, in equilibrium or not."""
+        state = make_state(len(rotation_vectors), len(tensions))
         rod = self._pack(np.zeros(len(tensions), dtype=np.bool_), tensions, factors.loads)
-        measure_equilibrium(rod, tensions, turns, tensions, state)
-        return make_equilibrium(turns, state, code=CONVERGED, steps=0, error=0.0)
+        measure_equilibrium(rod, tensions, rotation_vectors, tensions, state)
+        return make_equilibrium(rotation_vectors, state, code=CONVERGED, steps=0, error=0.0)
 
-    def _pack(self, held: NDArray[np.bool_], pulls: Floats, share: float) -> tuple[object, ...]:
-        """The rod as the kernels take it, with a share of its loads."""
+    def _pack(
+        self, held: NDArray[np.bool_], pulls: Floats, load_factor: float
+    ) -> tuple[object, ...]:
+        """The rod as the kernels take it, with its loads times a factor."""
         proximities = np.empty(len(pulls))
         fill_proximities(self.grid.packed, self.compliances, held, proximities)
         tendons = self.compliances, held, held & ~self.pushes, pulls, proximities
-        own = self.spots
-        loads = share * own.forces, share * own.moments, own.follows
+        own = self.lumped_loads
+        loads = load_factor * own.forces, load_factor * own.moments, own.follows
         return self.grid.packed, self.rest, tendons, own.places, loads
 
     def follow(
@@ -249,9 +299,9 @@ class LoadedRod:
     ) -> list[Equilibrium]:
         """Return equilibria up to the whole command and loads, raised together from rest.
 
-        In parts so small that shapes follow each other, unless the rod snaps. If the last one is
-        not that of the whole, it is as far as they can be followed. From `initial`, turns and
-        tensions, it is tried at once.
+        By increments so small that shapes follow each other, unless the rod snaps. If the last one
+        is not that of the whole, it is as far as they can be followed. From `initial`, rotation
+        vectors and tensions, it is tried at once.
         """
         if initial is not None:
             found = self.solve(command, WHOLE, initial)
@@ -259,26 +309,26 @@ class LoadedRod:
                 return [found]
         state = self.rest.copy(), np.where(command.held, 0.0, command.pulls)
         path: list[Equilibrium] = []
-        reached, part, steps = 0.0, self._first_part(command), 0
+        reached, increment, steps = 0.0, self._first_increment(command), 0
         while True:
-            share = min(1.0, reached + part)
-            share = 1.0 if share > 1.0 - 1e-9 else share
-            found = self.solve(command, Factors(share, share), state)
+            load_factor = min(1.0, reached + increment)
+            load_factor = 1.0 if load_factor > 1.0 - 1e-9 else load_factor
+            found = self.solve(command, Factors(load_factor, load_factor), state)
             steps += found.steps
-            change = np.linalg.norm(found.turns - state[0], axis=1).sum()
-            halved = part > LEAST_PART and (not found.found or change > LARGEST_JUMP)
+            change = np.linalg.norm(found.rotation_vectors - state[0], axis=1).sum()
+            halved = increment > LEAST_INCREMENT and (not found.found or change > LARGEST_CHANGE)
             if halved:
-                part *= 0.5
+                increment *= 0.5
                 continue
             if not found.found:
                 last = path[-1] if path else self.measure(Factors(0.0, 0.0), *state)
-                ended = dataclasses.replace(last, code=found.code, steps=steps, share=reached)
+                ended = dataclasses.replace(last, code=found.code, steps=steps, load_factor=reached)
                 return [*path, ended]
-            reached, state = share, (found.turns, found.tensions)
-            path.append(dataclasses.replace(found, share=reached, steps=steps))
+            reached, state = load_factor, (found.rotation_vectors, found.tensions)
+            path.append(dataclasses.replace(found, load_factor=reached, steps=steps))
             if reached == 1.0:
                 return path
-            part = min(2.0 * part, 1.0)
+            increment = min(2.0 * increment, 1.0)
 
     def start_path(
         self,
@@ -293,13 +343,13 @@ class LoadedRod:
             free_lengths=command.limits(factors),
             pulls=factors.command * command.pulls,
         )
-        return dataclasses.replace(self, spots=self.spots.scale(factors.loads)).follow(
-            part, initial=initial
-        )[-1]
+        return dataclasses.replace(
+            self, lumped_loads=self.lumped_loads.scale(factors.loads)
+        ).follow(part, initial=initial)[-1]
 
     def measure_energy(self, found: Equilibrium) -> float:
         """Return the elastic energy of backbone and tendons [N mm]."""
-        bent = found.turns - self.rest
+        bent = found.rotation_vectors - self.rest
         stretched = self.compliances * found.tensions**2
         return 0.5 * float((self.grid.stiffness * bent**2).sum() + stretched.sum())
 
@@ -310,7 +360,7 @@ class LoadedRod:
         without a potential have a tangent that is not symmetric: least real part then.
         """
         matrix = self._second_variation(command, found)
-        least = find_least(matrix, symmetric=self.spots.have_potential)
+        least = find_least_eigenvalue(matrix, symmetric=self.lumped_loads.have_potential)
         if self.grid.packed[5] == CHANNEL:
             # In finer and finer segments, one that gives way alone is enough.
             scale = 1.0 / np.sqrt(self.grid.stiffness)
@@ -319,14 +369,14 @@ class LoadedRod:
             least = min(least, alone) if alone < -ZERO_MODE else least
         return least
 
-    def _find_softest(self, command: TendonCommand, found: Equilibrium) -> Floats:
-        """Turns (n, 3) of the softest mode, under loads with a potential."""
+    def _find_softest_mode(self, command: TendonCommand, found: Equilibrium) -> Floats:
+        """Rotations (n, 3) of the softest mode, under loads with a potential."""
         modes = np.linalg.eigh(self._second_variation(command, found))[1]
         return np.asarray(modes[:, 0].reshape(-1, 3) / np.sqrt(self.grid.stiffness))
 
     def _second_variation(self, command: TendonCommand, found: Equilibrium) -> Floats:
         taut = command.held & ((found.tensions != 0.0) | self.pushes)
-        rows = found.slopes.reshape(len(taut), -1)[taut]
+        rows = found.length_gradients.reshape(len(taut), -1)[taut]
         return vary_twice(found.hessian, self.grid.stiffness.ravel(), rows, self.compliances[taut])
 
     def settle(
@@ -341,34 +391,39 @@ class LoadedRod:
         limits = command.limits(factors)
         idle = command.held & ~self.pushes & (found.tensions == 0.0)
         idle &= found.lengths > limits - 2.0 * self.tolerance
-        if least > -ZERO_MODE or not idle.any() or not self.spots.have_potential:
+        if least > -ZERO_MODE or not idle.any() or not self.lumped_loads.have_potential:
             return found, least
-        mode = self._find_softest(command, found)
+        mode = self._find_softest_mode(command, found)
         kick = KICK * mode / np.linalg.norm(mode)
         for sign in (1.0, -1.0):
-            other = self.solve(command, factors, (found.turns + sign * kick, found.tensions))
-            if not other.found or np.abs(other.turns - found.turns).max() > KICK:
+            other = self.solve(
+                command, factors, (found.rotation_vectors + sign * kick, found.tensions)
+            )
+            if (
+                not other.found
+                or np.abs(other.rotation_vectors - found.rotation_vectors).max() > KICK
+            ):
                 return found, least
             known = self.measure_stability(command, other)
             if known <= -ZERO_MODE:
                 return found, least
             back, value = other, known
-        return dataclasses.replace(back, steps=found.steps, share=found.share), value
+        return dataclasses.replace(back, steps=found.steps, load_factor=found.load_factor), value
 
     def find_buckling(
         self, command: TendonCommand, path: list[Equilibrium]
     ) -> tuple[float, tuple[Floats, Floats]]:
         """Return from which part of command and loads on a followed path is unstable.
 
-        1 if it is not; and turns and tensions just before.
+        1 if it is not; and rotation vectors and tensions just before.
         """
         low, high = 0.0, 1.0
         state = self.rest, np.where(command.held, 0.0, command.pulls)
         for found in path:
-            if self.settle(command, found, Factors(found.share, found.share))[1] < 0.0:
-                high = found.share
+            if self.settle(command, found, Factors(found.load_factor, found.load_factor))[1] < 0.0:
+                high = found.load_factor
                 break
-            low, state = found.share, (found.turns, found.tensions)
+            low, state = found.load_factor, (found.rotation_vectors, found.tensions)
         while high - low > BUCKLING_SHARE * high:
             middle = 0.5 * (low + high)
             part = Factors(middle, middle)
@@ -378,55 +433,55 @@ class LoadedRod:
             if self.settle(command, found, part)[1] < 0.0:
                 high = middle
             else:
-                low, state = middle, (found.turns, found.tensions)
+                low, state = middle, (found.rotation_vectors, found.tensions)
         return high, state
 
-    def _first_part(self, command: TendonCommand) -> float:
-        """Part that is tried at once: what may turn the straight rod little."""
-        ends = self.grid.arc_length[self.spots.segments + 1]
-        moment = float(np.linalg.norm(self.spots.forces, axis=1) @ ends)
-        moment += float(np.linalg.norm(self.spots.moments, axis=1).sum())
-        turn = moment * float((1.0 / self.grid.stiffness[:, :2]).max(axis=1).sum())
+    def _first_increment(self, command: TendonCommand) -> float:
+        """First increment of the load factor: what may rotate the straight rod little."""
+        ends = self.grid.arc_length[self.lumped_loads.segments + 1]
+        moment = float(np.linalg.norm(self.lumped_loads.forces, axis=1) @ ends)
+        moment += float(np.linalg.norm(self.lumped_loads.moments, axis=1).sum())
+        rotation = moment * float((1.0 / self.grid.stiffness[:, :2]).max(axis=1).sum())
         reach = self.grid.reach.max(axis=1)
         pulled = np.where(command.held, np.abs(command.free_lengths - command.rest_lengths), 0.0)
-        turn += float((pulled / reach).max(initial=0.0))
-        part = 1.0
-        while part * turn > PART_TURN and part > LEAST_PART:
-            part *= 0.5
-        return part
+        rotation += float((pulled / reach).max(initial=0.0))
+        increment = 1.0
+        while increment * rotation > INCREMENT_ROTATION and increment > LEAST_INCREMENT:
+            increment *= 0.5
+        return increment
 
 
-MOST_TURNS, SAME = 60, 1e-7
+MOST_INVERSE_ITERATIONS, LEAST_CHANGE = 60, 1e-7
 """Steps of the search for the least eigenvalue, and its relative change at the last one."""
 
 STIFF_MODE = 1e3
 """Stability that stands for a direction which is held."""
 
 
-def vary_twice(hessian: Floats, stiffness: Floats, rows: Floats, gives: Floats) -> Floats:
-    """Return the second variation (n, n) in turns scaled by the backbone's stiffness (n,).
+def vary_twice(hessian: Floats, stiffness: Floats, rows: Floats, compliances: Floats) -> Floats:
+    """Return the second variation (n, n) in rotations scaled by the backbone's stiffness (n,).
 
     `rows` (h, n) are the gradients of what is held, a length or a gap, with a compliance (h,)
     [mm/N]; rigid ones are stiff directions.
     """
     scale = 1.0 / np.sqrt(stiffness)
     matrix = hessian * scale[:, None] * scale
-    rows, soft = rows * scale, gives > 0.0
-    matrix += rows[soft].T @ (rows[soft] / gives[soft, None])
+    rows, soft = rows * scale, compliances > 0.0
+    matrix += rows[soft].T @ (rows[soft] / compliances[soft, None])
     rows = rows[~soft]
     if len(rows):
         from scipy.linalg import qr
 
-        ways, sizes, _ = qr(rows.T, mode="economic", pivoting=True)
-        sizes = np.abs(np.diag(sizes))
-        fixed = ways.T[: len(sizes)][sizes > 1e-9 * sizes.max(initial=0.0)]
+        basis, pivots, _ = qr(rows.T, mode="economic", pivoting=True)
+        pivots = np.abs(np.diag(pivots))
+        fixed = basis.T[: len(pivots)][pivots > 1e-9 * pivots.max(initial=0.0)]
         across = fixed @ matrix
         inner = across @ fixed.T + STIFF_MODE * np.eye(len(fixed))
         matrix += fixed.T @ (inner @ fixed - across) - (matrix @ fixed.T) @ fixed
     return np.asarray(matrix)
 
 
-def find_least(matrix: Floats, *, symmetric: bool) -> float:
+def find_least_eigenvalue(matrix: Floats, *, symmetric: bool) -> float:
     """Return the least eigenvalue, or real part of one.
 
     Loads without a potential have a tangent that is not symmetric. By inverse iteration where all
@@ -439,10 +494,10 @@ def find_least(matrix: Floats, *, symmetric: bool) -> float:
     lower, info = dpotrf(matrix, lower=1)
     # A start that has a part along every shape.
     vector, value = np.cos(np.arange(len(matrix)) ** 1.5), np.inf
-    for _ in range(MOST_TURNS if info == 0 else 0):
+    for _ in range(MOST_INVERSE_ITERATIONS if info == 0 else 0):
         image = dpotrs(lower, vector, lower=1)[0]
         before, value = value, float(image @ vector) / float(image @ image)
-        if abs(value - before) <= SAME * value:
+        if abs(value - before) <= LEAST_CHANGE * value:
             return value
         vector = image / np.linalg.norm(image)
     return float(np.linalg.eigvalsh(matrix)[0])
@@ -451,7 +506,7 @@ def find_least(matrix: Floats, *, symmetric: bool) -> float:
 def measure_rest(grid: Grid) -> Floats:
     """Return the tendons' lengths in the robot at rest, without loads [mm], shape (t,)."""
     count, segments = len(grid.counts), len(grid.spans)
-    lengths, slopes = np.empty(count), np.empty((count, segments, 3))
+    lengths, length_gradients = np.empty(count), np.empty((count, segments, 3))
     blocks = np.empty((2, segments, 3, 3))
-    measure_lengths(grid.packed, grid.rest, np.zeros(count), lengths, slopes, *blocks)
+    measure_lengths(grid.packed, grid.rest, np.zeros(count), lengths, length_gradients, *blocks)
     return lengths

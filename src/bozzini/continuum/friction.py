@@ -223,12 +223,14 @@ class DriveCommand:
     high: Floats
     tolerance: float
 
-    def gaps(self, lengths: Floats, tensions: Floats) -> Floats:
+    def find_residuals(self, lengths: Floats, tensions: Floats) -> Floats:
         """Return how far lengths are from what is asked [mm]; 0 for slack cables."""
         if self.tensions is not None:
             return np.zeros(len(tensions))
-        gaps = np.where(self.low < self.high, lengths - self.limits, 0.0)
-        return np.where((self.low == 0.0) & (tensions == 0.0), np.maximum(gaps, 0.0), gaps)
+        residuals = np.where(self.low < self.high, lengths - self.limits, 0.0)
+        return np.where(
+            (self.low == 0.0) & (tensions == 0.0), np.maximum(residuals, 0.0), residuals
+        )
 
     def go_part(self, state: FrictionState, part: float) -> DriveCommand:
         """Return what is part of the way from a state to what is asked."""
@@ -239,17 +241,19 @@ class DriveCommand:
         limits = lengths + part * (self.limits - lengths)
         return dataclasses.replace(self, tensions=tensions, limits=limits)
 
-    def pull(self, lengths: Floats, tensions: Floats, slope: Floats, offset: Floats) -> Floats:
+    def solve_tensions(
+        self, lengths: Floats, tensions: Floats, slip_by_tension: Floats, slip_offset: Floats
+    ) -> Floats:
         """Return tensions at the base, given how slip there follows from them."""
         if self.tensions is not None:
             return self.tensions
-        ridge = RIDGE * float(np.abs(np.diag(slope)).max(initial=0.0))
-        vector = self.limits - lengths + offset - slope @ tensions
-        exact, wanted = slope + ridge * np.eye(len(tensions)), tensions.copy()
+        ridge = RIDGE * float(np.abs(np.diag(slip_by_tension)).max(initial=0.0))
+        vector = self.limits - lengths + slip_offset - slip_by_tension @ tensions
+        exact, wanted = slip_by_tension + ridge * np.eye(len(tensions)), tensions.copy()
         solve_bounded(0.5 * (exact + exact.T), vector, self.low, self.high, wanted)
         # With friction a tendon does not do to another what that does to it.
         held = self.low < self.high
-        right = vector[held] + slope[np.ix_(held, ~held)] @ wanted[~held]
+        right = vector[held] + slip_by_tension[np.ix_(held, ~held)] @ wanted[~held]
         trial = wanted[held]
         matrix = exact[np.ix_(held, held)]
         if solve_complementary(matrix, right, self.low[held], self.high[held], trial):
@@ -273,7 +277,7 @@ class NewtonStep:
 
     size: float = 0.0
     scale: float = 0.0
-    gap: float = 0.0
+    residual: float = 0.0
     misfit: float = 0.0
     reason: str = ""
 
@@ -327,7 +331,7 @@ class Sliding:
                 rest = size <= ROUGH * step.scale and size > 0.5 * before
                 rest = rest or size <= max(TOLERANCE * step.scale, NO_FORCE_N)
                 right = step.misfit <= MISFIT * step.scale + NO_FORCE_N
-                if rest and right and step.gap <= drive.tolerance:
+                if rest and right and step.residual <= drive.tolerance:
                     break
                 if rest and not right:
                     # The step that is wanted does not change anything: from the slip itself on.
@@ -337,7 +341,7 @@ class Sliding:
                     return (
                         f"tensions along tendons did not settle in {self.iterations} steps: they "
                         f"change by {step.size:.2g} N, friction is off by {step.misfit:.2g} N, and "
-                        f"a tendon misses its length by {step.gap:.2g} mm"
+                        f"a tendon misses its length by {step.residual:.2g} mm"
                     )
         self.before = dataclasses.replace(old, tensions=profile, shares=shares, lengths=lengths)
         return ""
@@ -357,30 +361,39 @@ class Sliding:
         bent = self.bend(profile, level > 1.0)
         if bent.reason:
             return NewtonStep(reason=bent.reason)
-        rates, wraps, give = np.empty(shape), np.empty(shape), np.empty((*shape, shape[2]))
+        rates, wrap_angles, flexibility = (
+            np.empty(shape),
+            np.empty(shape),
+            np.empty((*shape, shape[2])),
+        )
         if not measure_tendons(
-            channels.grid, profile, bent.moments, curvatures, rates, give, wraps
+            channels.grid, profile, bent.moments, curvatures, rates, flexibility, wrap_angles
         ):
             return NewtonStep(reason="no curvature was found")
-        give += (channels.flexibility * channels.rest_rates)[..., None] * np.eye(shape[2])
+        flexibility += (channels.flexibility * channels.rest_rates)[..., None] * np.eye(shape[2])
         lengths[:] = channels.measure_lengths(rates, profile)
         whole = lengths[0, 0]
         if bent.lengths is not None:
             whole = bent.lengths - channels.stretch(profile)
         slips = old.lengths - lengths
         self.acting = np.clip(old.shares + slips / presliding, -1.0, 1.0)
-        misfits = channels.friction * wraps * np.abs(profile * (self.acting - shares))
+        misfits = channels.friction * wrap_angles * np.abs(profile * (self.acting - shares))
         now = profile, slips, old.shares, shares
-        parts = np.empty(give.shape), np.empty(shape), np.empty(give.shape), np.empty(shape)
-        lying = wraps, give
-        if not reduce_slip(channels.spans, channels.friction, now, lying, presliding, *parts):
+        parts = (
+            np.empty(flexibility.shape),
+            np.empty(shape),
+            np.empty(flexibility.shape),
+            np.empty(shape),
+        )
+        geometry = wrap_angles, flexibility
+        if not reduce_slip(channels.spans, channels.friction, now, geometry, presliding, *parts):
             return NewtonStep(reason="tensions do not fix the slip of tendons")
         kept = profile.copy()
-        self.pulled = drive.pull(whole, kept[0, 0], parts[2][0, 0], parts[3][0, 0])
-        move_tensions(channels.friction, now, wraps, (presliding, part), parts, self.pulled)
+        self.pulled = drive.solve_tensions(whole, kept[0, 0], parts[2][0, 0], parts[3][0, 0])
+        move_tensions(channels.friction, now, wrap_angles, (presliding, part), parts, self.pulled)
         return NewtonStep(
             size=float(np.abs(profile - kept).max(initial=0.0)),
             scale=float(np.abs(profile).max(initial=0.0)),
-            gap=float(np.abs(drive.gaps(whole, kept[0, 0])).max(initial=0.0)),
+            residual=float(np.abs(drive.find_residuals(whole, kept[0, 0])).max(initial=0.0)),
             misfit=float(misfits.max(initial=0.0)),
         )

@@ -1,4 +1,17 @@
-"""Quasi-static insertion: an elastic robot is pushed into a lumen, step by step."""
+"""Quasi-static insertion: an elastic robot is pushed into a lumen, step by step.
+
+With the inserted length ``S`` [mm] and the displacements ``q`` of the tendons from a table, each
+step finds the shape of least energy ``E(S, q)`` of the part beyond the introducer
+(`contact_solver`), from the shape before it: the unknowns are those of that solver, and what
+remains from step to step are curvatures, contact forces, tensions, and places for friction. The
+*push force* is ``dE/dS`` [N] with multipliers, loads and walls held (`measure_push`). A step
+without an equilibrium is halved, down to 1/16, and tried once more from a shape between soft walls
+of stiffness ``4 EI / (6 rho)^4``, rho being the body's radius.
+
+*Buckled* and *looped* are read off the shapes: the body moves by more than 5 steps at once, by more
+than 2 from a shape that lost its stability; it runs back along the path, or its tip goes on by
+less than 5 % of the base's way. docs/theory/contact.md has the closed forms it is checked against.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +43,7 @@ ADVANCE_COLUMN = "base_advance_mm"
 """Column of a planner's table of drives: how far the base is moved in."""
 
 STALLED = 0.05
-"""A tip that goes on by less than this share of the base's way does not advance."""
+"""A tip that goes on by less than this part of the base's way does not advance."""
 
 STALLED_RADII = 2.0
 """Length over which that must be so, in radii of the body."""
@@ -144,9 +157,9 @@ class DriveTable:
             parts = max(1, math.ceil(way / step - 1e-9))
             known = np.isnan(held) | np.isnan(row)
             for part in range(1, parts + 1):
-                share = part / parts
-                between = np.where(known, row, held + share * (row - held))
-                yield before + share * (target - before), between
+                fraction = part / parts
+                between = np.where(known, row, held + fraction * (row - held))
+                yield before + fraction * (target - before), between
             before, held, way = target, row, 0.0 if last else float(ways[index])
 
 
@@ -382,22 +395,22 @@ class _Insertion:
     def _advance(self, length: float, displacements: Floats) -> bool:
         """Take one step, in parts if the whole one fails; return whether to go on."""
         before = self.shapes[-1] if self.shapes else None
-        reached, part = 0.0, 1.0
+        reached, increment = 0.0, 1.0
         while True:
-            share = min(1.0, reached + part)
+            fraction = min(1.0, reached + increment)
             there = length
             command = displacements
             if before is not None:
-                there = before.inserted + share * (length - before.inserted)
+                there = before.inserted + fraction * (length - before.inserted)
                 held = np.where(np.isnan(before.displacements), displacements, before.displacements)
-                command = held + share * (displacements - held)
+                command = held + fraction * (displacements - held)
             shape = self._solve(command, there)
             good = shape.converged or shape.self_distance < 0.0
-            if not (good or shape.locked or before is None) and part > SMALLEST_STEP:
-                part *= 0.5
+            if not (good or shape.locked or before is None) and increment > SMALLEST_STEP:
+                increment *= 0.5
                 continue
             self._keep(shape)
-            reached = share
+            reached = fraction
             if self.reason or reached == 1.0:
                 return not self.reason
 
@@ -445,11 +458,11 @@ class _Insertion:
         before = np.stack(
             [np.interp(shape.arc_length, old.arc_length, row) for row in old.points.T], axis=1
         )
-        ways = np.linalg.norm(shape.points - before, axis=1)
-        worst = int(np.argmax(ways))
+        motions = np.linalg.norm(shape.points - before, axis=1)
+        worst = int(np.argmax(motions))
         pulled = np.nan_to_num(np.abs(shape.displacements - old.displacements)).max(initial=0.0)
         size = max(abs(shape.inserted - old.inserted), float(pulled), 0.1 * self.step)
-        return float(ways[worst]) / size, worst
+        return float(motions[worst]) / size, worst
 
     def _find_loop(self, shape: ContactShape) -> str:
         """Return what is wrong where the body runs back, or its tip stands still."""
@@ -484,14 +497,14 @@ class _Insertion:
     def _project(self, points: Floats) -> Floats:
         """Return the arc lengths of the path's places nearest to points [mm]."""
         arc = measure_arc_length(self.points)
-        start, way = self.points[:-1], np.diff(self.points, axis=0)
-        square = np.maximum(np.sum(way**2, axis=1), 1e-300)
-        share = np.einsum("psk,sk->ps", points[:, None] - start[None], way) / square
-        share = np.clip(share, 0.0, 1.0)
-        near = start[None] + share[..., None] * way[None]
+        start, directions = self.points[:-1], np.diff(self.points, axis=0)
+        square = np.maximum(np.sum(directions**2, axis=1), 1e-300)
+        fraction = np.einsum("psk,sk->ps", points[:, None] - start[None], directions) / square
+        fraction = np.clip(fraction, 0.0, 1.0)
+        near = start[None] + fraction[..., None] * directions[None]
         best = np.argmin(np.sum((points[:, None] - near) ** 2, axis=-1), axis=1)
         row = np.arange(len(points))
-        return np.asarray(arc[best] + share[row, best] * np.sqrt(square[best]))
+        return np.asarray(arc[best] + fraction[row, best] * np.sqrt(square[best]))
 
     def _finish(self) -> InsertionResult:
         shapes = self.shapes

@@ -23,12 +23,12 @@ from .kernels.rod import (
     FORCE,
     LENGTHS,
     MOMENT,
-    TURN,
+    QUATERNION,
     integrate_rod,
 )
 from .model import choose_stiffness, explain_contrast
 from .rod_grid import EDGE, RodGrid, list_breaks
-from .rod_solver import EMPTY, Rod, Shot, Target, follow, follow_sliding
+from .rod_solver import EMPTY, Rod, RodState, Target, follow, follow_sliding
 from .shape import Shape
 
 FEW_STEPS = 24
@@ -157,7 +157,7 @@ class RodModel(ElasticModel):
     @property
     def natural_lengths(self) -> Floats:
         """Length of each tendon in the robot at rest, without loads [mm], shape (t,)."""
-        return self._rod.many.natural_lengths
+        return self._rod.fine.natural_lengths
 
     def trace_tensions(self, history: ArrayLike, *, initial: Shape | None = None) -> TendonHistory:
         """Return the shapes on the way through tensions of the tendons, each from the one before.
@@ -185,25 +185,25 @@ class RodModel(ElasticModel):
     def _differentiate(self, shape: Shape, index: tuple[int, ...]) -> Response:
         if self._channels is not None:
             raise InputError("tendons have friction: derivatives depend on the direction then")
-        rod, count = self._coarse, len(self.robot.tendons)
-        grid, (lines, points, none), shears = rod.packed_many
-        (world_lines, world_points, _) = self._world.packed_many[1]
+        rod, count = self._derivative_rod, len(self.robot.tendons)
+        grid, (lines, points, none), shears = rod.packed_fine
+        (world_lines, world_points, _) = self._world.packed_fine[1]
         lines = np.concatenate([lines, world_lines[:, :, :1]], axis=2)
         points = np.concatenate([points, world_points[:, :2]], axis=1)
         packed = grid, (lines, points, none), shears
         parts, tensions = len(self.robot.sections), shape.tensions[index]
         start = self._start_at(rod, shape, index)
         if rod.load > 0.0 or rod.shears:
-            start = rod.follow(self._aim(tensions, "tensions"), start, first=1.0)
-        owners = self.robot.section_at(rod.many.inner_places[:, 1])
+            start = rod.follow(self._make_target(tensions, "tensions"), start, first=1.0)
+        owners = self.robot.section_at(rod.fine.inner_places[:, 1])
         slopes = np.zeros((12 + count, 12 + 3 * count + 2 * parts))
         slopes[3:9, 3:9] = np.eye(6)
         states = np.zeros_like(start.states)
-        states[0, TURN] = 1.0
+        states[0, QUATERNION] = 1.0
         states[0, FORCE:MOMENT] = start.states[0, FORCE:MOMENT]
         states[0, MOMENT : MOMENT + 3] = start.moments[0]
         found = np.zeros((len(self.arc_length), 6, slopes.shape[1]))
-        stops = np.searchsorted(rod.many.places, self.arc_length - EDGE)
+        stops = np.searchsorted(rod.fine.places, self.arc_length - EDGE)
         sections = owners, parts
         for station, span in enumerate(zip(stops[:-1], stops[1:], strict=True), start=1):
             integrate_rod(*span, packed, 1.0, tensions, states, slopes, sections, EMPTY)
@@ -220,29 +220,29 @@ class RodModel(ElasticModel):
             by_others=np.delete(moved, pulled, axis=-1),
             give=longer[:, pulled],
             longer=np.delete(longer, pulled, axis=-1),
-            rest=rod.many.rest_changes,
+            rest=rod.fine.rest_changes,
         )
 
     @cached_property
-    def _coarse(self) -> Rod:
+    def _derivative_rod(self) -> Rod:
         """The rod in as many steps as derivatives need."""
         rod = self._rod
         fixed = np.concatenate([self.arc_length, list_breaks(self.robot, rod.loads)])
-        return dataclasses.replace(rod, many=rod.many.thin(fixed, SLOPE_STEPS))
+        return dataclasses.replace(rod, fine=rod.fine.thin(fixed, SLOPE_STEPS))
 
     @cached_property
     def _world(self) -> Rod:
         """The same under loads of the world alone."""
-        return dataclasses.replace(self._coarse, loads=self._world_loads)
+        return dataclasses.replace(self._derivative_rod, loads=self._world_loads)
 
     @cached_property
     def _rod(self) -> Rod:
         loads = self._packed_loads
         breaks = list_breaks(self.robot, loads)
-        many = RodGrid.cut(self.robot, np.concatenate([self.arc_length, breaks]), self.steps)
-        few = many.thin(breaks, FEW_STEPS)
-        few = many if len(few.places) == len(many.places) else few
-        return Rod(many=many, few=few, loads=loads, shears=self.stretches)
+        fine = RodGrid.cut(self.robot, np.concatenate([self.arc_length, breaks]), self.steps)
+        coarse = fine.thin(breaks, FEW_STEPS)
+        coarse = fine if len(coarse.places) == len(fine.places) else coarse
+        return Rod(fine=fine, coarse=coarse, loads=loads, shears=self.stretches)
 
     @cached_property
     def _channels(self) -> Channels | None:
@@ -251,12 +251,12 @@ class RodModel(ElasticModel):
         if not friction.any():
             return None
         return Channels(
-            grid=self._rod.many.packed,
+            grid=self._rod.fine.packed,
             friction=friction,
             flexibility=1.0 / choose_stiffness(self.robot, self.tendon_stiffness),
         )
 
-    def _aim(self, command: Floats, given: Held) -> Target:
+    def _make_target(self, command: Floats, given: Held) -> Target:
         """What displacements or tensions (t,) ask of the tendons."""
         pulled = given == "tensions"
         holds = np.isfinite(command) & (not pulled)
@@ -266,7 +266,7 @@ class RodModel(ElasticModel):
             pushes=self.robot.pushes,
             compliances=self._compliances,
             tolerance=self.tolerance,
-            reaches=self._rod.many.reaches,
+            reaches=self._rod.fine.reaches,
             holds=holds,
             rest=np.where(holds, self.natural_lengths, 0.0),
             change=np.where(holds, lengths, command if pulled else self.robot.pretensions),
@@ -275,7 +275,7 @@ class RodModel(ElasticModel):
 
     def _begin(
         self, initial: Shape | None, batch: tuple[int, ...]
-    ) -> list[tuple[FrictionState | None, Shot | None]]:
+    ) -> list[tuple[FrictionState | None, RodState | None]]:
         """Return the state of friction before each command of a batch, and where to begin."""
         channels = self._channels
         if initial is None:
@@ -293,10 +293,10 @@ class RodModel(ElasticModel):
         return [(state.pick(place), None) for place in places]
 
     def _solve(self, commands: Floats, given: Held, initial: Shape | None) -> Shape:
-        targets = [self._aim(row, given) for row in _rows(commands)]
+        targets = [self._make_target(row, given) for row in _rows(commands)]
         begins = self._begin(initial, commands.shape[:-1])
-        shots = [self._shoot(t, *begin) for t, begin in zip(targets, begins, strict=True)]
-        return self._describe(commands, given, shots)
+        rod_states = [self._shoot(t, *begin) for t, begin in zip(targets, begins, strict=True)]
+        return self._describe(commands, given, rod_states)
 
     def _trace(self, history: Floats, given: Held, initial: Shape | None) -> TendonHistory:
         """Shoot one command after the other, each from the one before."""
@@ -305,16 +305,18 @@ class RodModel(ElasticModel):
                 f"history has shape {history.shape}: it must be (n, {history.shape[-1]}), n at "
                 "least 1"
             )
-        ((state, start),) = self._begin(initial, ())
-        shots: list[Shot] = []
+        ((friction_state, start),) = self._begin(initial, ())
+        rod_states: list[RodState] = []
         for row in history:
-            shot = self._shoot(self._aim(row, given), state, start)
-            shots.append(shot)
-            if not shot.reason:
-                start, state = shot, shot.friction
-        return TendonHistory(shapes=self._describe(history, given, shots), given=given)
+            state = self._shoot(self._make_target(row, given), friction_state, start)
+            rod_states.append(state)
+            if not state.reason:
+                start, friction_state = state, state.friction
+        return TendonHistory(shapes=self._describe(history, given, rod_states), given=given)
 
-    def _shoot(self, target: Target, state: FrictionState | None, start: Shot | None) -> Shot:
+    def _shoot(
+        self, target: Target, state: FrictionState | None, start: RodState | None
+    ) -> RodState:
         if self._rod.load > LARGEST_LOAD:
             shown = show_apart(self._rod.load, LARGEST_LOAD)
             raise InputError(
@@ -326,26 +328,28 @@ class RodModel(ElasticModel):
         convex = not self.robot.pushes.any() or self.robot.is_parallel
         return follow(self._rod, target, convex=convex, start=start)
 
-    def _describe(self, commands: Floats, given: Held, shots: list[Shot]) -> Shape:
+    def _describe(self, commands: Floats, given: Held, rod_states: list[RodState]) -> Shape:
         """Shapes of shots."""
         from scipy.spatial.transform import Rotation
 
         count, rod = len(self.robot.tendons), self._rod
-        places, stations = rod.many.places, self.arc_length
+        places, stations = rod.fine.places, self.arc_length
         index = np.searchsorted(places, stations - EDGE)
         ends = self.robot.section_ends
         edges = np.searchsorted(places, np.concatenate([[0.0], ends]) - EDGE)
         states = (
-            np.stack([shot.states for shot in shots])
-            if shots
+            np.stack([state.states for state in rod_states])
+            if rod_states
             else np.zeros((0, len(places), LENGTHS + count))
         )
-        frames = np.zeros((len(shots), len(index), 4, 4))
+        frames = np.zeros((len(rod_states), len(index), 4, 4))
         frames[..., 3, 3] = 1.0
-        if shots:
-            turns = np.roll(states[:, index, TURN : TURN + 4], -1, axis=-1).reshape(-1, 4)
+        if rod_states:
+            quaternions = np.roll(
+                states[:, index, QUATERNION : QUATERNION + 4], -1, axis=-1
+            ).reshape(-1, 4)
             frames[..., :3, :3] = (
-                Rotation.from_quat(turns).as_matrix().reshape(*frames.shape[:2], 3, 3)
+                Rotation.from_quat(quaternions).as_matrix().reshape(*frames.shape[:2], 3, 3)
             )
         frames[..., :3, 3] = states[:, index, :3]
         lengths = states[:, -1, LENGTHS:]
@@ -355,15 +359,17 @@ class RodModel(ElasticModel):
         steps = np.hypot(*np.moveaxis(np.diff(turned[..., :2], axis=1), -1, 0))
         bends = np.add.reduceat(steps, edges[:-1], axis=1)
         curvatures = np.maximum.reduceat(steps / np.diff(places), edges[:-1], axis=1)
-        tensions = np.array([shot.tensions for shot in shots]).reshape(len(shots), count)
+        tensions = np.array([state.tensions for state in rod_states]).reshape(
+            len(rod_states), count
+        )
         if self._channels is None:
             stretched = self._compliances * tensions
         else:
             stretched = np.array(
                 [
-                    self._channels.stretch(shot.friction.tensions)
-                    for shot in shots
-                    if shot.friction is not None
+                    self._channels.stretch(state.friction.tensions)
+                    for state in rod_states
+                    if state.friction is not None
                 ]
             ).reshape(tensions.shape)
         slack_at_rest = self._pretension_stretches
@@ -374,13 +380,15 @@ class RodModel(ElasticModel):
             asked = lengths
         else:
             displacements = np.where(np.isnan(_rows(commands)), followed, _rows(commands))
-            shares = np.array([shot.share for shot in shots]).reshape(-1, 1)
-            limits = self.natural_lengths - shares * (displacements + slack_at_rest)
+            load_factors = np.array([state.load_factor for state in rod_states]).reshape(-1, 1)
+            limits = self.natural_lengths - load_factors * (displacements + slack_at_rest)
             loose = (lengths < limits - self.tolerance) | np.isnan(_rows(commands))
             slack = ~self.robot.pushes & loose & (tensions == 0.0)
             asked = self.natural_lengths - displacements - slack_at_rest + stretched
         residual = np.abs(np.where(slack, 0.0, lengths - asked)).max(axis=1, initial=0.0)
-        words = [f"{s.reason}{explain_contrast(self.robot)}" if s.reason else "" for s in shots]
+        words = [
+            f"{s.reason}{explain_contrast(self.robot)}" if s.reason else "" for s in rod_states
+        ]
         made = self._answer(
             displacements.reshape(commands.shape),
             words,
@@ -391,28 +399,30 @@ class RodModel(ElasticModel):
             tensions=tensions,
             slack=slack,
             residual=residual,
-            iterations=np.asarray([s.iterations for s in shots], dtype=np.int64),
-            stability=np.asarray([s.stability for s in shots], dtype=np.float64),
+            iterations=np.asarray([s.iterations for s in rod_states], dtype=np.int64),
+            stability=np.asarray([s.stability for s in rod_states], dtype=np.float64),
         )
-        known = [shot.friction for shot in shots if shot.friction is not None]
+        known = [state.friction for state in rod_states if state.friction is not None]
         if not known:
             return made
         return dataclasses.replace(made, friction=FrictionState.join(known, commands.shape[:-1]))
 
-    def _start_at(self, rod: Rod, initial: Shape, index: tuple[int, ...]) -> Shot:
+    def _start_at(self, rod: Rod, initial: Shape, index: tuple[int, ...]) -> RodState:
         """Return a state near to a shape: forces and moments balance the loads on it."""
         from scipy.spatial.transform import Rotation
 
-        places, cuts, frames = rod.many.places, rod.many_cuts[:-1], initial.frames[index]
-        turns = Rotation.from_matrix(frames[:, :3, :3]).as_quat()
+        places, cuts, frames = rod.fine.places, rod.fine_cuts[:-1], initial.frames[index]
+        quaternions = Rotation.from_matrix(frames[:, :3, :3]).as_quat()
         # Of the two quaternions of a rotation the one that is near to that before.
-        turns[1:] *= np.cumprod(np.sign(np.sum(turns[1:] * turns[:-1], axis=1)))[:, None]
-        known = np.hstack([frames[:, :3, 3], turns]).T
-        points, turns = np.split(
+        quaternions[1:] *= np.cumprod(np.sign(np.sum(quaternions[1:] * quaternions[:-1], axis=1)))[
+            :, None
+        ]
+        known = np.hstack([frames[:, :3, 3], quaternions]).T
+        points, quaternions = np.split(
             np.stack([np.interp(places, initial.arc_length, row) for row in known], axis=1), [3], 1
         )
-        turns /= np.linalg.norm(turns, axis=1, keepdims=True)
-        (lines, at, _), matrices = rod.packed_many[1], Rotation.from_quat(turns).as_matrix()
+        quaternions /= np.linalg.norm(quaternions, axis=1, keepdims=True)
+        (lines, at, _), matrices = rod.packed_fine[1], Rotation.from_quat(quaternions).as_matrix()
         middles = 0.5 * (matrices[1:] + matrices[:-1])
         loads = np.diff(places)[:, None] * (
             lines[:, 1, 0] + np.einsum("nij,nj->ni", middles, lines[:, 1, 1])
@@ -424,7 +434,7 @@ class RodModel(ElasticModel):
         sums = np.hstack([loads + own[:, 0], moments])[::-1].cumsum(axis=0)[::-1][cuts]
         start = rod.rest()
         start.tensions[:] = initial.tensions[index]
-        start.turns[:] = np.roll(turns[cuts], 1, axis=1)
+        start.quaternions[:] = np.roll(quaternions[cuts], 1, axis=1)
         start.forces[:] = sums[:, :3]
         start.moments[:] = sums[:, 3:] - np.cross(points[cuts], sums[:, :3])
         return start

@@ -1,10 +1,10 @@
 """Stability of a rod: the second variation of a rod's energy, under what holds its tendons.
 
-The form is that of a chain of steps, each by the turns of its two ends. Under tensions that are
+The form is that of a chain of steps, each by the rotations of its two ends. Under tensions that are
 held, an equilibrium is stable if it is positive. Where lengths are held, or tendons stretch, let
 ``A`` be the form, ``B`` the lengths' gradients and ``C`` the tendons' compliances: by the inertia
 of the bordered matrix there are as many negative directions as ``A`` has, less those of ``C + B
-A^-1 B^T``, which is how lengths give way to tension. That is so for rigid tendons, ``C = 0``, too.
+A^-1 B^T``, the flexibility of lengths under tension. That is so for rigid tendons, ``C = 0``, too.
 
 A cable of the commanded length without tension holds what would lengthen it, and goes slack under
 what shortens it. The energy falls with such cables where it does with all of them held, and where
@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..numeric.arrays import Floats
-from .kernels.stability import NONE, count_below, reduce_form
+from .kernels.stability import ROUND_OFF, count_below, reduce_form
 
 Form = tuple[Floats, Floats, Floats, Floats]
 Held = tuple[Floats, NDArray[np.bool_], NDArray[np.bool_]]
@@ -44,37 +44,37 @@ def count_negative(form: Form, tendons: Held, shift: float) -> int:
     """
     compliances, taut, idle = tendons
     held = np.flatnonzero(taut)
-    give = np.empty((held.size, held.size))
-    negative = int(reduce_form(form, held, shift, give))
+    flexibility = np.empty((held.size, held.size))
+    negative = int(reduce_form(form, held, shift, flexibility))
     if negative == 0 or held.size == 0:
         return negative
-    soft = np.diag(compliances[held])
-    give += soft
-    left = negative - int(count_below(give.copy()))
-    loose, tight = idle[held], ~idle[held]
-    if left > 0 or not loose.any():
-        return left
-    stiff = np.ascontiguousarray(give[np.ix_(tight, tight)])
+    compliance = np.diag(compliances[held])
+    flexibility += compliance
+    falling = negative - int(count_below(flexibility.copy()))
+    slack, tight = idle[held], ~idle[held]
+    if falling > 0 or not slack.any():
+        return falling
+    stiff = np.ascontiguousarray(flexibility[np.ix_(tight, tight)])
     if negative == count_below(stiff.copy()):
-        return left
-    lengths = (give - soft)[np.ix_(loose, loose)]
+        return falling
+    slack_flexibility = (flexibility - compliance)[np.ix_(slack, slack)]
     if tight.any():
-        cross = give[np.ix_(tight, loose)]
-        lengths -= cross.T @ np.linalg.solve(stiff, cross)
-    return 1 if may_slacken(lengths) else 0
+        cross = flexibility[np.ix_(tight, slack)]
+        slack_flexibility -= cross.T @ np.linalg.solve(stiff, cross)
+    return 1 if may_slacken(slack_flexibility) else 0
 
 
-def may_slacken(lengths: Floats) -> bool:
+def may_slacken(flexibility: Floats) -> bool:
     """Return whether a direction in which the energy falls lengthens no idle cable.
 
-    ``lengths`` (k, k) is how their lengths give way to tension. By projections in turn on its
+    ``flexibility`` (k, k) is that of their lengths under tension. By projections in turn on its
     negative eigenvectors and on lengths that all shorten, which end at 0 if only that is in both.
     """
-    sizes, ways = np.linalg.eigh(0.5 * (lengths + lengths.T))
-    ways = ways[:, sizes < -NONE * np.abs(sizes).max()]
-    change = np.ones(len(lengths))
+    eigenvalues, negative_modes = np.linalg.eigh(0.5 * (flexibility + flexibility.T))
+    negative_modes = negative_modes[:, eigenvalues < -ROUND_OFF * np.abs(eigenvalues).max()]
+    change = np.ones(len(flexibility))
     for _ in range(MOST_PROJECTIONS):
-        change = np.maximum(ways @ (ways.T @ change), 0.0)
+        change = np.maximum(negative_modes @ (negative_modes.T @ change), 0.0)
     return bool((change**2).sum() > SHORTENS**2 * len(change))
 
 

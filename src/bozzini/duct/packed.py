@@ -110,6 +110,21 @@ class ShapesData(NamedTuple):
         return self._replace(blocks=np.array(blocks).reshape(-1, 6))
 
 
+class SpaceData(NamedTuple):
+    """A lumen united with the introducer before it, all within a radius of a ray: a capsule.
+
+    Parameters
+    ----------
+    lumen : named tuple
+        A packed duct.
+    introducer : (7,) float
+        Its inner end, the unit vector out of the lumen, and its bore [mm]; of 0 or less: none.
+    """
+
+    lumen: Packed
+    introducer: Floats
+
+
 Packed: TypeAlias = GridData | BricksData | ShapesData
 """What kernels of this package take; other packages may register tuples of their own."""
 

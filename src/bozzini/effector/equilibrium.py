@@ -1,4 +1,17 @@
-"""One muscle on the section, at rest under a pressure."""
+"""One muscle on the section, at rest under a pressure.
+
+With the muscle's pull ``F(P, x)`` [N] at a pressure ``P`` [MPa], its contraction ``x`` [mm], the
+lateral deflection ``delta(x)`` of the backbone's end [mm] by the linkage (4.4), and the section's
+compliance ``c = a L^2 / (k EI)`` [mm/N], the one unknown ``x`` of each muscle meets ::
+
+    F(P, x) = delta(x) / c ,   0 <= x <= x_peak
+
+on the rising branch of ``delta``. The left side falls and the right side rises: a bracketed Newton
+method (`kernels.balance`), or roots of any model's `force`, ends at the only root; where ``F`` is
+more than ``delta / c`` at ``x_peak`` the section is saturated, where ``F(P, 0)`` is below 0 the
+muscle is slack. The thesis's fixed point is there to be compared with. docs/theory/effector.md
+has the assumptions.
+"""
 
 from __future__ import annotations
 

@@ -135,7 +135,7 @@ def certify_motion(
         tolerance: float, budget: int, worst: NDArray[np.float64]
     ) -> tuple[int, float, float, int]:
         code, least, found, used = bound_motion(
-            space.data, packed, chains, float(radius), float(tolerance), budget, worst
+            packed, chains, float(radius), float(tolerance), budget, worst
         )
         return int(code), float(least) - radius, float(found) - radius, int(used)
 
@@ -151,7 +151,7 @@ def certify_motion(
     place = worst[3:6]
     if excess > 0.0 and clearance > -excess:
         clearance = found = -excess
-        worst[:3], place = 0.0, packed[:3]
+        worst[:3], place = 0.0, packed.introducer[:3]
     return Certificate(
         clearance=clearance,
         found=found,
@@ -190,5 +190,5 @@ def find_waiting(
 
     waiting = np.empty(len(joints), dtype=np.int64)
     chains = np.ascontiguousarray(space.duct.to_grid(joints))
-    mark_introduced(chains, space.pack_exempt(radius), float(radius), waiting)
+    mark_introduced(chains, space.pack_exempt(radius).introducer, float(radius), waiting)
     return waiting

@@ -128,6 +128,7 @@ def place_tail(
     ``sqrt(3)`` per mm (the interpolant of a sampled one); it is about that value, which for a
     sampled field may differ from the true distance by the field's `error`.
     """
+    from ..duct.kernels.clearance import space_estimate
     from .kernels import chain as links
 
     space = space if isinstance(space, FreeSpace) else FreeSpace(space)
@@ -145,19 +146,16 @@ def place_tail(
             "known, use a head step shorter than the link"
         )
     start, old = (np.ascontiguousarray(duct.to_grid(end)) for end in ends)
-    data, tube, slope = space.data, space.intro, bound_slope(duct)
+    data, slope = space.pack(), bound_slope(duct)
     work, frame, tail = np.empty((6, 5)), np.empty((3, 3)), np.empty(3)
-    code, lack = links.place_tail(
-        data, tube, start, old, length, clearance, slope, planar, work, tail
-    )
+    code, lack = links.place_tail(data, start, old, length, clearance, slope, planar, work, tail)
     links.make_frame(start, old, planar, frame)
     finest = min(FINEST_RAD, 0.1 * gap)
     slack = slope * (0.5 * links.MARCH if planar else length * math.sqrt(2.0) * finest)
     most, least = math.inf, 0.0
     if code == links.INFEASIBLE:
         lack, least = links.find_clearest(
-            *(data, tube, start, frame, length, clearance, slope, planar, CLOSE * slack),
-            *(BUDGET, tail),
+            data, start, frame, length, clearance, slope, planar, CLOSE * slack, BUDGET, tail
         )
         if lack <= 0.0:  # after all: this search is finer
             code = links.SEARCHED
@@ -172,12 +170,12 @@ def place_tail(
         # Is there a direction nearer than the one found?
         place = np.zeros(2)
         found, turn, turn_bound, _ = links.search_sphere(
-            data, tube, start, frame, length, clearance, slope, turn, gap, finest, BUDGET, place
+            data, start, frame, length, clearance, slope, turn, gap, finest, BUDGET, place
         )
         if found:
             links.point_tail(start, frame, length, place[0], place[1], tail)
             code = links.SEARCHED
-    value = float(links.duct_value(data, tube, tail[0], tail[1], tail[2]))
+    kept = float(space_estimate(data, tail[0], tail[1], tail[2]))
     world = duct.to_world(tail)
     reason = ""
     if code == links.INFEASIBLE:
@@ -193,7 +191,7 @@ def place_tail(
         tail=world,
         turn=float(turn),
         move=float(np.linalg.norm(world - ends[1])),
-        clearance=-value,
+        clearance=kept,
         turn_bound=float(turn_bound),
         slack=slack,
         clearance_bound=most,

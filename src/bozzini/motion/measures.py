@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -153,8 +153,8 @@ def measure_body(
     chains = np.ascontiguousarray(space.duct.to_grid(joints))
     clearance = np.empty((joints.shape[0], joints.shape[1] - 1))
     worst = np.zeros(4)
-    intro = replace(space.tube, bore=max(space.tube.bore, scope.radius)).pack(space.duct)
-    measure(space.data, intro, chains, scope.radius, space.pitch, clearance, worst)
+    packed = space.pack(bore=max(space.tube.bore, scope.radius))
+    measure(packed, chains, scope.radius, space.pitch, clearance, worst)
     return clearance, np.append(space.duct.to_world(worst[:3]), worst[3])
 
 

@@ -168,19 +168,19 @@ class Band:
         """Run rounds of (sweeps, tension), aiming at `target` more than needed [mm]."""
         from .kernels.path import check_chords, relax_path
 
-        data, intro, aim = self.space.data, self.space.intro, self.clearance + target
+        space, aim = self.space.pack(), self.clearance + target
         inner = resample_polyline(path, SPACING_MM)
-        outer = _lead_in(intro, inner[0], self.lead)
+        outer = _lead_in(space.introducer, inner[0], self.lead)
         first = len(outer)
         for sweeps, tension in schedule:
             points = np.concatenate([outer, inner])
-            relax_path(data, intro, points, first, self.length, aim, sweeps, tension, REACH)
+            relax_path(space, points, first, self.length, aim, sweeps, tension, REACH)
             inner = resample_polyline(points[first:], SPACING_MM)
         inner = resample_polyline(inner, self.spacing)
         points = np.concatenate([outer, inner])
         found = np.empty(len(points))
         aim = self.clearance + TARGET_MM
-        worst = float(check_chords(data, intro, points, first, self.length, aim, found))
+        worst = float(check_chords(space, points, first, self.length, aim, found))
         arc = measure_arc_length(points)
         arc -= arc[first]
         short = np.flatnonzero(found < self.clearance)
@@ -196,11 +196,11 @@ class Band:
         )
 
 
-def _lead_in(intro: Floats, entry: Floats, lead: float) -> Floats:
+def _lead_in(introducer: Floats, entry: Floats, lead: float) -> Floats:
     """Return points on the introducer's line, from the outside up to just before the entry."""
     count = max(1, int(np.ceil(lead / SPACING_MM)))
     way = np.arange(count, 0, -1)[:, None] * SPACING_MM
-    return np.asarray(entry + way * intro[3:6])
+    return np.asarray(entry + way * introducer[3:6])
 
 
 def measure_folds(path: ShapedPath, length: float) -> NDArray[np.float64]:

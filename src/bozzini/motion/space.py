@@ -30,6 +30,7 @@ from ..duct.base import Duct, check_duct
 from ..duct.centreline import Centreline, find_clear_path
 from ..duct.checks import set_fields
 from ..duct.field import SampledField
+from ..duct.packed import Packed, SpaceData
 from ..errors import InputError
 from .scope import Introducer
 
@@ -278,8 +279,7 @@ class FreeSpace:
     duct: Duct
     line: Centreline | None = None
     introducer: Introducer | None = None
-    data: object = field(init=False, repr=False)
-    """The duct as compiled code takes it."""
+    _lumen: Packed = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         check_duct("duct", self.duct)
@@ -287,7 +287,7 @@ class FreeSpace:
             check_kind("line", self.line, Centreline)
         if self.introducer is not None:
             check_kind("introducer", self.introducer, Introducer)
-        set_fields(self, data=self.duct.pack())
+        set_fields(self, _lumen=self.duct.pack())
 
     @classmethod
     def at_entry(cls, duct: Duct, line: Centreline, *, along: float) -> FreeSpace:
@@ -308,18 +308,20 @@ class FreeSpace:
             raise InputError("this free space has no introducer: give one")
         return self.introducer
 
-    @cached_property
-    def intro(self) -> NDArray[np.float64]:
-        """The introducer as compiled code takes it, (7,); zeros without one."""
-        return np.zeros(7) if self.introducer is None else self.introducer.pack(self.duct)
-
-    def pack_exempt(self, radius: float) -> NDArray[np.float64]:
-        """Return `intro` with the bore that is exempt from the wall for a body of `radius` mm."""
-        packed = self.intro.copy()
+    def pack(self, *, bore: float | None = None) -> SpaceData:
+        """Return lumen and introducer for compiled code, with another `bore` [mm] if given."""
+        introducer = np.zeros(7)
         if self.introducer is not None:
-            offered = float(self.duct.clearance_bound(self.introducer.entry))
-            packed[6] = self.introducer.exempt_bore(offered, radius=radius)
-        return packed
+            introducer = self.introducer.pack(self.duct)
+            introducer[6] = self.introducer.bore if bore is None else bore
+        return SpaceData(self._lumen, introducer)
+
+    def pack_exempt(self, radius: float) -> SpaceData:
+        """Return `pack` with the bore that is exempt from the wall for a body of `radius` mm."""
+        if self.introducer is None:
+            return self.pack()
+        offered = float(self.duct.clearance_bound(self.introducer.entry))
+        return self.pack(bore=self.introducer.exempt_bore(offered, radius=radius))
 
     @cached_property
     def passages(self) -> Passages:

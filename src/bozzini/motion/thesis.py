@@ -75,7 +75,7 @@ def move_by_thesis(
     duct, line, length = space.duct, space.centreline, float(scope.link_length)
     path = np.ascontiguousarray(duct.to_grid(line.points))
     chain = np.ascontiguousarray(duct.to_grid(space.tube.place_chain(links + 1, length)))
-    state = np.zeros(4)
+    packed, state = space.pack(), np.zeros(4)
     parts = [chain[None].copy()]
     trails = [np.zeros(1)]
     out = np.empty((ROWS, links + 1, 3))
@@ -83,7 +83,7 @@ def move_by_thesis(
     code = kernels.BUFFER_FULL
     while code == kernels.BUFFER_FULL:
         code, rows = kernels.advance_chain(
-            space.data, space.intro, path, line.arc_length, length, float(scope.radius),
+            packed, path, line.arc_length, length, float(scope.radius),
             bound_slope(duct), duct.dim == 2, float(head_step),
             JUMP_STEPS * head_step, chain, state, out, trail,
         )  # fmt: skip

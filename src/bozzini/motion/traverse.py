@@ -1,13 +1,28 @@
 """How long a rigid link may be along a duct: bounds from both sides, place by place.
 
 Thesis 5.3.5 proposes the diameter of a circle that rolls along the wall. That test is local and
-looks at one wall only (`validation/thesis/traverse_curvature.py`). Here a link is a segment with a
-body around it, and three lengths bracket the longest one that gets through:
+looks at one wall only (`validation/thesis/traverse_curvature.py`). Here a link of length L is a
+segment with all within the radius r of it, ``d`` the clearance [mm], ``p(s)`` the centreline by its
+arc length and ``t(s)`` its tangent. Three lengths bracket the longest link that gets through::
+
+    link_low  = min over a of |p(b) - p(a)| at the first b > a for which d < r somewhere on the
+                chord, or (p(b) - p(a)) . t <= 0 at one of its ends
+    link_high = min over sections S of max {2 l : d(x + u q) >= r for |q| <= l, x in S, |u| = 1}
+    link_head = min over s of max {l : d(p(s) + u q) >= r for 0 <= q <= l, u . t(s) <= 0},
+                or link_high if that is less
 
 - *on the line*: all shorter links, and chains of them with every joint on the centreline, pass and
   never go backwards (proved);
 - *head on the line*: no longer link passes whose head stays on the centreline (proved);
-- *rigid*: no longer link passes at all (proved).
+- *rigid*: no longer link passes at all, for its middle comes through every section that parts the
+  duct's ends (proved).
+
+Nothing but these numbers is unknown; each is bounded on its safe side. `link_low` takes
+lower bounds of ``d`` along chords of a polyline. The others take upper bounds of ``d`` on a grid
+(`Ceiling`), by ``d(x) <= d(y) + |x - y|``, and branch and bound over the segment's middle in the
+section and its direction, down to 1 % of the longest segment found. Near the ends links reach out
+of the duct: bounds hold for ``L < valid_to`` only. The methods are ours; docs/theory/motion.md has
+closed forms for a circular bend to check them by.
 """
 
 from __future__ import annotations
@@ -155,11 +170,11 @@ def _measure_outside(
     """
     from scipy import ndimage
 
-    moved = np.float64(inflation)  # a float of Python's would be rounded to float32 first
-    inside = distance <= moved
+    shift = np.float64(inflation)  # a float of Python's would be rounded to float32 first
+    inside = distance <= shift
     outside = ~inside & known
     result = np.empty_like(distance)
-    np.subtract(distance, moved, out=result, casting="same_kind")
+    np.subtract(distance, shift, out=result, casting="same_kind")
     if not outside.any():
         result[inside] = -math.inf
         return result
@@ -167,11 +182,11 @@ def _measure_outside(
         ~outside, sampling=tuple(step), return_distances=False, return_indices=True
     )
     found = np.ravel_multi_index(tuple(index[inside] for index in nearest), distance.shape)
-    rim, place = np.unique(found, return_inverse=True)
-    points = find_nodes(rim)
-    slope = duct.gradient(points)
-    slope = slope / np.maximum(np.linalg.norm(slope, axis=-1, keepdims=True), 1e-12)
-    feet = points - (distance.ravel()[rim] - moved)[:, None] * slope
+    boundary, place = np.unique(found, return_inverse=True)
+    points = find_nodes(boundary)
+    normals = duct.gradient(points)
+    normals = normals / np.maximum(np.linalg.norm(normals, axis=-1, keepdims=True), 1e-12)
+    feet = points - (distance.ravel()[boundary] - shift)[:, None] * normals
     nodes = find_nodes(np.flatnonzero(inside))
     result[inside] = -np.linalg.norm(nodes - feet[place], axis=-1)
     return result
@@ -187,9 +202,10 @@ CHORDS_MAX = 1000
 """The line is divided into about this many segments at most for its chords."""
 
 FINE = 0.25
-"""Nor are they shorter than this [mm], or this fraction of the spare clearance if that is less."""
+"""Its segments are at most this [mm], or `SPARE_FRACTION` if that is less, but for `CHORDS_MAX`."""
 
-SHARE = 0.02
+SPARE_FRACTION = 0.02
+"""Largest segment of the line, against the clearance that the body leaves."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -221,8 +237,8 @@ class ChordScan:
 
         A link that is stopped before it spans a place counts with the length that would.
         """
-        gaps = np.linalg.norm(points[:, None] - self.start, axis=-1)
-        length = np.where(self.last < arc[:, None], np.maximum(gaps, self.length), self.length)
+        distances = np.linalg.norm(points[:, None] - self.start, axis=-1)
+        length = np.where(self.last < arc[:, None], np.maximum(distances, self.length), self.length)
         length = np.where(self.first <= arc[:, None], length, math.inf)
         return np.asarray(length.min(axis=1, initial=math.inf))
 
@@ -252,7 +268,7 @@ def scan_line(
 
     length = float(measure_arc_length(points)[-1])
     spare = max(width - radius, 0.1 * width)
-    fine = max(min(FINE, SHARE * spare), length / CHORDS_MAX)
+    fine = max(min(FINE, SPARE_FRACTION * spare), length / CHORDS_MAX)
     dense = _divide(points, fine)
     count = len(dense) - 1
     stop, reason = np.empty(count, dtype=np.int64), np.empty(count, dtype=np.int64)
@@ -380,9 +396,11 @@ class SegmentSearch:
         squares, half = section
         corner = half if ceiling.planar else half * math.sqrt(2.0)
         ends = line[[0, -1]]
-        gaps = [float(np.linalg.norm(squares - end, axis=1).min()) - corner for end in ends]
+        end_distances = [
+            float(np.linalg.norm(squares - end, axis=1).min()) - corner for end in ends
+        ]
         fits = ceiling.measure(squares) + corner >= self.radius
-        valid_to = 2.0 * max(min(gaps), 0.0)
+        valid_to = 2.0 * max(min(end_distances), 0.0)
         if not fits.any():
             return Segment(bound=0.0, valid_to=valid_to, ends=nowhere)
         starts = np.ascontiguousarray(squares[fits])
@@ -417,12 +435,15 @@ class SegmentSearch:
 def _find_axes(
     line: NDArray[np.float64], index: int, width: float, *, planar: bool
 ) -> NDArray[np.float64]:
-    """Return two axes of the section and its normal, as rows; see `find_longest` if planar."""
-    gaps = np.linalg.norm(line - line[index], axis=1) <= max(0.5 * width, 1e-9)
+    """Return two axes of the section and its normal, as rows; see `find_longest` if planar.
+
+    The normal is the line's direction over places within half of `width`.
+    """
+    near = np.linalg.norm(line - line[index], axis=1) <= max(0.5 * width, 1e-9)
     first, last = index, index
-    while first > 0 and (gaps[first - 1] or first == index):
+    while first > 0 and (near[first - 1] or first == index):
         first -= 1
-    while last < len(line) - 1 and (gaps[last + 1] or last == index):
+    while last < len(line) - 1 and (near[last + 1] or last == index):
         last += 1
     normal = line[last] - line[first]
     normal = normal / np.linalg.norm(normal)
@@ -453,35 +474,37 @@ def _cover_section(
     reach = half if ceiling.planar else half * math.sqrt(2.0)
     count = SQUARES
     for _ in range(WINDOWS):
-        ticks = np.arange(-count, count + 1)
+        # Squares with upper bounds of the clearance above 0, connected to the one in the middle.
+        indices = np.arange(-count, count + 1)
         grid = np.stack(
-            np.meshgrid(ticks, np.zeros(1) if ceiling.planar else ticks, indexing="ij"), axis=-1
+            np.meshgrid(indices, np.zeros(1) if ceiling.planar else indices, indexing="ij"), axis=-1
         )
-        places = centre + side * (grid[..., :1] * axes[0] + grid[..., 1:] * axes[1])
-        free = ceiling.measure(places.reshape(-1, 3)).reshape(places.shape[:2])
-        marks, _ = ndimage.label(free + reach >= 0.0, structure=np.ones((3, 3)))
-        mark = marks[count, 0 if ceiling.planar else count]
-        if mark == 0:
+        middles = centre + side * (grid[..., :1] * axes[0] + grid[..., 1:] * axes[1])
+        clearance = ceiling.measure(middles.reshape(-1, 3)).reshape(middles.shape[:2])
+        labels, _ = ndimage.label(clearance + reach >= 0.0, structure=np.ones((3, 3)))
+        own_label = labels[count, 0 if ceiling.planar else count]
+        if own_label == 0:
             return None
-        inside = marks == mark
-        rim = [inside[0], inside[-1]]
+        inside = labels == own_label
+        border = [inside[0], inside[-1]]
         if not ceiling.planar:
-            rim += [inside[:, 0], inside[:, -1]]
-        if not any(bool(part.any()) for part in rim):
+            border += [inside[:, 0], inside[:, -1]]
+        if not any(bool(part.any()) for part in border):
             break
         count *= 2
     else:
         return None
+    # How often the line goes through these squares.
     height = (line - centre) @ axes[2]
-    crossed = np.flatnonzero((height[:-1] < 0.0) != (height[1:] < 0.0))
-    share = height[crossed] / (height[crossed] - height[crossed + 1])
-    spots = line[crossed] + share[:, None] * (line[crossed + 1] - line[crossed]) - centre
-    cell = np.rint(spots @ axes[:2].T / side).astype(int) + count
+    before = np.flatnonzero((height[:-1] < 0.0) != (height[1:] < 0.0))
+    fraction = height[before] / (height[before] - height[before + 1])
+    crossings = line[before] + fraction[:, None] * (line[before + 1] - line[before]) - centre
+    square = np.rint(crossings @ axes[:2].T / side).astype(int) + count
     if ceiling.planar:
-        cell[:, 1] = 0
-    legal = np.all((cell >= 0) & (cell < inside.shape), axis=1)
-    times = int(np.count_nonzero(inside[tuple(cell[legal].T)]))
-    return (places[inside], half) if times % 2 == 1 else None
+        square[:, 1] = 0
+    legal = np.all((square >= 0) & (square < inside.shape), axis=1)
+    crossing_count = int(np.count_nonzero(inside[tuple(square[legal].T)]))
+    return (middles[inside], half) if crossing_count % 2 == 1 else None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -620,10 +643,10 @@ def find_link_limits(
     ceiling = make_ceiling(duct) if ceiling is None else ceiling
     local = ceiling.to_local(points)
     size = 2.0 * float(np.linalg.norm(duct.bounds[1] - duct.bounds[0]))
-    share = (np.arange(stations) + 0.5) / stations * line.length
-    tight = float(line.arc_length[int(np.argmin(line.radius))])
-    share = np.concatenate([share, [tight, min(low.place, line.length)]])
-    chosen = np.unique(np.searchsorted(line.arc_length, share).clip(0, len(points) - 1))
+    arc_lengths = (np.arange(stations) + 0.5) / stations * line.length
+    tightest = float(line.arc_length[int(np.argmin(line.radius))])
+    arc_lengths = np.concatenate([arc_lengths, [tightest, min(low.place, line.length)]])
+    chosen = np.unique(np.searchsorted(line.arc_length, arc_lengths).clip(0, len(points) - 1))
     through: dict[int, Segment] = {}
     behind: dict[int, Segment] = {}
 
@@ -765,21 +788,21 @@ def find_diameter_limits(
     check_number("link", link, low=0.0, unit="mm")
     points = np.asarray(line.points, dtype=np.float64)
     width = float(np.median(line.radius))
-    tight = int(np.argmin(line.radius))
-    low, top = 0.0, float(line.radius[tight]) + 0.1 * width
-    low_at = float(line.arc_length[tight])
-    while top - low > RESOLUTION * max(top, 1e-9):
-        middle = 0.5 * (low + top)
-        scan = scan_line(duct, points, middle, width, longest=link)
+    tightest = int(np.argmin(line.radius))
+    low, upper = 0.0, float(line.radius[tightest]) + 0.1 * width
+    low_at = float(line.arc_length[tightest])
+    while upper - low > RESOLUTION * max(upper, 1e-9):
+        radius = 0.5 * (low + upper)
+        scan = scan_line(duct, points, radius, width, longest=link)
         if scan.value > link:
-            low = middle
+            low = radius
         else:
-            top, low_at = middle, scan.place
-        progress("diameter", min(0.4, 0.4 * low / max(top, 1e-9)))
+            upper, low_at = radius, scan.place
+        progress("diameter", min(0.4, 0.4 * low / max(upper, 1e-9)))
     passage = find_passage(duct, points[0], goal=points[-1])
     high = float(passage.bound)
-    gaps = np.linalg.norm(points - passage.place, axis=1)
-    high_at = float(line.arc_length[int(np.argmin(gaps))]) if math.isfinite(high) else math.inf
+    distances = np.linalg.norm(points - passage.place, axis=1)
+    high_at = float(line.arc_length[int(np.argmin(distances))]) if math.isfinite(high) else math.inf
     if math.isfinite(high):
         ceiling = make_ceiling(duct)
         local = ceiling.to_local(points)
@@ -800,17 +823,17 @@ def find_diameter_limits(
         for place in places:
             index = min(int(np.searchsorted(line.arc_length, place)), len(points) - 1)
             width = max(float(line.radius[index]), float(ceiling.step.max()))
-            least, most = low, high
-            while most - least > RESOLUTION * max(most, 1e-9):
-                middle = 0.5 * (least + most)
-                found = replace(search, radius=middle).bound_through(index, width)
+            lower, upper_here = low, high
+            while upper_here - lower > RESOLUTION * max(upper_here, 1e-9):
+                radius = 0.5 * (lower + upper_here)
+                found = replace(search, radius=radius).bound_through(index, width)
                 # The head of any link, however long, goes through the section.
                 if found.bound == 0.0 or found.bound < min(link, found.valid_to):
-                    most = middle
+                    upper_here = radius
                 else:
-                    least = middle
-            if most < high:
-                high, high_at = most, float(line.arc_length[index])
+                    lower = radius
+            if upper_here < high:
+                high, high_at = upper_here, float(line.arc_length[index])
     progress("diameter", 1.0)
     return DiameterLimits(
         link=float(link), low=2.0 * low, low_at=low_at, high=2.0 * high, high_at=high_at
@@ -821,8 +844,8 @@ def _find_tightest(line: Centreline) -> NDArray[np.int64]:
     """Return places (k,) with the least clearance, at least as far apart as that."""
     found: list[int] = []
     for index in np.argsort(line.radius, kind="stable"):
-        gaps = [abs(line.arc_length[index] - line.arc_length[other]) for other in found]
-        if min(gaps, default=math.inf) >= line.radius[index]:
+        distances = [abs(line.arc_length[index] - line.arc_length[other]) for other in found]
+        if min(distances, default=math.inf) >= line.radius[index]:
             found.append(int(index))
         if len(found) == SECTIONS:
             break

@@ -402,7 +402,7 @@ class TubeProblem:
         if standing is None:
             heads = spread_heads(shaped.length, self.options)
             back = np.arange(self.links + 1) * band.length
-            chain = shaped.points[shaped.first] + back[:, None] * self.space.intro[3:6]
+            chain = shaped.points[shaped.first] + back[:, None] * self.space.pack().introducer[3:6]
         else:
             heads, chain = standing.spread(shaped.length, self.options.head_step), standing.chain
         joints = np.empty((len(heads), self.links + 1, 3))
@@ -465,11 +465,11 @@ def move_in_tube(
     from .kernels.path import tabulate_tube
     from .kernels.tractrix import move_in_tube as move
 
-    data, intro, length = band.space.data, band.space.intro, float(band.length)
+    space, length = band.space.pack(), float(band.length)
     points, first, cap = shaped.points, shaped.first, DEVIATION_CAP * length
     tube = np.zeros(len(points))
     if freedom > 0.0:
-        tabulate_tube(data, intro, points, first, length, band.clearance, cap, TUBE_SLOPE, tube)
+        tabulate_tube(space, points, first, length, band.clearance, cap, TUBE_SLOPE, tube)
     arc, chain, places = shaped.arc_length, joints[0].copy(), np.empty(joints.shape[1])
     move(
         points, arc, tube, heads, length, DEVIATION_CAP, float(slip), float(freedom), chain,

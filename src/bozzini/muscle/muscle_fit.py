@@ -41,9 +41,9 @@ from .problem import (
     END_FIELDS,
     HELD_UNSET,
     PARAMETER_UNITS,
+    FitData,
     Problem,
     Response,
-    Task,
     assemble,
     choose_bounds,
     choose_unknowns,
@@ -110,7 +110,7 @@ def judge_parameters(
     return tuple(never), tuple(doubts)
 
 
-def measure_repeats(task: Task, errors: Floats | None = None) -> tuple[float, int]:
+def measure_repeats(task: FitData, errors: Floats | None = None) -> tuple[float, int]:
     """Return the sum of squares about the means of rows that repeat a state, and the states.
 
     With errors (n,) of the rows the means are weighted, and the squares are over those of errors.
@@ -122,7 +122,7 @@ def measure_repeats(task: Task, errors: Floats | None = None) -> tuple[float, in
 
 
 def judge_repeats(
-    task: Task, residuals: Floats, *, parameters: int, errors: Floats | None = None
+    task: FitData, residuals: Floats, *, parameters: int, errors: Floats | None = None
 ) -> list[str]:
     """Return a warning if a fit misses the data by more than the data miss each other.
 
@@ -207,7 +207,7 @@ def find_minimum(
 def find_constants(starts: Sequence[Problem]) -> tuple[Minimum, Problem]:
     """Return the best of searches from several starts, and the problem it began with.
 
-    A row without an answer counts as `Task.worst`.
+    A row without an answer counts as `FitData.worst`.
     """
     tries: list[tuple[Minimum, Problem]] = []
     for one in starts:
@@ -295,8 +295,8 @@ MOST_RESAMPLES = 100_000
 def _search(problem: Problem, start: Floats, limit: int) -> Minimum:
     low, high = problem.bounds.T / problem.scales
     found = LeastSquares(
-        misfit=problem.miss,
-        slope=problem.slope,
+        misfit=problem.measure_residuals,
+        slope=problem.measure_jacobian,
         bounds=(low, high),
         scale="jac" if problem.constants else 1.0,
         xtol=1e-10,
@@ -384,7 +384,7 @@ def find_starts(
             if all(abs(cost - other) > _SAME_MISFIT * (cost + other) for other, _ in trials):
                 trials.append((cost, found))
         begins = [point for _, point in sorted(trials, key=lambda trial: trial[0])]
-        begins.sort(key=lambda point: float(np.sum(problem.miss(point) ** 2)))
+        begins.sort(key=lambda point: float(np.sum(problem.measure_residuals(point) ** 2)))
     begins = begins[:count] + _spread_fields(problem, random, linear)
     return [problem.move(problem.name_values(point)) for point in begins]
 
@@ -426,7 +426,9 @@ def _spread_fields(
 def _descend(problem: Problem, start: Floats) -> tuple[Floats, float]:
     """Return the nearest minimum of the measure, and the measure there."""
     low, high = problem.bounds.T / problem.scales
-    search = LeastSquares(misfit=problem.steps, bounds=(low, high), margin=1e-9, scale="jac")
+    search = LeastSquares(
+        misfit=problem.take_newton_steps, bounds=(low, high), margin=1e-9, scale="jac"
+    )
     found = search.descend(start, evaluations=_EVALUATIONS)
     return found.point, found.cost
 
@@ -475,7 +477,7 @@ def _solve_linear(problem: Problem, point: Floats, linear: tuple[str, ...]) -> F
 def choose_free(
     free: Sequence[str] | None,
     model_class: Callable[..., MuscleModel],
-    task: Task,
+    task: FitData,
     unset: tuple[str, ...],
 ) -> tuple[Callable[..., MuscleModel], tuple[str, ...], dict[str, str]]:
     """Return what makes the model, what is free, and what is held and why.
@@ -592,7 +594,7 @@ class FitOptions:
     budget: float | None = None
     resamples: int = 0
 
-    def make_task(self, muscle: Muscle, data: Measurements) -> Task:
+    def make_task(self, muscle: Muscle, data: Measurements) -> FitData:
         """Return what is fitted to what, checked."""
         _check_names("each", self.each)
         check_integer("seed", self.seed, low=0)
@@ -600,7 +602,7 @@ class FitOptions:
             raise InputError("resamples is 1: it must be 2 or more, or 0 for none")
         if self.budget is not None:
             check_number("budget", self.budget, low=0.0, unit="s")
-        task = Task(
+        task = FitData(
             muscle=muscle,
             data=data,
             response=data.response if self.response is None else self.response,
@@ -629,7 +631,7 @@ class Calibration(Result):
     ----------
     model : str
         Name of the model.
-    task : Task
+    task : FitData
         What was fitted to what: response, data, end effects, what is each specimen's own.
     free : tuple of str
         The parameters that were fitted, the order of `correlations`; those of each specimen as
@@ -656,7 +658,7 @@ class Calibration(Result):
         Standard deviation of a row about the fit, ``sqrt(sum(r^2) / (n - k))`` [unit of the
         response].
     residuals : ndarray, shape (n,)
-        Measured less fitted response [its unit]; `Task.worst` where the model has no answer.
+        Measured less fitted response [its unit]; `FitData.worst` where the model has no answer.
     answered : ndarray of bool, shape (n,)
         Which rows the model has an answer for.
     squares : float
@@ -684,7 +686,7 @@ class Calibration(Result):
     """
 
     model: str
-    task: Task
+    task: FitData
     free: tuple[str, ...]
     units: dict[str, str]
     estimates: dict[str, float]
@@ -927,7 +929,7 @@ def calibrate(
 
 def fit_task(
     model_class: Callable[..., MuscleModel],
-    task: Task,
+    task: FitData,
     *,
     free: Sequence[str] | None,
     options: FitOptions,
@@ -981,7 +983,7 @@ def _find_best(
     if not problem.constants:
         if problem.task.response == "contraction" or len(problem.unknowns) == 1:
             _demand_answer(problem, begin)
-            _check_effect(problem.unknowns, _find_idle(problem.slope(begin)))
+            _check_effect(problem.unknowns, _find_idle(problem.measure_jacobian(begin)))
             return find_minimum(problem, begin), problem
         starts = find_starts(problem, linear=(), seed=options.seed, count=2)
         return find_constants([problem, *starts])
@@ -1014,7 +1016,7 @@ def _check_effect(names: Sequence[str], idle: NDArray[np.bool_]) -> None:
         raise InputError(f"{' and '.join(lost)} {verb} no effect at these rows: {what}")
 
 
-def find_poor(task: Task) -> float:
+def find_poor(task: FitData) -> float:
     """Return the root mean square above which a fit is poor [unit of the response].
 
     It is 5 % of the span of the measured response, or twice the standard deviation of rows that
@@ -1026,7 +1028,7 @@ def find_poor(task: Task) -> float:
     return max(POOR_SHARE * task.span, POOR_FACTOR * noise)
 
 
-def judge_size(task: Task, residuals: NDArray[np.float64]) -> list[str]:
+def judge_size(task: FitData, residuals: NDArray[np.float64]) -> list[str]:
     """Return a warning if a fit is poor in absolute terms, see `find_poor`."""
     rms, most = float(np.sqrt(np.mean(residuals**2))), find_poor(task)
     if rms <= most:
@@ -1066,7 +1068,9 @@ def conclude(
     idle = _find_idle(scaled)
     own = np.array([name not in END_FIELDS for name in problem.names])
     if (idle & own).any() and not options.force:  # where the search began as well as where it ended
-        _check_effect(unknowns, idle & own & _find_idle(problem.slope(problem.choose_start())))
+        _check_effect(
+            unknowns, idle & own & _find_idle(problem.measure_jacobian(problem.choose_start()))
+        )
     jacobian = scaled / problem.scales
     known_by = determine(jacobian)
     correlations, condition = known_by.correlations, known_by.condition
@@ -1158,7 +1162,7 @@ def _build_mean(
         return next(iter(models.values()))
 
 
-def _make_blocks(task: Task) -> Blocks:
+def _make_blocks(task: FitData) -> Blocks:
     """Return which rows count as independent."""
     return make_blocks(task.data.specimen, apart=bool(task.each), noun="specimens")
 
@@ -1171,7 +1175,7 @@ def _resample(
     Where specimens have constants of their own they are drawn within each specimen.
     """
     random = np.random.default_rng(options.seed)
-    task: Task = problem.task
+    task: FitData = problem.task
     groups = [part.rows for part in task.parts] if task.each else [np.arange(len(task.data))]
     found: list[list[float]] = []
     for _ in range(options.resamples):

@@ -31,7 +31,7 @@ from .model import MuscleModel
 from .problem import (
     DIFFERENCE_STEP,
     END_FIELDS,
-    Task,
+    FitData,
     change_model,
     choose_scale,
     differentiate,
@@ -55,7 +55,7 @@ class Prediction(Result):
 
     Parameters
     ----------
-    task : Task
+    task : FitData
         The response, and the states.
     predicted : ndarray, shape (n,)
         The response; 0 where the model has no answer.
@@ -67,7 +67,7 @@ class Prediction(Result):
         Probability of the bands.
     """
 
-    task: Task
+    task: FitData
     predicted: Floats
     answered: NDArray[np.bool_]
     confidence: Floats
@@ -188,7 +188,7 @@ def predict(
     data = take_measurements(data, muscle=muscle, measured=fit.response != "contraction")
     own = bool(data.free_lengths) and fit.anchored and free_length is None
     known = set(fit.specimens) & set(data.list_specimens())
-    task = Task(
+    task = FitData(
         muscle=muscle,
         data=data,
         response=fit.response,
@@ -255,7 +255,7 @@ def predict(
     )
 
 
-def _check_specimens(fit: FitSummary, task: Task) -> None:
+def _check_specimens(fit: FitSummary, task: FitData) -> None:
     """Raise `InputError` if a specimen of the fit is there without its geometry."""
     for name in task.data.list_specimens():
         for key, value in fit.specimens.get(name, {}).items():

@@ -1,8 +1,27 @@
 """A fit as a least-squares problem: predictions of a model, unknowns, derivatives.
 
-Errors in several columns. A row ``i`` has a measured response ``y`` and measured states ``u``, the
-true ones off by independent normal errors. To first order in these the response of a model ``f``
-misses the measured one with the variance ::
+A model with unknowns ``p`` answers one *response* ``f``, given the two other columns ``u`` of a
+row: the force at ``(P, x)``, the contraction at ``(P, F)`` or the pressure at ``(F, l)``; pressure
+``P`` [MPa], contraction ``x`` [mm], force ``F`` [N], length ``l`` [mm]. What is made small, over
+the rows i, and its Jacobian are ::
+
+    r_i(p) = (f(u_i; p) - y_i) / s_i ,   J_iq = (df/dp_q) scale_q / s_i ,   low_q <= p_q <= high_q
+
+with the measured response ``y_i`` and its standard error ``s_i``, 1 where none is known.
+*Unknowns*, in the order of `Problem.free`, which is fields of the muscle and constants of the model
+or ends; one that each specimen has its own value of stands there once for each, in the order of
+`Measurements.list_specimens`. A point of the search has ``p_q / scale_q``. `muscle_fit` makes the
+sum of squares small by bounded least squares. docs/theory/muscle.md states what such a fit
+determines.
+
+*Derivatives*. Of a contraction by the theorem of implicit functions, ``dx/dp = (dF/dp) / k`` with
+the stiffness ``k = -dF/dx``; of the force of a mounted muscle ``F = f(P, x - x_0 + c F)``, with
+offset ``x_0`` and compliance ``c``, ``dF/dp = (df/dp) / (1 + c k)`` with ``k = -df/dx``;
+differences of ``f`` itself otherwise. Rows without an answer count by `FitData.worst`.
+
+*Errors in several columns*. A row ``i`` has a measured response ``y`` and measured states ``u``,
+the true ones off by independent normal errors. To first order in these the response of a model
+``f`` misses the measured one with the variance ::
 
     s_i**2 = s_y**2 + sum over u of (df/du)**2 s_u**2
 
@@ -110,10 +129,10 @@ def try_response(model: MuscleModel, rows: _Columns, response: Response) -> Answ
 
 def explain_gap(model: MuscleModel, data: Measurements, response: Response) -> str:
     """Return why a model has no answer at the first row where it has none; empty if it has all."""
-    _, held = try_response(model, data, response)
-    if held.all():
+    _, answered = try_response(model, data, response)
+    if answered.all():
         return ""
-    row = int(np.argmin(held))
+    row = int(np.argmin(answered))
     one = States.of(data).select(np.array([row]))
     try:
         if response == "force":
@@ -157,7 +176,7 @@ class SpecimenRows:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Task:
+class FitData:
     """What is fitted to what, whatever the model.
 
     Parameters
@@ -263,7 +282,7 @@ class Task:
                     "must be above 0"
                 )
 
-    def select(self, rows: NDArray[np.bool_]) -> Task:
+    def select(self, rows: NDArray[np.bool_]) -> FitData:
         """Return the task with some rows."""
         return replace(self, data=self.data.select(rows))
 
@@ -277,7 +296,7 @@ def choose_scale(name: str, start: float, *, own: bool) -> float:
 
 def choose_bounds(
     free: Sequence[str],
-    task: Task,
+    task: FitData,
     bounds: Mapping[str, tuple[float, float]],
     own: Mapping[str, Parameter] | None = None,
 ) -> NDArray[np.float64]:
@@ -356,7 +375,7 @@ _TOLERANCE = {"pressure": 1e-6, "contraction": 1e-9, "load": 1e-9}
 """Differences of states that count as none [MPa, mm, N]."""
 
 
-def find_states(task: Task) -> tuple[int, NDArray[np.int64]]:
+def find_states(task: FitData) -> tuple[int, NDArray[np.int64]]:
     """Return how many different states the rows have, and which one each row has, shape (n,).
 
     A state is a specimen's, where these are told apart, and has what the response follows from: of
@@ -386,7 +405,7 @@ class Problem:
     """
 
     model_class: Callable[..., MuscleModel]
-    task: Task
+    task: FitData
     free: tuple[str, ...]
     limits: NDArray[np.float64]
     constants: Mapping[str, float] = field(default_factory=dict)
@@ -535,7 +554,7 @@ class Problem:
     ) -> tuple[Floats, NDArray[np.bool_], Floats | None]:
         """Return what `compare` does, computed anew."""
         task = self.task
-        miss, held = np.zeros(len(task.data)), np.zeros(len(task.data), dtype=np.bool_)
+        residuals, answered = np.zeros(len(task.data)), np.zeros(len(task.data), dtype=np.bool_)
         errors = task.response_errors
         errors = None if errors is None else np.array(errors)
         for index, part in enumerate(task.parts):
@@ -546,13 +565,13 @@ class Problem:
             self._models[index] = values, model
             rows = task.states.select(part.rows)
             predicted, good = try_response(model, rows, task.response)
-            miss[part.rows] = np.where(good, predicted - task.measured[part.rows], 0.0)
-            held[part.rows] = good
+            residuals[part.rows] = np.where(good, predicted - task.measured[part.rows], 0.0)
+            answered[part.rows] = good
             if task.input_errors and errors is not None:
                 errors[part.rows] = np.sqrt(
                     errors[part.rows] ** 2 + self._propagate(model, rows, part, predicted, good)
                 )
-        return miss, held, errors
+        return residuals, answered, errors
 
     def _propagate(
         self,
@@ -563,61 +582,63 @@ class Problem:
         good: NDArray[np.bool_],
     ) -> Floats:
         """Return the variance of the response that the errors of the other columns make."""
-        total = np.zeros(len(part.rows))
+        variance = np.zeros(len(part.rows))
         for name, errors in self.task.input_errors.items():
             column: Floats = getattr(rows, name)
             step = _INPUT_STEP * float(np.abs(getattr(self.task.data, name)).max() or 1.0)
-            slopes = []
-            for away in (step, -step):
-                moved = rows.replace(name, column + away)
-                there, held = try_response(model, moved, self.task.response)
-                slopes.append(np.where(held & good, (there - predicted) / away, np.nan))
+            derivatives = []
+            for change in (step, -step):
+                moved = rows.replace(name, column + change)
+                there, answered = try_response(model, moved, self.task.response)
+                derivatives.append(np.where(answered & good, (there - predicted) / change, np.nan))
             with np.errstate(all="ignore"):
-                both = np.where(np.isfinite(slopes[0]), slopes[0], slopes[1])
-                slope = np.where(np.isfinite(slopes).all(axis=0), 0.5 * sum(slopes), both)
-            total += np.nan_to_num(slope * errors[part.rows]) ** 2
-        return total
+                both = np.where(np.isfinite(derivatives[0]), derivatives[0], derivatives[1])
+                derivative = np.where(
+                    np.isfinite(derivatives).all(axis=0), 0.5 * sum(derivatives), both
+                )
+            variance += np.nan_to_num(derivative * errors[part.rows]) ** 2
+        return variance
 
-    def miss(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return what the search makes small: `evaluate`, in errors of a row if these are known.
+    def measure_residuals(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return what the search makes small, ``r`` (n,): `evaluate`, by a row's error if known.
 
-        A row without an answer counts as `Task.worst`. In a response of
-        contraction, with constants of the model, which may start far off, it is `steps` there,
-        moved away from 0, so that the search finds back.
+        A row without an answer counts as `FitData.worst`. In a response of contraction, with
+        constants of the model, which may start far off, it is `take_newton_steps` there, moved away
+        from 0 by the muscle's length, so that the search finds back.
         """
-        miss, held, errors = self.compare(self.name_values(point))
-        if not held.all():
-            gap = np.full(miss.shape, self.task.worst)
+        residuals, answered, errors = self.compare(self.name_values(point))
+        if not answered.all():
+            substitute = np.full(residuals.shape, self.task.worst)
             if self.constants and self.task.response == "contraction":
-                steps = self.steps(point)
-                gap = steps + np.copysign(self.task.muscle.length, steps)
-            miss = np.where(held, miss, gap)
-        return miss if errors is None else miss / errors
+                steps = self.take_newton_steps(point)
+                substitute = steps + np.copysign(self.task.muscle.length, steps)
+            residuals = np.where(answered, residuals, substitute)
+        return residuals if errors is None else residuals / errors
 
     def measure_cost(self, point: NDArray[np.float64]) -> float:
-        """Return the sum of squares in which a row without an answer is `Task.worst`."""
-        miss, held, errors = self.compare(self.name_values(point))
-        full = np.where(held, miss, self.task.worst)
-        full = full if errors is None else full / errors
-        return float(full @ full)
+        """Return the sum of squares in which a row without an answer is `FitData.worst`."""
+        residuals, answered, errors = self.compare(self.name_values(point))
+        all_residuals = np.where(answered, residuals, self.task.worst)
+        all_residuals = all_residuals if errors is None else all_residuals / errors
+        return float(all_residuals @ all_residuals)
 
-    def slope(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the derivatives of `miss`, shape (n, K).
+    def measure_jacobian(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the derivatives of `measure_residuals` by the point, ``J`` (n, K).
 
-        In rows without an answer 0, or those of `steps` where `miss` is that.
+        In rows without an answer 0, or those of `take_newton_steps` where that is the residual.
         """
         task, values = self.task, self.name_values(point)
         if task.input_errors:
-            return self._slope_directly(point)
-        residuals, held, errors = self.compare(values)
-        table = np.zeros((len(task.data), len(self.unknowns)))
-        place = {label: column for column, label in enumerate(self.unknowns)}
+            return self._measure_jacobian_directly(point)
+        residuals, answered, errors = self.compare(values)
+        jacobian = np.zeros((len(task.data), len(self.unknowns)))
+        column_of = {label: column for column, label in enumerate(self.unknowns)}
         for index, (part, pairs) in enumerate(zip(task.parts, self.of_part, strict=True)):
-            good = part.rows[held[part.rows]]
-            columns = np.array([place[label] for _, label in pairs])
+            good = part.rows[answered[part.rows]]
+            columns = np.array([column_of[label] for _, label in pairs])
             if not good.size:
                 continue
-            table[np.ix_(good, columns)] = self.scales[columns] * differentiate(
+            jacobian[np.ix_(good, columns)] = self.scales[columns] * differentiate(
                 functools.partial(self._build_again, index=index),
                 {label: values[label] for _, label in pairs},
                 pairs=self._choose_differences(values, columns),
@@ -626,15 +647,17 @@ class Problem:
                 response=task.response,
             )
         if errors is not None:
-            table /= errors[:, None]
-        if self.constants and task.response == "contraction" and not held.all():
-            weights = 1.0 if errors is None else errors[~held]
-            here = self.steps(point)
+            jacobian /= errors[:, None]
+        if self.constants and task.response == "contraction" and not answered.all():
+            weights = 1.0 if errors is None else errors[~answered]
+            here = self.take_newton_steps(point)
             for column, step in enumerate(self._choose_steps(point)):
                 there = point.copy()
                 there[column] += step
-                table[~held, column] = ((self.steps(there) - here) / step)[~held] / weights
-        return np.clip(np.nan_to_num(table), -_STEEPEST, _STEEPEST)
+                jacobian[~answered, column] = ((self.take_newton_steps(there) - here) / step)[
+                    ~answered
+                ] / weights
+        return np.clip(np.nan_to_num(jacobian), -_STEEPEST, _STEEPEST)
 
     def _choose_differences(
         self, values: Mapping[str, float], columns: NDArray[np.intp]
@@ -659,8 +682,8 @@ class Problem:
                 found.append((label, max(low, value - step), min(high, value + step)))
         return found
 
-    def _slope_directly(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return central differences of `miss`, in which the weights change as well."""
+    def _measure_jacobian_directly(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return central differences of `measure_residuals`, in which weights change as well."""
         columns = []
         low, high = self.bounds.T / self.scales
         for column in range(len(point)):
@@ -668,46 +691,55 @@ class Problem:
             for away in (-DIFFERENCE_STEP, DIFFERENCE_STEP):
                 there = point.copy()
                 there[column] = min(max(there[column] + away, low[column]), high[column])
-                ends.append((there[column], self.miss(there)))
+                ends.append((there[column], self.measure_residuals(there)))
             (a, one), (b, other) = ends
             columns.append((other - one) / (b - a))
-        table = np.nan_to_num(np.stack(columns, axis=-1))
-        held = self.evaluate(point)[1]
-        return np.clip(np.where(held[:, None], table, 0.0), -_STEEPEST, _STEEPEST)
+        jacobian = np.nan_to_num(np.stack(columns, axis=-1))
+        answered = self.evaluate(point)[1]
+        return np.clip(np.where(answered[:, None], jacobian, 0.0), -_STEEPEST, _STEEPEST)
 
     def measure(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return a cheap measure of the misfit, shape (n,): `steps` for the contraction."""
-        return self.steps(point) if self.task.response == "contraction" else self.miss(point)
+        """Return residuals (n,), of a contraction the cheaper ones of `take_newton_steps`."""
+        return (
+            self.take_newton_steps(point)
+            if self.task.response == "contraction"
+            else self.measure_residuals(point)
+        )
 
-    def steps(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
+    def take_newton_steps(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return a step of Newton's method from each measured state, shape (n,) [mm].
 
-        It is ``(force - load) / stiffness``, to first order the model's contraction less the
-        measured one, bent to stay below half the muscle's length; that length in rows without an
-        answer.
+        It is ``(f(P, x) - F) / k``, to first order the model's contraction less the measured one,
+        limited smoothly to half the muscle's length, which it is in rows without an answer.
         """
         task, values = self.task, self.name_values(point)
-        most = 0.5 * task.muscle.length
-        found = np.full(len(task.data), most)
+        largest = 0.5 * task.muscle.length
+        newton_steps = np.full(len(task.data), largest)
         for index, part in enumerate(task.parts):
             try:
                 model = self.build(values, index)
             except BozziniError:
                 continue
             rows = task.states.select(part.rows)
-            force, held = model.try_force(rows.pressure, rows.contraction, direction=rows.branch)
-            way = None if rows.branch is None else rows.branch[held]
+            force, answered = model.try_force(
+                rows.pressure, rows.contraction, direction=rows.branch
+            )
+            direction = None if rows.branch is None else rows.branch[answered]
             stiffness, known = try_rows(
                 model.stiffness,
-                ("pressure", rows.pressure[held]),
-                ("contraction", rows.contraction[held]),
-                way,
+                ("pressure", rows.pressure[answered]),
+                ("contraction", rows.contraction[answered]),
+                direction,
             )
             with np.errstate(all="ignore"):
-                steps = (force - rows.load)[held] / (np.abs(stiffness) + _LEAST_STIFFNESS_N_PER_MM)
-                bent = steps / np.hypot(1.0, steps / most)
-            found[part.rows[held]] = np.where(known & np.isfinite(bent), bent, most)
-        return found
+                steps = (force - rows.load)[answered] / (
+                    np.abs(stiffness) + _LEAST_STIFFNESS_N_PER_MM
+                )
+                limited = steps / np.hypot(1.0, steps / largest)
+            newton_steps[part.rows[answered]] = np.where(
+                known & np.isfinite(limited), limited, largest
+            )
+        return newton_steps
 
     def find_forces(self, point: NDArray[np.float64]) -> tuple[Floats, Floats]:
         """Return the forces at the measured states [N], and the weights of the rows, (n,).
@@ -719,8 +751,10 @@ class Problem:
         forces, weights = np.zeros(len(task.data)), np.zeros(len(task.data))
         for index, part in enumerate(task.parts):
             model, rows = self.build(values, index), task.states.select(part.rows)
-            force, held = model.try_force(rows.pressure, rows.contraction, direction=rows.branch)
-            forces[part.rows], weights[part.rows] = force, held
+            force, answered = model.try_force(
+                rows.pressure, rows.contraction, direction=rows.branch
+            )
+            forces[part.rows], weights[part.rows] = force, answered
             if task.response == "contraction":
                 stiffness = model.stiffness(rows.pressure, rows.contraction, direction=rows.branch)
                 weights[part.rows] /= np.abs(stiffness) + _LEAST_STIFFNESS_N_PER_MM
@@ -743,7 +777,7 @@ def assemble(
     muscle: Muscle,
     values: Mapping[str, float],
     *,
-    task: Task,
+    task: FitData,
     anchor: tuple[float, float] | None,
 ) -> MuscleModel:
     """Return a model of a muscle with values of its fields, constants and end effects."""
@@ -756,13 +790,13 @@ def assemble(
     return (task.ends.replace(**ends) if ends else task.ends).mount(model)
 
 
-def predict_parts(task: Task, build: Callable[[SpecimenRows], MuscleModel]) -> Answers:
+def predict_parts(task: FitData, build: Callable[[SpecimenRows], MuscleModel]) -> Answers:
     """Return the response at each row of a task, and which rows have one."""
-    predicted, held = np.zeros(len(task.data)), np.zeros(len(task.data), dtype=np.bool_)
+    predicted, answered = np.zeros(len(task.data)), np.zeros(len(task.data), dtype=np.bool_)
     for part in task.parts:
         rows = task.states.select(part.rows)
-        predicted[part.rows], held[part.rows] = try_response(build(part), rows, task.response)
-    return predicted, held
+        predicted[part.rows], answered[part.rows] = try_response(build(part), rows, task.response)
+    return predicted, answered
 
 
 def move_model(model: MuscleModel, muscle: Muscle) -> MuscleModel:
@@ -817,11 +851,11 @@ def differentiate(
 
     `pairs` are the parameters with the two values that a difference is taken between.
 
-    Of the contraction by the theorem of implicit functions, dx/dp = (dF/dp) / stiffness: the one is
-    a difference of the force, which has a closed form in `EnergyMuscle`, the other the model's own.
-    So is the force of a mounted muscle ``F = f(x - offset + compliance F)``, by differences of
-    ``f``. Of other responses, for a model without force, or where a difference leaves its domain,
-    they are differences of the response.
+    Of the contraction by the theorem of implicit functions, ``dx/dp = (dF/dp) / k``: the one is a
+    difference of the force, which has a closed form in `EnergyMuscle`, the other the model's own.
+    So is the force of a mounted muscle ``F = f(P, x - x_0 + c F)``, by differences of ``f``. Of
+    other responses, for a model without force, or where a difference leaves its domain, they are
+    differences of the response.
     """
     if response == "contraction":
         try:
@@ -848,8 +882,8 @@ def _differentiate_implicitly(
         less, more = (build({**values, name: x}).force(*at, direction=branch) for x in (low, high))
         columns.append((more - less) / (high - low))
     with np.errstate(divide="raise", invalid="raise", over="raise"):
-        table: NDArray[np.float64] = np.stack(columns, axis=-1) / stiffness[:, None]
-    return table
+        jacobian: NDArray[np.float64] = np.stack(columns, axis=-1) / stiffness[:, None]
+    return jacobian
 
 
 def _differentiate_mounted(
@@ -860,41 +894,44 @@ def _differentiate_mounted(
     predicted: NDArray[np.float64],
     mounted: MountedMuscle,
 ) -> NDArray[np.float64]:
-    """Return ``dF/dp = (df/dp) / (1 + compliance stiffness)``, at the slack force that of its own.
+    """Return ``dF/dp = (df/dp) / (1 - c df/dx)``, where ``F`` is the slack force 1 by that or 0.
 
-    ``f`` is that of the muscle at ``x - offset + compliance F``, with F held.
+    ``f`` is the force of the muscle at ``x - x_0 + c F``, with F held, so that ``df/dx_0`` is
+    ``-df/dx`` and ``df/dc`` is ``F df/dx``.
     """
     floor = mounted.ends.slack_force
     taut = np.ones(len(predicted), np.bool_) if floor is None else predicted > floor
     branch = None if data.branch is None else data.branch[taut]
     pressure, force = data.pressure[taut], predicted[taut]
 
-    def pull(at: MuscleModel, away: float = 0.0) -> Answers:
+    def force_at(at: MuscleModel, away: float = 0.0) -> Answers:
         at = at if isinstance(at, MountedMuscle) else MountedMuscle(at)
-        own = data.contraction[taut] + away - at.ends.offset + at.ends.compliance * force
-        return at.model.try_force(pressure, own, direction=branch)
+        own_contraction = (
+            data.contraction[taut] + away - at.ends.offset + at.ends.compliance * force
+        )
+        return at.model.try_force(pressure, own_contraction, direction=branch)
 
-    def pull_with(name: str, x: float) -> Answers:
-        return pull(build({**values, name: x}))
+    def force_with(name: str, x: float) -> Answers:
+        return force_at(build({**values, name: x}))
 
     step = _SLOPE_STEP * mounted.muscle.length
-    slope = _difference(lambda away: pull(mounted, away), (-step, step), 0.0, force)
-    table = np.zeros((len(predicted), len(pairs)))
+    force_slope = _difference(lambda away: force_at(mounted, away), (-step, step), 0.0, force)
+    jacobian = np.zeros((len(predicted), len(pairs)))
     for column, (name, low, high) in enumerate(pairs):
         if name == "offset":
-            change = -slope
+            change = -force_slope
         elif name == "compliance":
-            change = slope * force
+            change = force_slope * force
         elif name == "slack_force":
-            table[~taut, column] = 1.0
+            jacobian[~taut, column] = 1.0
             continue
         else:
             change = _difference(
-                functools.partial(pull_with, name), (low, high), values[name], force
+                functools.partial(force_with, name), (low, high), values[name], force
             )
         with np.errstate(all="ignore"):
-            table[taut, column] = change / (1.0 - mounted.ends.compliance * slope)
-    return table
+            jacobian[taut, column] = change / (1.0 - mounted.ends.compliance * force_slope)
+    return jacobian
 
 
 def _differentiate_directly(
@@ -923,17 +960,17 @@ def _difference(
     pairs = []
     for x in ends:
         try:
-            found, held = (known, np.ones(len(known), np.bool_)) if x == at else answer(x)
+            found, answered = (known, np.ones(len(known), np.bool_)) if x == at else answer(x)
         except BozziniError:  # such a value is not legal
-            found, held = known, np.zeros(len(known), np.bool_)
-        pairs.append((np.where(held, found, known), np.where(held, x, at)))
+            found, answered = known, np.zeros(len(known), np.bool_)
+        pairs.append((np.where(answered, found, known), np.where(answered, x, at)))
     (one, a), (other, b) = pairs
     with np.errstate(all="ignore"):
         return np.where(b > a, (other - one) / (b - a), 0.0)
 
 
 _TRIALS = 16  # points at which the data are examined
-_UNTOLD = 1e-5  # of a column of the Jacobian: what is left once those before it are taken off
+_DEPENDENT = 1e-5  # of a column of the Jacobian: what is left across those before it
 _NO_EFFECT = 1e-9  # largest change by a step of an unknown that counts as none, of the span or [mm]
 
 
@@ -999,8 +1036,8 @@ HELD_UNSET = ("inner_radius",)
 
 
 def settle_unset(
-    model_class: Callable[..., MuscleModel], task: Task
-) -> tuple[Task, tuple[str, ...]]:
+    model_class: Callable[..., MuscleModel], task: FitData
+) -> tuple[FitData, tuple[str, ...]]:
     """Return a task whose muscle has what is not given, and which of that is to be fitted."""
     unused = list_unused(model_class)
     unset = [name for name in FITTED_UNSET if name in task.muscle.unset and name not in unused]
@@ -1014,7 +1051,7 @@ def name_default_fields(model_class: Callable[..., MuscleModel]) -> tuple[str, .
 
 
 def choose_unknowns(
-    model_class: Callable[..., MuscleModel], task: Task, *, fields: tuple[str, ...] | None = None
+    model_class: Callable[..., MuscleModel], task: FitData, *, fields: tuple[str, ...] | None = None
 ) -> Unknowns:
     """Return what can be fitted of a model to such data.
 
@@ -1142,29 +1179,32 @@ def _find_undetermined(problem: Problem) -> dict[str, str]:
     lost: list[dict[str, str]] = []
     for _ in range(_TRIALS):
         point = draw_point(problem, random)
-        table = problem.slope(point)[problem.evaluate(point)[1]]
-        if np.isfinite(table).all() and table.any():
-            lost.append(_find_dependent(problem.free, table))
+        jacobian = problem.measure_jacobian(point)[problem.evaluate(point)[1]]
+        if np.isfinite(jacobian).all() and jacobian.any():
+            lost.append(_find_dependent(problem.free, jacobian))
     if not lost:
         return {}
     return {name: text for name, text in lost[0].items() if all(name in one for one in lost)}
 
 
-def _find_dependent(names: tuple[str, ...], table: NDArray[np.float64]) -> dict[str, str]:
-    """Return the columns that are no more than those before them, and in what words."""
+def _find_dependent(names: tuple[str, ...], jacobian: NDArray[np.float64]) -> dict[str, str]:
+    """Return the columns that are no more than those before them, and in what words.
+
+    By Gram and Schmidt: what is left of a column across those before it.
+    """
     words = {}
-    known: list[NDArray[np.float64]] = []
-    for name, column in zip(names, table.T, strict=True):
+    basis: list[NDArray[np.float64]] = []
+    for name, column in zip(names, jacobian.T, strict=True):
         length = float(np.linalg.norm(column))
         if length <= _NO_EFFECT:
             words[name] = "held: it has no effect at these rows"
             continue
-        rest = column / length
-        for other in known:
-            rest = rest - (rest @ other) * other
-        left = float(np.linalg.norm(rest))
-        if left <= _UNTOLD:
+        remainder = column / length
+        for other in basis:
+            remainder = remainder - (remainder @ other) * other
+        size = float(np.linalg.norm(remainder))
+        if size <= _DEPENDENT:
             words[name] = "held: these rows do not distinguish it"
             continue
-        known.append(rest / left)
+        basis.append(remainder / size)
     return words

@@ -40,10 +40,10 @@ from .problem import (
     FITTED_UNSET,
     HELD_UNSET,
     Answers,
+    FitData,
     Problem,
     Response,
     SpecimenRows,
-    Task,
     Unknowns,
     assemble,
     choose_bounds,
@@ -270,7 +270,7 @@ def compare_models(
         count = check_integer(
             f"number of parameters fitted in {name}", counts.get(name, 0), low=0, high=len(data) - 1
         )
-        task = Task(muscle=model.muscle, data=data, response=chosen)
+        task = FitData(muscle=model.muscle, data=data, response=chosen)
         task.check()
         check_largest(task)
         try:
@@ -289,7 +289,7 @@ def compare_models(
     return Comparison(data=data, scores=tuple(scores), refusals=refused, response=chosen)
 
 
-def check_largest(task: Task) -> None:
+def check_largest(task: FitData) -> None:
     """Raise `InputError` if there is no response that errors could be a percentage of."""
     largest = float(np.abs(task.measured).max())
     least = _LEAST_CONTRACTION_MM if task.response == "contraction" else _LEAST_SPAN
@@ -301,7 +301,7 @@ def check_largest(task: Task) -> None:
         )
 
 
-def score_model(name: str, answers: Answers, task: Task, *, fitted: int) -> ModelScore:
+def score_model(name: str, answers: Answers, task: FitData, *, fitted: int) -> ModelScore:
     """Return how near predicted responses come to the measured ones."""
     predicted, held = answers
     difference = np.where(held, predicted - task.measured, 0.0)
@@ -380,7 +380,7 @@ class CrossValidation:
     ----------
     error : float
         Root mean square over all rows, each left out once [unit of the response]; infinite if there
-        is a `reason`. A row without an answer counts with `Task.worst`.
+        is a `reason`. A row without an answer counts with `FitData.worst`.
     errors : ndarray, shape (f,)
         The same of each fold; infinite in the folds that failed.
     names : tuple of str
@@ -405,7 +405,7 @@ Folds = Mapping[str, NDArray[np.bool_]]
 """The rows left out in each turn, by what they are."""
 
 
-def split_rows(task: Task, *, folds: int, seed: int = 0) -> dict[str, NDArray[np.bool_]]:
+def split_rows(task: FitData, *, folds: int, seed: int = 0) -> dict[str, NDArray[np.bool_]]:
     """Deal the rows into folds at random; rows that repeat a state stay in one."""
     states, of_row = find_states(task)
     if folds > states:
@@ -416,7 +416,7 @@ def split_rows(task: Task, *, folds: int, seed: int = 0) -> dict[str, NDArray[np
     return {f"fold {fold + 1}": fold_of[of_row] == fold for fold in range(folds)}
 
 
-def split_specimens(task: Task) -> dict[str, NDArray[np.bool_]]:
+def split_specimens(task: FitData) -> dict[str, NDArray[np.bool_]]:
     """Return the rows of each specimen."""
     data = task.data
     found = {name: data.specimen == name for name in data.list_specimens()}
@@ -427,7 +427,7 @@ def split_specimens(task: Task) -> dict[str, NDArray[np.bool_]]:
     return found
 
 
-def split_pressures(task: Task) -> dict[str, NDArray[np.bool_]]:
+def split_pressures(task: FitData) -> dict[str, NDArray[np.bool_]]:
     """Return the rows of each level of pressure.
 
     Pressures are one level if none of their neighbours, in order, is farther than 2 % of the
@@ -454,8 +454,8 @@ def split_pressures(task: Task) -> dict[str, NDArray[np.bool_]]:
 
 
 def cross_validate(
-    fit: Callable[[Task], tuple[Callable[[SpecimenRows], MuscleModel], bool]],
-    task: Task,
+    fit: Callable[[FitData], tuple[Callable[[SpecimenRows], MuscleModel], bool]],
+    task: FitData,
     folds: Folds,
 ) -> CrossValidation:
     """Return the error at rows left out, each fold in turn."""
@@ -592,7 +592,7 @@ class Ranking(ScoredModels):
         Of the cross-validation; 0 for none.
     seed : int
         Of folds and starts.
-    task : Task
+    task : FitData
         What the models were fitted to, and in which response.
     leave_out : str
         One of `LEAVE_OUTS`.
@@ -604,7 +604,7 @@ class Ranking(ScoredModels):
     criterion: Criterion
     folds: int
     seed: int
-    task: Task
+    task: FitData
     leave_out: LeaveOut = "rows"
 
     @property
@@ -868,7 +868,7 @@ def rank(
 
 def _fit_all(
     kinds: Mapping[str, Callable[..., MuscleModel]],
-    task: Task,
+    task: FitData,
     options: RankOptions,
     folds: Folds,
     progress: Progress,
@@ -921,7 +921,7 @@ def _is_portable(kind: Callable[..., MuscleModel]) -> bool:
 
 
 def _try_model(
-    name: str, kind: Callable[..., MuscleModel], task: Task, options: RankOptions, folds: Folds
+    name: str, kind: Callable[..., MuscleModel], task: FitData, options: RankOptions, folds: Folds
 ) -> RankedModel | str:
     """Return a model as fitted, or why it is not."""
     try:
@@ -959,7 +959,7 @@ def _take_models(
     return [*dict.fromkeys(models)], MODELS
 
 
-def _choose_folds(task: Task, options: RankOptions) -> Folds:
+def _choose_folds(task: FitData, options: RankOptions) -> Folds:
     """Return the rows left out in each turn; none without cross-validation."""
     folds = options.folds
     if folds is not None:
@@ -980,7 +980,7 @@ def _choose_folds(task: Task, options: RankOptions) -> Folds:
 
 
 def _fit_model(
-    name: str, kind: Callable[..., MuscleModel], task: Task, options: RankOptions, folds: Folds
+    name: str, kind: Callable[..., MuscleModel], task: FitData, options: RankOptions, folds: Folds
 ) -> RankedModel:
     unused = list_unused(kind)
     wanted = name_default_fields(kind) if options.fields is None else options.fields
@@ -1041,13 +1041,13 @@ def _fit_model(
     )
 
 
-def _build_known(unknowns: Unknowns, task: Task, part: SpecimenRows) -> MuscleModel:
+def _build_known(unknowns: Unknowns, task: FitData, part: SpecimenRows) -> MuscleModel:
     """Return the model of a part where nothing is fitted."""
     return assemble(unknowns.build, part.muscle, {}, task=task, anchor=part.anchor)
 
 
 def _make_problem(
-    unknowns: Unknowns, task: Task, start: Mapping[str, float], clock: Clock
+    unknowns: Unknowns, task: FitData, start: Mapping[str, float], clock: Clock
 ) -> Problem:
     """Return a fit that starts from values of the unknowns, or their means over specimens."""
     constants = {
@@ -1070,7 +1070,9 @@ def _is_of(label: str, name: str) -> bool:
     return label == name or label.startswith(f"{name}[")
 
 
-def _refit(unknowns: Unknowns, start: Mapping[str, float], task: Task, clock: Clock) -> Calibration:
+def _refit(
+    unknowns: Unknowns, start: Mapping[str, float], task: FitData, clock: Clock
+) -> Calibration:
     """Return the fit to all rows from a start alone."""
     problem = _make_problem(unknowns, task, start, clock)
     found = release(find_minimum(problem, problem.choose_start()), problem)
@@ -1078,7 +1080,7 @@ def _refit(unknowns: Unknowns, start: Mapping[str, float], task: Task, clock: Cl
 
 
 def _validate(
-    unknowns: Unknowns, found: Calibration | None, task: Task, folds: Folds, clock: Clock
+    unknowns: Unknowns, found: Calibration | None, task: FitData, folds: Folds, clock: Clock
 ) -> tuple[CrossValidation | None, dict[str, float] | None]:
     """Return the error of the rows left out, and a better start for the fit to all rows if any.
 
@@ -1098,7 +1100,7 @@ def _validate(
     least = (1.0 - _BETTER) * found.squares
     better: list[tuple[float, dict[str, float]]] = []
 
-    def fit(rows: Task) -> tuple[Callable[[SpecimenRows], MuscleModel], bool]:
+    def fit(rows: FitData) -> tuple[Callable[[SpecimenRows], MuscleModel], bool]:
         if clock.is_over:
             raise OutOfTimeError(f"stopped: the time of {clock.limit:g} s is used up")
         problem = _make_problem(unknowns, rows, estimates, clock)
@@ -1155,7 +1157,7 @@ def _order(entry: RankedModel, criterion: Criterion) -> tuple[float, float, int,
     )
 
 
-def _finish(entries: list[RankedModel], task: Task) -> tuple[RankedModel, ...]:
+def _finish(entries: list[RankedModel], task: FitData) -> tuple[RankedModel, ...]:
     """Put in which models have the same curve, and the weights."""
     least = _SAME_CURVE * float(np.abs(task.measured).max())
     done: list[RankedModel] = []

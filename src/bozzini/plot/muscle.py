@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..checks import check_array, check_integer, check_number
 from ..errors import BozziniError, InputError
 from ..muscle.design import LOCKING_ANGLE
-from ..muscle.problem import Task
+from ..muscle.problem import FitData
 from ..numeric.roots import bisect
 from .style import (
     AMBER,
@@ -272,7 +272,7 @@ def draw_models(comparison: Comparison, models: Mapping[str, MuscleModel]) -> Fi
     data = comparison.data
     figure, (left, right) = make_panels(1, 2, width_ratios=(1.5, 1.0))
     if comparison.response != "contraction":
-        task = Task(muscle=next(iter(models.values())).muscle, data=data,
+        task = FitData(muscle=next(iter(models.values())).muscle, data=data,
                     response=comparison.response)  # fmt: skip
         for style, score in zip(_list_styles(comparison.scores), comparison.scores, strict=True):
             label = f"{score.name}: {score.standard_error_percent:.1f} %"
@@ -295,7 +295,7 @@ def draw_models(comparison: Comparison, models: Mapping[str, MuscleModel]) -> Fi
     return figure
 
 
-def _draw_agreement(left: Axes, right: Axes, task: Task, score: ModelScore, style: Look) -> None:
+def _draw_agreement(left: Axes, right: Axes, task: FitData, score: ModelScore, style: Look) -> None:
     """Draw the response of a model over the measured one, and what it misses by."""
     rows, color = score.answered, style["color"]
     measured, found = task.measured[rows], score.predicted[rows]

@@ -232,7 +232,9 @@ def sample_body(plan: Plan, duct: Duct, wall: TriangleWall) -> BodySamples:
     waiting = find_waiting(joints, space, radius=radius)
     if plan.introducer is not None:
         entry, outward = plan.introducer.entry, plan.introducer.outward
-        tube = EntryTube(entry=entry, outward=outward, bore=float(space.pack_exempt(radius)[6]))
+        tube = EntryTube(
+            entry=entry, outward=outward, bore=float(space.pack_exempt(radius).introducer[6])
+        )
     shares = np.linspace(0.0, 1.0, max(2, math.ceil(length / PITCH_MM) + 1))[:, None]
     low = joints.min(axis=(0, 1)) - CUBE_MM
     sides = np.ceil((joints.max(axis=(0, 1)) - low) / CUBE_MM).astype(np.int64) + 2

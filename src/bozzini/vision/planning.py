@@ -103,6 +103,8 @@ class SetupPlan(Result):
         The length that is planned for [mm].
     uncertainty : float
         Predicted standard uncertainty of one length [mm].
+    relative : float
+        That over the length.
     budget : dict
         Predicted standard uncertainty by cause, see `MuscleLength.budget` [mm].
     corners : int
@@ -117,6 +119,7 @@ class SetupPlan(Result):
 
     length: float = measured("mm")
     uncertainty: float = measured("mm")
+    relative: float = measured("")
     budget: dict[str, float]
     corners: int = measured("")
     errors: Floats
@@ -149,6 +152,7 @@ class SetupPlan(Result):
             "length_mm": self.length,
             "corners": self.corners,
             "u_mm": self.uncertainty,
+            "u_relative": self.relative,
             **{f"u_{name}_mm": value for name, value in self.budget.items()},
             "pictures": len(self.errors),
             "failed": len(self.failures),
@@ -258,9 +262,11 @@ def plan_setup(
         except BozziniError as error:
             failures.append(f"picture {k + 1}: {error}")
         progress("pictures", (k + 1) / count)
+    uncertainty = math.hypot(*budget.values())
     return SetupPlan(
         length=length,
-        uncertainty=math.hypot(*budget.values()),
+        uncertainty=uncertainty,
+        relative=uncertainty / length,
         budget=budget,
         corners=corners,
         errors=errors,

@@ -306,6 +306,7 @@ def test_refused(measured):
         LoopModel(operator=PLAYS).compensate([0.1], highest=0.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("static", [None, STATIC], ids=["alone", "carried"])
 @pytest.mark.parametrize("name", OPERATORS)
 def test_more_samples_take_no_more_solutions(name, static, relays, monkeypatch):

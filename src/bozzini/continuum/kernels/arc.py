@@ -1,6 +1,9 @@
 """Numba kernels of a chain of arcs: any of its points, with the derivative by all bends.
 
-A section's change of bend moves and turns its end, and with it, like one rigid body, all beyond.
+A section's change of bend moves and rotates its end, and with it, like one rigid body, all beyond:
+with the linear Jacobian ``v_i`` [mm/rad] and the angular one ``w_i`` of the end ``p_i`` of section
+i by its own bend, in the base frame, a point ``p`` beyond moves by ``(v_i + w_i x (p - p_i))
+db_i``. Bends come section by section, ``theta cos(phi)``, then ``theta sin(phi)`` [rad].
 """
 
 from __future__ import annotations
@@ -93,8 +96,8 @@ def put_arc(before, length, bend_x, bend_y, after):
 
 
 @kernel
-def fill_arc(length, bx, by, frame, slope, turn):
-    """Fill frame, derivatives and turns of one arc, in the frame of its start.
+def fill_arc(length, bx, by, frame, linear, angular):
+    """Fill frame, linear and angular Jacobian of one arc, in the frame of its start.
 
     Parameters
     ----------
@@ -122,25 +125,25 @@ def fill_arc(length, bx, by, frame, slope, turn):
     frame[2, 1] = -r12
     frame[2, 2] = r22
     frame[2, 3] = z
-    slope[0, 0] = length * (f2 + bx * bx * g2)
-    slope[0, 1] = length * bx * by * g2
-    slope[0, 2] = length * bx * g1
-    slope[1, 0] = slope[0, 1]
-    slope[1, 1] = length * (f2 + by * by * g2)
-    slope[1, 2] = length * by * g1
-    turn[0, 0] = -f3 * bx * by
-    turn[0, 1] = 1.0 - f3 * by * by
-    turn[0, 2] = -f2 * by
-    turn[1, 0] = f3 * bx * bx - 1.0
-    turn[1, 1] = f3 * bx * by
-    turn[1, 2] = f2 * bx
+    linear[0, 0] = length * (f2 + bx * bx * g2)
+    linear[0, 1] = length * bx * by * g2
+    linear[0, 2] = length * bx * g1
+    linear[1, 0] = linear[0, 1]
+    linear[1, 1] = length * (f2 + by * by * g2)
+    linear[1, 2] = length * by * g1
+    angular[0, 0] = -f3 * bx * by
+    angular[0, 1] = 1.0 - f3 * by * by
+    angular[0, 2] = -f2 * by
+    angular[1, 0] = f3 * bx * bx - 1.0
+    angular[1, 1] = f3 * bx * by
+    angular[1, 2] = f2 * bx
 
 
 @kernel
-def fill_arc_frames(lengths, owner, share, bends, frames):
+def fill_arc_frames(lengths, owner, fractions, bends, frames):
     """Fill ``frames`` (n, k, 4, 4) for ``bends`` (n, m, 2).
 
-    Station ``k`` lies in section ``owner[k]``, a ``share[k]`` of its length from its start.
+    Station ``k`` lies in section ``owner[k]``, a ``fractions[k]`` of its length from its start.
     """
     start, end = np.empty((4, 4)), np.empty((4, 4))
     set_identity(end)
@@ -152,7 +155,7 @@ def fill_arc_frames(lengths, owner, share, bends, frames):
                 put_arc(start, lengths[section], bends[n, section, 0], bends[n, section, 1], end)
                 copy_matrix(end, start)
                 section += 1
-            part = share[k]
+            part = fractions[k]
             put_arc(
                 start,
                 part * lengths[section],
@@ -163,7 +166,7 @@ def fill_arc_frames(lengths, owner, share, bends, frames):
 
 
 @kernel
-def fill_chain(lengths, bends, frames, slopes, turns):
+def fill_chain(lengths, bends, frames, linear_jacobians, angular_jacobians):
     """Fill the frames at the starts of all sections and at the tip, and world derivatives.
 
     Parameters
@@ -180,10 +183,10 @@ def fill_chain(lengths, bends, frames, slopes, turns):
         Filled with the rotation of each section's end with its own bend, in the base frame.
     """
     frame = np.empty((3, 4))
-    slope = np.empty((2, 3))
-    turn = np.empty((2, 3))
+    linear = np.empty((2, 3))
+    angular = np.empty((2, 3))
     for i in range(lengths.size):
-        fill_arc(lengths[i], bends[i, 0], bends[i, 1], frame, slope, turn)
+        fill_arc(lengths[i], bends[i, 0], bends[i, 1], frame, linear, angular)
         for r in range(3):
             x = frames[i, r, 0]
             y = frames[i, r, 1]
@@ -192,12 +195,24 @@ def fill_chain(lengths, bends, frames, slopes, turns):
                 frames[i + 1, r, k] = x * frame[0, k] + y * frame[1, k] + z * frame[2, k]
             frames[i + 1, r, 3] += frames[i, r, 3]
             for k in range(2):
-                slopes[i, k, r] = x * slope[k, 0] + y * slope[k, 1] + z * slope[k, 2]
-                turns[i, k, r] = x * turn[k, 0] + y * turn[k, 1] + z * turn[k, 2]
+                linear_jacobians[i, k, r] = x * linear[k, 0] + y * linear[k, 1] + z * linear[k, 2]
+                angular_jacobians[i, k, r] = (
+                    x * angular[k, 0] + y * angular[k, 1] + z * angular[k, 2]
+                )
 
 
 @kernel
-def place_point(lengths, bends, frames, slopes, turns, section, share, point, rows):
+def place_point(
+    lengths,
+    bends,
+    frames,
+    linear_jacobians,
+    angular_jacobians,
+    section,
+    fraction,
+    point,
+    point_jacobian,
+):
     """Place one point of the backbone, and its derivative with all bends.
 
     Parameters
@@ -213,40 +228,47 @@ def place_point(lengths, bends, frames, slopes, turns, section, share, point, ro
     rows : (2 m, 3) float
         Filled with the derivatives [mm/rad]; zero past `section`.
     """
-    if share == 1.0:
+    if fraction == 1.0:
         for r in range(3):
             point[r] = frames[section + 1, r, 3]
-            rows[2 * section, r] = slopes[section, 0, r]
-            rows[2 * section + 1, r] = slopes[section, 1, r]
+            point_jacobian[2 * section, r] = linear_jacobians[section, 0, r]
+            point_jacobian[2 * section + 1, r] = linear_jacobians[section, 1, r]
     else:
         frame = np.empty((3, 4))
-        slope = np.empty((2, 3))
-        turn = np.empty((2, 3))
+        linear = np.empty((2, 3))
+        angular = np.empty((2, 3))
         # Part of an arc is the arc of that part of the length and of the bend.
-        length = share * lengths[section]
-        fill_arc(length, share * bends[section, 0], share * bends[section, 1], frame, slope, turn)
+        length = fraction * lengths[section]
+        fill_arc(
+            length,
+            fraction * bends[section, 0],
+            fraction * bends[section, 1],
+            frame,
+            linear,
+            angular,
+        )
         for r in range(3):
             point[r] = frames[section, r, 3]
             for k in range(3):
                 point[r] += frames[section, r, k] * frame[k, 3]
             for k in range(2):
-                rows[2 * section + k, r] = share * (
-                    frames[section, r, 0] * slope[k, 0]
-                    + frames[section, r, 1] * slope[k, 1]
-                    + frames[section, r, 2] * slope[k, 2]
+                point_jacobian[2 * section + k, r] = fraction * (
+                    frames[section, r, 0] * linear[k, 0]
+                    + frames[section, r, 1] * linear[k, 1]
+                    + frames[section, r, 2] * linear[k, 2]
                 )
     for i in range(section):
         dx = point[0] - frames[i + 1, 0, 3]
         dy = point[1] - frames[i + 1, 1, 3]
         dz = point[2] - frames[i + 1, 2, 3]
         for k in range(2):
-            wx = turns[i, k, 0]
-            wy = turns[i, k, 1]
-            wz = turns[i, k, 2]
-            rows[2 * i + k, 0] = slopes[i, k, 0] + wy * dz - wz * dy
-            rows[2 * i + k, 1] = slopes[i, k, 1] + wz * dx - wx * dz
-            rows[2 * i + k, 2] = slopes[i, k, 2] + wx * dy - wy * dx
-    rows[2 * section + 2 :] = 0.0
+            wx = angular_jacobians[i, k, 0]
+            wy = angular_jacobians[i, k, 1]
+            wz = angular_jacobians[i, k, 2]
+            point_jacobian[2 * i + k, 0] = linear_jacobians[i, k, 0] + wy * dz - wz * dy
+            point_jacobian[2 * i + k, 1] = linear_jacobians[i, k, 1] + wz * dx - wx * dz
+            point_jacobian[2 * i + k, 2] = linear_jacobians[i, k, 2] + wx * dy - wy * dx
+    point_jacobian[2 * section + 2 :] = 0.0
 
 
 @kernel
@@ -257,31 +279,41 @@ def fill_tip_jacobians(lengths, bends, tips, jacobians):
     """
     sections = lengths.size
     frames = np.zeros((sections + 1, 3, 4))
-    slopes = np.empty((sections, 2, 3))
-    turns = np.empty((sections, 2, 3))
+    linear_jacobians = np.empty((sections, 2, 3))
+    angular_jacobians = np.empty((sections, 2, 3))
     point = np.empty(3)
-    rows = np.empty((2 * sections, 3))
+    point_jacobian = np.empty((2 * sections, 3))
     for r in range(3):
         frames[0, r, r] = 1.0
     for n in range(bends.shape[0]):
-        fill_chain(lengths, bends[n], frames, slopes, turns)
-        place_point(lengths, bends[n], frames, slopes, turns, sections - 1, 1.0, point, rows)
+        fill_chain(lengths, bends[n], frames, linear_jacobians, angular_jacobians)
+        place_point(
+            lengths,
+            bends[n],
+            frames,
+            linear_jacobians,
+            angular_jacobians,
+            sections - 1,
+            1.0,
+            point,
+            point_jacobian,
+        )
         set_identity(tips[n])
         copy_matrix(frames[sections], tips[n])
         for column in range(2 * sections):
             for r in range(3):
-                jacobians[n, r, column] = rows[column, r]
-                jacobians[n, 3 + r, column] = turns[column // 2, column % 2, r]
+                jacobians[n, r, column] = point_jacobian[column, r]
+                jacobians[n, 3 + r, column] = angular_jacobians[column // 2, column % 2, r]
 
 
 # Numba kernels of a chain of 7-bar linkages in closed form.
 
 
 @kernel(error_model="numpy")
-def fill_linkage_points(owner, shares, lengths, bends, points):
+def fill_linkage_points(owner, fractions, lengths, bends, points):
     """Fill joints ``points`` (n, k + 1, 3) for ``bends`` (n, m, 2).
 
-    Segment ``k`` of length ``lengths[k]`` takes ``shares[k]`` of the bend of its section
+    Segment ``k`` of length ``lengths[k]`` takes ``fractions[k]`` of the bend of its section
     ``owner[k]``.
     """
     for n in range(bends.shape[0]):
@@ -294,14 +326,14 @@ def fill_linkage_points(owner, shares, lengths, bends, points):
         points[n, 0, 1] = y
         points[n, 0, 2] = z
         section = -1
-        share = -1.0
+        own_fraction = -1.0
         mx = my = mz = 0.0
         for k in range(owner.size):
-            if owner[k] != section or shares[k] != share:
+            if owner[k] != section or fractions[k] != own_fraction:
                 section = owner[k]
-                share = shares[k]
-                mx = 0.5 * share * bends[n, section, 0]
-                my = 0.5 * share * bends[n, section, 1]
+                own_fraction = fractions[k]
+                mx = 0.5 * own_fraction * bends[n, section, 0]
+                my = 0.5 * own_fraction * bends[n, section, 1]
                 mz = math.sqrt(max(0.0, 1.0 - mx * mx - my * my))
             # The link's direction; H mirrors the frame in the plane across it, then flips z.
             ux = ax * mx + bx * my + cx * mz
@@ -326,15 +358,15 @@ def fill_linkage_points(owner, shares, lengths, bends, points):
 
 
 @kernel(error_model="numpy")
-def fill_linkage_frames(owner, shares, lengths, bends, frames):
+def fill_linkage_frames(owner, fractions, lengths, bends, frames):
     """Fill ``frames`` (n, k + 1, 4, 4): the joint, and the axes of its coupler link."""
     for n in range(bends.shape[0]):
         for i in range(4):
             for j in range(4):
                 frames[n, 0, i, j] = 1.0 if i == j else 0.0
         for k in range(owner.size):
-            mx = 0.5 * shares[k] * bends[n, owner[k], 0]
-            my = 0.5 * shares[k] * bends[n, owner[k], 1]
+            mx = 0.5 * fractions[k] * bends[n, owner[k], 0]
+            my = 0.5 * fractions[k] * bends[n, owner[k], 1]
             mz = math.sqrt(max(0.0, 1.0 - mx * mx - my * my))
             for i in range(3):
                 a = frames[n, k, i, 0]

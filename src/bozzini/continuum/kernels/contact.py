@@ -56,84 +56,91 @@ def weigh_nodes(points, step, values, distance, gradient, curvature):
                         orders[i] += 1
                     if k >= 0:
                         orders[k] += 1
-                    rest, share = node, value
+                    rest, weight = node, value
                     for axis in range(dim):
-                        share *= weights[axis, orders[axis], rest % SPLINE_NODES]
+                        weight *= weights[axis, orders[axis], rest % SPLINE_NODES]
                         rest //= SPLINE_NODES
                     if i < 0 and k < 0:
-                        distance[row] += share
+                        distance[row] += weight
                     elif i < 0:
-                        gradient[row, k] += share
+                        gradient[row, k] += weight
                     else:
-                        curvature[row, i, k] += share
+                        curvature[row, i, k] += weight
                         if k != i:
-                            curvature[row, k, i] += share
+                            curvature[row, k, i] += weight
 
 
 @kernel
-def press_walls(touched, multipliers, soft, width, pressed):
+def press_walls(touched, multipliers, compliances, width, pressed):
     """Fill the forces of walls on points, and how they change; returns their potential and error.
 
-    ``touched`` are the walls (m,) and the points (m,) of the touches, gaps (m,), and their gradient
-    and curvature; ``multipliers`` the last forces and those that are expected (w, n) [N], ``soft``
-    the compliances of wall and penalty (n,) [mm/N], and ``width`` the distance over which contact
-    begins [mm]. ``pressed`` is filled: forces, stiffnesses (w, n) and slopes (w, n, 3), force and
-    expected force on each point (n, 3), its stiffness without and with that of the penalty (n, 3,
-    3), and the least gap (n,).
+    ``touched`` are the walls (m,) and the points (m,) of the touches, gaps ``c`` (m,), and their
+    gradient and curvature; ``multipliers`` the last forces ``f0`` and those that are expected (w,
+    n) [N], ``compliances`` ``e`` of the wall and ``r`` of the penalty (n,) [mm/N], and ``width``
+    the distance over which contact begins [mm]. ``pressed`` is filled: forces, stiffnesses (w, n)
+    and slopes (w, n, 3), force and expected force on each point (n, 3), its stiffness without and
+    with that of the penalty (n, 3, 3), and the least gap (n,).
     """
-    rows, places, gaps, slopes, curves = touched
+    rows, places, gaps, gradients, curvatures = touched
     last, expected = multipliers
-    compliance, penalty = soft
-    forces, stiff, ways, body, likely, bare, blocks, least = pressed
+    compliance, penalty = compliances
+    forces, stiffnesses, gap_gradients, body, expected_body, bare, blocks, least_gap = pressed
     forces[:] = 0.0
-    stiff[:] = 0.0
-    ways[:] = 0.0
+    stiffnesses[:] = 0.0
+    gap_gradients[:] = 0.0
     body[:] = 0.0
-    likely[:] = 0.0
+    expected_body[:] = 0.0
     bare[:] = 0.0
     blocks[:] = 0.0
-    least[:] = math.inf
-    value, missed = 0.0, 0.0
+    least_gap[:] = math.inf
+    value, violation = 0.0, 0.0
     for m in range(gaps.size):
         row, point = rows[m], places[m]
-        give = compliance[point] + penalty[point]
-        half = width / give
-        wanted = (penalty[point] * last[row, point] - gaps[m]) / give
-        root = math.sqrt(wanted**2 + 4.0 * half**2)
-        force = 0.5 * (wanted + root) if wanted > 0.0 else 2.0 * half**2 / (root - wanted)
-        hope = expected[row, point]
-        # The stiffness of the contact about the force that is expected: primal-dual.
-        hold = 1.0 / (give + give * (force - wanted) / max(hope, 1e-300))
-        value += give * (
-            0.25 * (wanted**2 + wanted * root) + half**2 * math.asinh(wanted / (2.0 * half))
+        flexibility = compliance[point] + penalty[point]
+        smoothing = width / flexibility
+        unsmoothed = (penalty[point] * last[row, point] - gaps[m]) / flexibility
+        root = math.sqrt(unsmoothed**2 + 4.0 * smoothing**2)
+        force = (
+            0.5 * (unsmoothed + root)
+            if unsmoothed > 0.0
+            else 2.0 * smoothing**2 / (root - unsmoothed)
         )
-        missed = max(missed, abs(penalty[point] * (last[row, point] - force)))
+        expected_force = expected[row, point]
+        # The stiffness of the contact about the force that is expected: primal-dual.
+        stiffness = 1.0 / (
+            flexibility + flexibility * (force - unsmoothed) / max(expected_force, 1e-300)
+        )
+        value += flexibility * (
+            0.25 * (unsmoothed**2 + unsmoothed * root)
+            + smoothing**2 * math.asinh(unsmoothed / (2.0 * smoothing))
+        )
+        violation = max(violation, abs(penalty[point] * (last[row, point] - force)))
         forces[row, point] = force
-        stiff[row, point] = hold
-        least[point] = min(least[point], gaps[m])
+        stiffnesses[row, point] = stiffness
+        least_gap[point] = min(least_gap[point], gaps[m])
         for i in range(3):
-            ways[row, point, i] = slopes[m, i]
-            body[point, i] += force * slopes[m, i]
-            likely[point, i] += hope * slopes[m, i]
+            gap_gradients[row, point, i] = gradients[m, i]
+            body[point, i] += force * gradients[m, i]
+            expected_body[point, i] += expected_force * gradients[m, i]
             for k in range(3):
-                bent = hope * curves[m, i, k]
-                bare[point, i, k] -= bent
-                blocks[point, i, k] += hold * slopes[m, i] * slopes[m, k] - bent
-    return value, missed
+                geometric = expected_force * curvatures[m, i, k]
+                bare[point, i, k] -= geometric
+                blocks[point, i, k] += stiffness * gradients[m, i] * gradients[m, k] - geometric
+    return value, violation
 
 
 @kernel
-def add_contacts(grid, turns, blocks, errors, gradient, hessian):
+def add_contacts(grid, rotation_vectors, blocks, errors, gradient, hessian):
     """Add to gradient (n, 3) and Hessian (3 n, 3 n) what springs at the ends of segments do.
 
     ``blocks`` (n, 3, 3) are their stiffnesses and ``errors`` (n, 3) forces against the motion of
-    the points. By sums over what lies beyond a segment, whose turn moves it as one body.
+    the points. By sums over what lies beyond a segment, whose rotation moves it as one body.
     """
-    n = turns.shape[0]
+    n = rotation_vectors.shape[0]
     rotations, points = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3))
-    # How a turn moves what is beyond the segment: motion of the origin, and rotation.
+    # How a rotation moves what is beyond the segment: motion of the origin, and rotation.
     moving, turning = np.empty((n, 3, 3)), np.empty((n, 3, 3))
-    fill_twists(grid, turns, rotations, points, turning, moving)
+    fill_twists(grid, rotation_vectors, rotations, points, turning, moving)
     twists = np.empty((n, 6, 3))
     for j in range(n):
         copy_matrix(moving[j], twists[j])

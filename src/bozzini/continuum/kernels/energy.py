@@ -1,9 +1,17 @@
 """Numba kernels of the discrete rod: Newton's method on its energy under the tendons' lengths.
 
-The rod is a row of segments with one rotation vector each. It takes the least
-``1/2 sum w^T K w`` for which no tendon is longer than the cable it was given: the tensions are the
-multipliers of that, so none is negative, and a tendon that is not needed hangs slack by itself.
-Every step is a quadratic problem whose dual has one unknown per tendon (`solve_bounded`).
+The rod, straight at rest and without loads, is a row of segments with one rotation vector ``w_j``
+each. It takes the least ``1/2 sum w^T K w``, ``K = diag(EI, EI, GJ) / h``, for which no tendon is
+longer than the cable it was given: the tensions ``T`` are the multipliers of that, so none is
+negative, and a tendon that is not needed hangs slack by itself. Its conditions are ::
+
+    K w_j + J_j^T T = 0  for every segment,  J_kj = dl_k/dw_j ,   sum_j l_kj - c_k T_k <= limit_k
+
+with equality where ``T_k > 0`` or the tendon pushes. With the blocks ``H_j = K + sum_k T_k
+d2l_k/dw_j^2``, or their positive part, a step takes ``(J H^-1 J^T + c) T = l - limit - J H^-1 K w``
+as a bounded problem (`solve_bounded`), whose unknowns are the tensions (t,), and ``dw = -H^-1 (K w
++ J^T T)``. It ends when no segment rotates by more than 1e-10 rad, or 1e-6 where steps get no
+smaller, and lengths are right.
 """
 
 from __future__ import annotations
@@ -65,8 +73,8 @@ def fill_rotation(w, f, rotation):
 
 
 @kernel
-def add_form(w, f, n, r0, r1, r2, scale, inner, value, slope):
-    """Add ``scale f(inner w) r`` to ``value`` and its derivative by ``w`` to ``slope`` (3, 3).
+def add_form(w, f, n, r0, r1, r2, scale, inner, value, gradient):
+    """Add ``scale f(inner w) r`` to ``value`` and its derivative by ``w`` to ``gradient`` (3, 3).
 
     ``f`` are the functions of ``inner w``.
     """
@@ -85,15 +93,15 @@ def add_form(w, f, n, r0, r1, r2, scale, inner, value, slope):
     e1 = s * (p0 * r1 + p1 * c1 + p2 * along * w1)
     e2 = s * (p0 * r2 + p1 * c2 + p2 * along * w2)
     a, b = s * f[n + 1], s * f[n + 2]
-    slope[0, 0] += e0 * w0 + b * (along + w0 * r0)
-    slope[0, 1] += e0 * w1 + a * r2 + b * w0 * r1
-    slope[0, 2] += e0 * w2 - a * r1 + b * w0 * r2
-    slope[1, 0] += e1 * w0 - a * r2 + b * w1 * r0
-    slope[1, 1] += e1 * w1 + b * (along + w1 * r1)
-    slope[1, 2] += e1 * w2 + a * r0 + b * w1 * r2
-    slope[2, 0] += e2 * w0 + a * r1 + b * w2 * r0
-    slope[2, 1] += e2 * w1 - a * r0 + b * w2 * r1
-    slope[2, 2] += e2 * w2 + b * (along + w2 * r2)
+    gradient[0, 0] += e0 * w0 + b * (along + w0 * r0)
+    gradient[0, 1] += e0 * w1 + a * r2 + b * w0 * r1
+    gradient[0, 2] += e0 * w2 - a * r1 + b * w0 * r2
+    gradient[1, 0] += e1 * w0 - a * r2 + b * w1 * r0
+    gradient[1, 1] += e1 * w1 + b * (along + w1 * r1)
+    gradient[1, 2] += e1 * w2 + a * r0 + b * w1 * r2
+    gradient[2, 0] += e2 * w0 + a * r1 + b * w2 * r0
+    gradient[2, 1] += e2 * w1 - a * r0 + b * w2 * r1
+    gradient[2, 2] += e2 * w2 + b * (along + w2 * r2)
 
 
 @kernel
@@ -103,7 +111,7 @@ def add_form_hessian(w, f, n, r0, r1, r2, d, scale, inner, hessian):
     d0, d1, d2 = d[0], d[1], d[2]
     x0, x1, x2 = r1 * d2 - r2 * d1, r2 * d0 - r0 * d2, r0 * d1 - r1 * d0
     dot = d0 * r0 + d1 * r1 + d2 * r2
-    turn = w0 * x0 + w1 * x1 + w2 * x2
+    cross_part = w0 * x0 + w1 * x1 + w2 * x2
     wr = w0 * r0 + w1 * r1 + w2 * r2
     wd = w0 * d0 + w1 * d1 + w2 * d2
     p0 = n * f[n + 2] - f[n + 1]
@@ -114,8 +122,8 @@ def add_form_hessian(w, f, n, r0, r1, r2, d, scale, inner, hessian):
     t1 = f[n + 3] - (2 * n + 3) * f[n + 4] + (n + 1) * (n + 3) * f[n + 5]
     t2 = f[n + 4] - (2 * n + 5) * f[n + 5] + (n + 2) * (n + 4) * f[n + 6]
     s = scale * inner * inner
-    first = s * (p0 * dot + p1 * turn + p2 * wr * wd)
-    second = s * (t0 * dot + t1 * turn + t2 * wr * wd)
+    first = s * (p0 * dot + p1 * cross_part + p2 * wr * wd)
+    second = s * (t0 * dot + t1 * cross_part + t2 * wr * wd)
     g0 = s * (p1 * x0 + p2 * (wd * r0 + wr * d0)) + 0.5 * second * w0
     g1 = s * (p1 * x1 + p2 * (wd * r1 + wr * d1)) + 0.5 * second * w1
     g2 = s * (p1 * x2 + p2 * (wd * r2 + wr * d2)) + 0.5 * second * w2
@@ -153,10 +161,10 @@ def move_forward(w, f, half, length, backbone, value, slope):
 def measure_length(backbone, ends, tension, work, slope, psd, full):
     """Length of one tendon over a segment [mm], straight between the discs.
 
-    ``backbone`` is the turn, its functions and those of its half, length and kind of the segment,
-    and what `move_forward` fills. ``ends`` (2, 2) are the tendon's places in the two discs. Fills
-    its gradient ``slope`` (3,) and adds ``tension`` times its Hessian to ``full``, and the part of
-    the Hessian that cannot be negative to ``psd``. ``work`` is (5, 3).
+    ``backbone`` is the rotation vector, its functions and those of its half, length and kind of the
+    segment, and what `move_forward` fills. ``ends`` (2, 2) are the tendon's places in the two
+    discs. Fills its gradient ``slope`` (3,) and adds ``tension`` times its Hessian to ``full``, and
+    the part of the Hessian that cannot be negative to ``psd``. ``work`` is (5, 3).
     """
     w, f, half, length, kind, step, step_slope = backbone
     value, matrix = work[0], work[1:4]
@@ -168,14 +176,16 @@ def measure_length(backbone, ends, tension, work, slope, psd, full):
     value[0] -= ends[0, 0]
     value[1] -= ends[0, 1]
     size = math.sqrt(value[0] ** 2 + value[1] ** 2 + value[2] ** 2)
-    way = work[4]
+    direction = work[4]
     for i in range(3):
-        way[i] = value[i] / size
+        direction[i] = value[i] / size
     for k in range(3):
-        slope[k] = way[0] * matrix[0, k] + way[1] * matrix[1, k] + way[2] * matrix[2, k]
+        slope[k] = (
+            direction[0] * matrix[0, k] + direction[1] * matrix[1, k] + direction[2] * matrix[2, k]
+        )
     if tension == 0.0:
         return size
-    share = tension / size
+    tension_per_length = tension / size
     for i in range(3):
         for k in range(3):
             square = (
@@ -183,15 +193,15 @@ def measure_length(backbone, ends, tension, work, slope, psd, full):
                 + matrix[1, i] * matrix[1, k]
                 + matrix[2, i] * matrix[2, k]
             )
-            part = share * (square - slope[i] * slope[k])
+            part = tension_per_length * (square - slope[i] * slope[k])
             full[i, k] += part
             if tension > 0.0:
                 psd[i, k] += part
-    add_form_hessian(w, f, 0, ends[1, 0], ends[1, 1], 0.0, way, tension, 1.0, full)
+    add_form_hessian(w, f, 0, ends[1, 0], ends[1, 1], 0.0, direction, tension, 1.0, full)
     if kind == CHORD:
-        add_form_hessian(w, half, 0, 0.0, 0.0, 1.0, way, tension * length, 0.5, full)
+        add_form_hessian(w, half, 0, 0.0, 0.0, 1.0, direction, tension * length, 0.5, full)
     else:
-        add_form_hessian(w, f, 1, 0.0, 0.0, 1.0, way, tension * length, 1.0, full)
+        add_form_hessian(w, f, 1, 0.0, 0.0, 1.0, direction, tension * length, 1.0, full)
     return size
 
 
@@ -218,10 +228,14 @@ def measure_channel(w, length, guides, tension, slope, psd, full):
         slope[2] += WEIGHTS[g] * m2
         if tension == 0.0:
             continue
-        share = tension * WEIGHTS[g] / (length * size)
-        h00, h01, h02 = share * (y * y - m0 * m0), share * (-x * y - m0 * m1), -share * m0 * m2
-        h11, h12 = share * (x * x - m1 * m1), -share * m1 * m2
-        h22 = share * (x * x + y * y - m2 * m2)
+        tension_per_length = tension * WEIGHTS[g] / (length * size)
+        h00, h01, h02 = (
+            tension_per_length * (y * y - m0 * m0),
+            tension_per_length * (-x * y - m0 * m1),
+            -tension_per_length * m0 * m2,
+        )
+        h11, h12 = tension_per_length * (x * x - m1 * m1), -tension_per_length * m1 * m2
+        h22 = tension_per_length * (x * x + y * y - m2 * m2)
         for part in range(2 if tension > 0.0 else 1):
             matrix = full if part == 0 else psd
             matrix[0, 0] += h00
@@ -238,13 +252,13 @@ def measure_channel(w, length, guides, tension, slope, psd, full):
 
 # Numba kernels of the discrete rod: lengths of its tendons, its frames, and its linear problem.
 #
-# A ``grid`` is what they all take: the segments' lengths (n,), their moments by turn about x, y and
-# z (n, 3), the tendons' places in the cross-sections (k, n + 1, 2), their places and slopes at the
-# Gauss points (k, n, g, 4), how many segments each tendon passes (k,), and the kind of segment.
+# A ``grid`` is what they all take: the segments' lengths (n,), their moments by rotation about x, y
+# and z (n, 3), the tendons' places in the cross-sections (k, n + 1, 2), their places and slopes at
+# the Gauss points (k, n, g, 4), how many segments each tendon passes (k,), and the kind of segment.
 
 
 @kernel
-def measure_lengths(grid, turns, tensions, lengths, slopes, psd, full):
+def measure_lengths(grid, rotation_vectors, tensions, lengths, length_gradients, psd, full):
     """Fill tendon lengths (k,), their gradients (k, n, 3), and the Hessians (n, 3, 3) by tension.
 
     ``full`` gets ``sum_k T_k d2l_k/dw2`` and ``psd`` the part of it that cannot be negative.
@@ -253,16 +267,22 @@ def measure_lengths(grid, turns, tensions, lengths, slopes, psd, full):
     f, half = np.empty(8), np.empty(8)
     step, step_slope, work = np.empty(3), np.empty((3, 3)), np.empty((5, 3))
     lengths[:] = 0.0
-    slopes[:] = 0.0
+    length_gradients[:] = 0.0
     psd[:] = 0.0
     full[:] = 0.0
     for j in range(spans.size):
-        w = turns[j]
+        w = rotation_vectors[j]
         if segment == CHANNEL:
             for k in range(counts.size):
                 if j < counts[k]:
                     lengths[k] += measure_channel(
-                        w, spans[j], guides[k, j], tensions[k], slopes[k, j], psd[j], full[j]
+                        w,
+                        spans[j],
+                        guides[k, j],
+                        tensions[k],
+                        length_gradients[k, j],
+                        psd[j],
+                        full[j],
                     )
             continue
         q = w[0] ** 2 + w[1] ** 2 + w[2] ** 2
@@ -272,27 +292,27 @@ def measure_lengths(grid, turns, tensions, lengths, slopes, psd, full):
         backbone = w, f, half, spans[j], segment, step, step_slope
         for k in range(counts.size):
             if j < counts[k]:
-                place, tension = paths[k, j : j + 2], tensions[k]
+                ends, tension = paths[k, j : j + 2], tensions[k]
                 lengths[k] += measure_length(
-                    backbone, place, tension, work, slopes[k, j], psd[j], full[j]
+                    backbone, ends, tension, work, length_gradients[k, j], psd[j], full[j]
                 )
 
 
 @kernel
-def differentiate_routing(grid, turns, lengths, slopes):
+def differentiate_routing(grid, rotation_vectors, lengths, slopes):
     """Fill derivatives of tendon lengths (k, 2) and of their gradients (k, 2, n, 3) by routing.
 
     By a relative change of a tendon's offset, and by an angle of its clocking [rad].
     """
     spans, _, paths, guides, counts, segment = grid
     f, half, step, step_slope = np.empty(8), np.empty(8), np.empty(3), np.empty((3, 3))
-    value, matrix, way = np.empty(3), np.empty((3, 3)), np.empty(3)
+    value, matrix, direction = np.empty(3), np.empty((3, 3)), np.empty(3)
     change, turned, tilted = np.empty(3), np.empty((3, 3)), np.empty(3)
     ends, moves, slope = np.empty((2, 2)), np.empty((2, 2)), np.empty(3)
     lengths[:] = 0.0
     slopes[:] = 0.0
     for j in range(spans.size):
-        w = turns[j]
+        w = rotation_vectors[j]
         q = w[0] ** 2 + w[1] ** 2 + w[2] ** 2
         if segment != CHANNEL:
             fill_functions(q, f)
@@ -321,17 +341,17 @@ def differentiate_routing(grid, turns, lengths, slopes):
                     value[i] -= ends[0, i]
                     change[i] -= moves[0, i]
                 size = math.sqrt(value[0] ** 2 + value[1] ** 2 + value[2] ** 2)
-                longer = 0.0
+                length_change = 0.0
                 for i in range(3):
-                    way[i] = value[i] / size
-                    longer += way[i] * change[i]
+                    direction[i] = value[i] / size
+                    length_change += direction[i] * change[i]
                 for i in range(3):
-                    tilted[i] = (change[i] - way[i] * longer) / size
+                    tilted[i] = (change[i] - direction[i] * length_change) / size
                 for c in range(3):
                     slope[c] = 0.0
                     for i in range(3):
-                        slope[c] += tilted[i] * matrix[i, c] + way[i] * turned[i, c]
-                lengths[k, kind] += longer
+                        slope[c] += tilted[i] * matrix[i, c] + direction[i] * turned[i, c]
+                lengths[k, kind] += length_change
                 copy_vector(slope, slopes[k, kind, j])
 
 
@@ -348,38 +368,38 @@ def differentiate_channel(w, length, guides, kind, slope):
         v0, v1, v2 = along - u2 * y, across + u2 * x, 1.0 + u0 * y - u1 * x
         d0, d1, d2 = da - u2 * dy, db + u2 * dx, u0 * dy - u1 * dx
         size = math.sqrt(v0 * v0 + v1 * v1 + v2 * v2)
-        longer = (v0 * d0 + v1 * d1 + v2 * d2) / size
-        total += WEIGHTS[g] * length * longer
-        share, part = WEIGHTS[g] / size, longer / size
-        slope[0] += share * (d2 * y + v2 * dy - v2 * y * part)
-        slope[1] -= share * (d2 * x + v2 * dx - v2 * x * part)
-        turn = v1 * x - v0 * y
-        slope[2] += share * (d1 * x + v1 * dx - d0 * y - v0 * dy - turn * part)
+        length_change = (v0 * d0 + v1 * d1 + v2 * d2) / size
+        total += WEIGHTS[g] * length * length_change
+        weight, relative_change = WEIGHTS[g] / size, length_change / size
+        slope[0] += weight * (d2 * y + v2 * dy - v2 * y * relative_change)
+        slope[1] -= weight * (d2 * x + v2 * dx - v2 * x * relative_change)
+        twist_arm = v1 * x - v0 * y
+        slope[2] += weight * (d1 * x + v1 * dx - d0 * y - v0 * dy - twist_arm * relative_change)
     return total
 
 
 @kernel
-def fill_frames(grid, turns, rotations, points):
+def fill_frames(grid, rotation_vectors, rotations, points):
     """Frames of the discs, base first: rotations (n + 1, 3, 3) and origins (n + 1, 3)."""
     spans, _, _, _, _, segment = grid
     f, half = np.empty(8), np.empty(8)
-    step, slope, turn = np.empty(3), np.empty((3, 3)), np.empty((3, 3))
+    step, slope, rotation = np.empty(3), np.empty((3, 3)), np.empty((3, 3))
     set_identity(rotations[0])
     points[0] = 0.0
     for j in range(spans.size):
-        w = turns[j]
+        w = rotation_vectors[j]
         q = w[0] ** 2 + w[1] ** 2 + w[2] ** 2
         fill_functions(q, f)
         fill_functions(0.25 * q, half)
         move_forward(w, f, half, spans[j], segment, step, slope)
-        fill_rotation(w, f, turn)
+        fill_rotation(w, f, rotation)
         for i in range(3):
             points[j + 1, i] = points[j, i]
             for k in range(3):
                 points[j + 1, i] += rotations[j, i, k] * step[k]
                 rotations[j + 1, i, k] = 0.0
                 for m in range(3):
-                    rotations[j + 1, i, k] += rotations[j, i, m] * turn[m, k]
+                    rotations[j + 1, i, k] += rotations[j, i, m] * rotation[m, k]
 
 
 @kernel
@@ -408,7 +428,7 @@ def invert_blocks(stiffness, psd, full, exact, inverses):
 
 
 @kernel
-def reduce_problem(slopes, counts, inverses, forces, matrix, vector, carried):
+def reduce_problem(length_gradients, counts, inverses, forces, matrix, vector, carried):
     """Fill ``J H^-1 J^T`` (k, k) and ``J H^-1 g`` (k,), and keep ``J H^-1`` in ``carried``."""
     matrix[:] = 0.0
     vector[:] = 0.0
@@ -416,16 +436,16 @@ def reduce_problem(slopes, counts, inverses, forces, matrix, vector, carried):
         for j in range(counts[k]):
             for i in range(3):
                 carried[k, j, i] = (
-                    slopes[k, j, 0] * inverses[j, 0, i]
-                    + slopes[k, j, 1] * inverses[j, 1, i]
-                    + slopes[k, j, 2] * inverses[j, 2, i]
+                    length_gradients[k, j, 0] * inverses[j, 0, i]
+                    + length_gradients[k, j, 1] * inverses[j, 1, i]
+                    + length_gradients[k, j, 2] * inverses[j, 2, i]
                 )
                 vector[k] += carried[k, j, i] * forces[j, i]
         for m in range(k + 1):
             total = 0.0
             for j in range(min(counts[k], counts[m])):
                 for i in range(3):
-                    total += carried[k, j, i] * slopes[m, j, i]
+                    total += carried[k, j, i] * length_gradients[m, j, i]
             matrix[k, m] = total
             matrix[m, k] = total
 
@@ -436,13 +456,13 @@ OVERLOADED = 2
 FOLDED = 3
 
 STEP_LIMIT = 0.5
-"""Largest turn of one segment in one step [rad]."""
+"""Largest rotation of one segment in one step [rad]."""
 
-TURN_LIMIT = math.pi
-"""Turn of one segment at which the rod counts as folded [rad]."""
+FOLD_ANGLE = math.pi
+"""Rotation of one segment at which the rod counts as folded [rad]."""
 
 STEP_TOLERANCE = 1e-10
-"""Turn of every segment at which a solution counts as found [rad]."""
+"""Rotation of every segment, in the last step, at which a solution counts as found [rad]."""
 
 ROUGH = 1e-6
 """The same where steps do not get smaller any more: a stiff part pulls at a flexible one [rad]."""
@@ -461,8 +481,8 @@ SMALLEST_SHARE = 1.0 / 64.0
 
 
 @kernel
-def solve_command(rod, limits, tolerance, turns, tensions, lengths):
-    """One command, from where ``turns`` and ``tensions`` stand; both are changed.
+def solve_command(rod, limits, tolerance, rotation_vectors, tensions, lengths):
+    """One command, from where ``rotation_vectors`` and ``tensions`` stand; both are changed.
 
     ``rod`` is the grid, the tendons' compliances (k,), their lowest and highest tensions (k,), and
     the most steps; ``limits`` are the cables' lengths. Returns a code, the steps taken, the error
@@ -471,24 +491,26 @@ def solve_command(rod, limits, tolerance, turns, tensions, lengths):
     grid, compliances, low, high, most_steps = rod
     spans, stiffness, _, _, counts, _ = grid
     n, k = spans.size, counts.size
-    slopes, carried = np.empty((k, n, 3)), np.empty((k, n, 3))
+    length_gradients, carried = np.empty((k, n, 3)), np.empty((k, n, 3))
     psd, full, inverses = np.empty((n, 3, 3)), np.empty((n, 3, 3)), np.empty((n, 3, 3))
     matrix, vector, forces = np.empty((k, k)), np.empty(k), np.empty((n, 3))
-    wanted, move = np.empty(k), np.empty((n, 3))
+    wanted, step = np.empty(k), np.empty((n, 3))
     exact, replaced, error, overloaded = True, 0, 0.0, 0
-    size, before = math.inf, math.inf
+    largest_step, before = math.inf, math.inf
     for count in range(most_steps + 1):
-        measure_lengths(grid, turns, tensions, lengths, slopes, psd, full)
+        measure_lengths(grid, rotation_vectors, tensions, lengths, length_gradients, psd, full)
         error = 0.0
         loaded = True
         for m in range(k):
-            gap = lengths[m] - limits[m] - compliances[m] * tensions[m]
+            residual = lengths[m] - limits[m] - compliances[m] * tensions[m]
             if tensions[m] == 0.0 and low[m] == 0.0:
-                gap = max(gap, 0.0)
-            error = max(error, abs(gap))
+                residual = max(residual, 0.0)
+            error = max(error, abs(residual))
             loaded = loaded and abs(tensions[m]) < high[m]
         fine = error <= tolerance + ROUND_OFF * limits.max()
-        rest = size <= STEP_TOLERANCE or (size <= ROUGH and size > 0.5 * before)
+        rest = largest_step <= STEP_TOLERANCE or (
+            largest_step <= ROUGH and largest_step > 0.5 * before
+        )
         if count > 0 and rest and fine and loaded:
             return CONVERGED, count, error, replaced
         if count == most_steps:
@@ -496,8 +518,8 @@ def solve_command(rod, limits, tolerance, turns, tensions, lengths):
         replaced = invert_blocks(stiffness, psd, full, exact, inverses)
         for j in range(n):
             for i in range(3):
-                forces[j, i] = stiffness[j, i] * turns[j, i]
-        reduce_problem(slopes, counts, inverses, forces, matrix, vector, carried)
+                forces[j, i] = stiffness[j, i] * rotation_vectors[j, i]
+        reduce_problem(length_gradients, counts, inverses, forces, matrix, vector, carried)
         most = 0.0
         for m in range(k):
             matrix[m, m] += compliances[m]
@@ -518,39 +540,48 @@ def solve_command(rod, limits, tolerance, turns, tensions, lengths):
         overloaded += 0 if loaded else 1
         if overloaded == MOST_OVERLOADED:
             return OVERLOADED, count, error, replaced
-        before, size = size, 0.0
+        before, largest_step = largest_step, 0.0
         for j in range(n):
             for i in range(3):
-                move[j, i] = -(
+                step[j, i] = -(
                     inverses[j, i, 0] * forces[j, 0]
                     + inverses[j, i, 1] * forces[j, 1]
                     + inverses[j, i, 2] * forces[j, 2]
                 )
                 for m in range(k):
                     if j < counts[m]:
-                        move[j, i] -= carried[m, j, i] * wanted[m]
-            size = max(size, math.sqrt(move[j, 0] ** 2 + move[j, 1] ** 2 + move[j, 2] ** 2))
-        share = min(1.0, STEP_LIMIT / size) if size > 0.0 else 1.0
+                        step[j, i] -= carried[m, j, i] * wanted[m]
+            largest_step = max(
+                largest_step, math.sqrt(step[j, 0] ** 2 + step[j, 1] ** 2 + step[j, 2] ** 2)
+            )
+        damping = min(1.0, STEP_LIMIT / largest_step) if largest_step > 0.0 else 1.0
         for j in range(n):
             for i in range(3):
-                turns[j, i] += share * move[j, i]
-            if turns[j, 0] ** 2 + turns[j, 1] ** 2 + turns[j, 2] ** 2 > TURN_LIMIT**2:
+                rotation_vectors[j, i] += damping * step[j, i]
+            if (
+                rotation_vectors[j, 0] ** 2
+                + rotation_vectors[j, 1] ** 2
+                + rotation_vectors[j, 2] ** 2
+                > FOLD_ANGLE**2
+            ):
                 return FOLDED, count + 1, error, replaced
         copy_vector(wanted, tensions)
     return NOT_CONVERGED, most_steps, error, replaced
 
 
 @kernel
-def share_tensions(stiffness, counts, slopes, turns, taut, low, high, tensions):
+def share_tensions(
+    stiffness, counts, length_gradients, rotation_vectors, taut, low, high, tensions
+):
     """Least tensions that hold the rod as it is: what redundant tendons leave open."""
-    n, k = turns.shape[0], counts.size
+    n, k = rotation_vectors.shape[0], counts.size
     inverses, forces = np.zeros((n, 3, 3)), np.empty((n, 3))
     for j in range(n):
         for i in range(3):
             inverses[j, i, i] = 1.0 / stiffness[j, i]
-            forces[j, i] = stiffness[j, i] * turns[j, i]
+            forces[j, i] = stiffness[j, i] * rotation_vectors[j, i]
     matrix, vector, carried = np.empty((k, k)), np.empty(k), np.empty((k, n, 3))
-    reduce_problem(slopes, counts, inverses, forces, matrix, vector, carried)
+    reduce_problem(length_gradients, counts, inverses, forces, matrix, vector, carried)
     least, most, shared = low.copy(), high.copy(), tensions.copy()
     largest = 0.0
     for m in range(k):
@@ -573,7 +604,9 @@ def share_tensions(stiffness, counts, slopes, turns, taut, low, high, tensions):
 
 
 @kernel
-def follow_command(rod, natural, displacement, tolerance, parts, turns, tensions, lengths):
+def follow_command(
+    rod, natural, displacement, tolerance, parts, rotation_vectors, tensions, lengths
+):
     """One command from the straight rod, at once or else in parts, as far as it can be followed.
 
     ``parts`` are the part of the command that is tried at once, and the smallest one.
@@ -582,34 +615,34 @@ def follow_command(rod, natural, displacement, tolerance, parts, turns, tensions
     and all steps taken.
     """
     low, (first, smallest) = rod[2], parts
-    turns[:] = 0.0
+    rotation_vectors[:] = 0.0
     tensions[:] = 0.0
-    kept_turns, kept_tensions = turns.copy(), tensions.copy()
+    kept_turns, kept_tensions = rotation_vectors.copy(), tensions.copy()
     limits = np.empty(displacement.size)
-    reached, part, steps = 0.0, first, 0
+    reached, increment, steps = 0.0, first, 0
     while True:
-        share = min(1.0, reached + part)
-        if share > 1.0 - 1e-9:
-            share = 1.0
+        load_factor = min(1.0, reached + increment)
+        if load_factor > 1.0 - 1e-9:
+            load_factor = 1.0
         for m in range(displacement.size):
-            limits[m] = natural[m] - share * displacement[m]
+            limits[m] = natural[m] - load_factor * displacement[m]
             if low[m] == 0.0:
                 limits[m] += tolerance
         code, count, error, unstable = solve_command(
-            rod, limits, tolerance, turns, tensions, lengths
+            rod, limits, tolerance, rotation_vectors, tensions, lengths
         )
         steps += count
         if code == CONVERGED:
-            reached = share
+            reached = load_factor
             if reached == 1.0:
                 return code, error, unstable, reached, steps
-            copy_matrix(turns, kept_turns)
+            copy_matrix(rotation_vectors, kept_turns)
             copy_vector(tensions, kept_tensions)
         else:
-            copy_matrix(kept_turns, turns)
+            copy_matrix(kept_turns, rotation_vectors)
             copy_vector(kept_tensions, tensions)
-            part *= 0.5
-            if part < smallest:
+            increment *= 0.5
+            if increment < smallest:
                 return code, error, unstable, reached, steps
 
 
@@ -650,15 +683,15 @@ def solve_commands(rod, natural, displacements, firsts, tolerance, answers):
     """Solve a batch of commands (b, k), each from the straight rod; fills the arrays of `answers`.
 
     ``rod`` is that of `solve_command`, ``natural`` (k,) the tendons' lengths in the straight rod,
-    ``firsts`` (b,) the parts of the commands that are tried at once. Answers are turns (b, n, 3),
-    tensions and lengths (b, k), and codes, steps, errors, shares and `measure_least` (b,). Where a
-    command fails, its share is how much of it can be followed, and the shape is that.
+    ``firsts`` (b,) the parts of the commands that are tried at once. Answers are rotations (b, n,
+    3), tensions and lengths (b, k), and codes, steps, errors, shares and `measure_least` (b,).
+    Where a command fails, its share is how much of it can be followed, and the shape is that.
     """
-    turns, tensions, lengths, codes, steps, errors, shares, stability = answers
+    rotation_vectors, tensions, lengths, codes, steps, errors, load_factors, stability = answers
     grid, compliances, low, high, _ = rod
     spans, stiffness, _, _, counts, _ = grid
     n, k = spans.size, counts.size
-    slopes = np.empty((k, n, 3))
+    length_gradients = np.empty((k, n, 3))
     psd, full = np.empty((n, 3, 3)), np.empty((n, 3, 3))
     taut = np.empty(k, dtype=np.bool_)
     for b in range(displacements.shape[0]):
@@ -667,18 +700,29 @@ def solve_commands(rod, natural, displacements, firsts, tolerance, answers):
         for attempt in range(3):
             allowed = tolerance if attempt > 0 else 1e-4 * tolerance
             smallest = SMALLEST_SHARE * firsts[b] if attempt == 2 else firsts[b]
-            parts, state = (firsts[b], smallest), (turns[b], tensions[b], lengths[b])
-            codes[b], errors[b], _, shares[b], count = follow_command(
+            parts, state = (firsts[b], smallest), (rotation_vectors[b], tensions[b], lengths[b])
+            codes[b], errors[b], _, load_factors[b], count = follow_command(
                 rod, natural, displacements[b], allowed, parts, *state
             )
             steps[b] += count
             if codes[b] == CONVERGED:
                 break
-        measure_lengths(grid, turns[b], tensions[b], lengths[b], slopes, psd, full)
+        measure_lengths(
+            grid, rotation_vectors[b], tensions[b], lengths[b], length_gradients, psd, full
+        )
         for m in range(k):
-            gap = natural[m] - shares[b] * displacements[b, m] - lengths[b, m]
-            taut[m] = low[m] < 0.0 or gap <= tolerance
+            slack_length = natural[m] - load_factors[b] * displacements[b, m] - lengths[b, m]
+            taut[m] = low[m] < 0.0 or slack_length <= tolerance
         stability[b] = measure_least(stiffness, full)
         # Tendons that stretch leave nothing open.
         if compliances.max() == 0.0:
-            share_tensions(stiffness, counts, slopes, turns[b], taut, low, high, tensions[b])
+            share_tensions(
+                stiffness,
+                counts,
+                length_gradients,
+                rotation_vectors[b],
+                taut,
+                low,
+                high,
+                tensions[b],
+            )

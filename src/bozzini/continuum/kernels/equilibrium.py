@@ -1,7 +1,15 @@
 """Numba kernels of the discrete rod under loads: Newton's method with the exact Hessian.
 
-The least of elastic energy and the loads' potential, with tendons whose length or whose tension is
-commanded. Lengths are held by an augmented Lagrangian (Nocedal and Wright 2006, chapter 17): every
+The least of elastic energy and the loads' potential ``V``, with tendons whose length or whose
+tension is commanded. Unknowns are the rotation vectors ``w`` (n, 3) of the segments [rad], scaled
+by the root of the stiffness. With the compliance ``c`` of a tendon, that of the penalty ``r``, and
+the last multiplier ``T0``::
+
+    L(w) = 1/2 (w - u) . K (w - u) + V(w) + sum_k [T (l_k - limit_k) - 1/2 c T^2 - 1/2 r (T - T0)^2]
+    T = (l_k - limit_k + r T0) / (c + r) ,  of a cable at least 0 ;  a given tension has T l_k
+    Hessian = K + d2V + sum_k T_k d2l_k + sum_k dl_k dl_k^T / (c + r)  of taut tendons
+
+That is an augmented Lagrangian (Nocedal and Wright 2006, chapter 17): every
 step is one of Newton's method on it, with a Hessian that is shifted until it is positive, and a
 line search; so what is found is a minimum, unless the search begins at a saddle. Loads without a
 potential have no such function: there the residual's norm has to fall.
@@ -18,12 +26,12 @@ from ...numeric.kernels.copies import copy_matrix, copy_vector
 from ...numeric.kernels.linear_algebra import factor_lu, solve_lu
 from .energy import (
     CONVERGED,
+    FOLD_ANGLE,
     FOLDED,
     NOT_CONVERGED,
     ROUGH,
     STEP_LIMIT,
     STEP_TOLERANCE,
-    TURN_LIMIT,
     measure_lengths,
 )
 from .loads import measure_loads
@@ -64,25 +72,25 @@ def fill_proximities(grid, compliances, held, proximities):
 
 
 @kernel
-def measure_equilibrium(rod, limits, turns, tensions, state):
-    """Augmented Lagrangian at the turns, its gradient and what its Hessian is made of.
+def measure_equilibrium(rod, limits, rotation_vectors, tensions, state):
+    """Augmented Lagrangian at the rotations, its gradient and what its Hessian is made of.
 
-    ``rod`` is the grid, the rest turns (n, 3), the tendons and the loads. Tendons are their
+    ``rod`` is the grid, the rotations at rest (n, 3), the tendons and the loads. Tendons are their
     compliances (k,) [mm/N], which are held at a length (k,), which only pull (k,), the tensions of
-    those that are not held (k,) [N], and `fill_proximities`. Loads are ``spots`` and ``loads`` of
-    `measure_loads`. ``limits`` (k,) are the free lengths of held tendons.
+    those that are not held (k,) [N], and `fill_proximities`. Loads are ``stations`` and ``loads``
+    of `measure_loads`. ``limits`` (k,) are the free lengths of held tendons.
 
     ``state`` is filled: lengths, trial tensions, slopes (k, n, 3), psd and full (n, 3, 3) of
     `measure_lengths`, gradient (n, 3), and Hessian (3 n, 3 n) without the part of the lengths.
     """
-    grid, rest, tendons, spots, loads = rod
+    grid, rest, tendons, stations, loads = rod
     compliances, held, one_sided, pulls, proximities = tendons
-    lengths, trial, slopes, psd, full, gradient, hessian = state
+    lengths, trial, length_gradients, psd, full, gradient, hessian = state
     stiffness = grid[1]
-    n, k = turns.shape[0], lengths.size
-    value = measure_loads(grid, turns, spots, loads, gradient, hessian)
+    n, k = rotation_vectors.shape[0], lengths.size
+    value = measure_loads(grid, rotation_vectors, stations, loads, gradient, hessian)
     trial[:] = 0.0
-    measure_lengths(grid, turns, trial, lengths, slopes, psd, full)
+    measure_lengths(grid, rotation_vectors, trial, lengths, length_gradients, psd, full)
     for m in range(k):
         if held[m]:
             whole = compliances[m] + proximities[m]
@@ -94,14 +102,14 @@ def measure_equilibrium(rod, limits, turns, tensions, state):
         else:
             trial[m] = pulls[m]
             value += pulls[m] * lengths[m]
-    measure_lengths(grid, turns, trial, lengths, slopes, psd, full)
+    measure_lengths(grid, rotation_vectors, trial, lengths, length_gradients, psd, full)
     for j in range(n):
         for i in range(3):
-            bent = turns[j, i] - rest[j, i]
+            bent = rotation_vectors[j, i] - rest[j, i]
             value += 0.5 * stiffness[j, i] * bent * bent
             gradient[j, i] += stiffness[j, i] * bent
             for m in range(k):
-                gradient[j, i] += trial[m] * slopes[m, j, i]
+                gradient[j, i] += trial[m] * length_gradients[m, j, i]
             hessian[3 * j + i, 3 * j + i] += stiffness[j, i]
             for b in range(3):
                 hessian[3 * j + i, 3 * j + b] += full[j, i, b]
@@ -141,10 +149,10 @@ def _factor_upper(matrix, shift, factor):
         for m in range(k, size):
             row[m] *= scale
         for i in range(k + 1, size):
-            other, share = factor[i], row[i]
-            if share != 0.0:
+            other, factor_entry = factor[i], row[i]
+            if factor_entry != 0.0:
                 for m in range(i, size):
-                    other[m] -= share * row[m]
+                    other[m] -= factor_entry * row[m]
     return True
 
 
@@ -164,10 +172,10 @@ def _solve_factored(factor, vector):
 
 @kernel
 def _find_step(rod, state, scale, conservative, matrix, factor, step, shift):
-    """Newton's step (3 n,) in scaled turns; returns the shift of the Hessian, -1 if none did."""
+    """Newton's step (3 n,) in scaled rotations; returns the Hessian's shift, -1 if none did."""
     _, _, tendons, _, _ = rod
     compliances, held, one_sided, _, proximities = tendons
-    _, trial, slopes, _, _, gradient, hessian = state
+    _, trial, length_gradients, _, _, gradient, hessian = state
     size = step.size
     n = size // 3
     for i in range(size):
@@ -180,7 +188,7 @@ def _find_step(rod, state, scale, conservative, matrix, factor, step, shift):
             continue
         for j in range(n):
             for i in range(3):
-                row[3 * j + i] = slopes[m, j, i] * scale[3 * j + i]
+                row[3 * j + i] = length_gradients[m, j, i] * scale[3 * j + i]
         weight = 1.0 / (compliances[m] + proximities[m])
         for i in range(size):
             if row[i] != 0.0:
@@ -202,15 +210,15 @@ def _find_step(rod, state, scale, conservative, matrix, factor, step, shift):
 
 
 @kernel
-def solve_equilibrium(rod, limits, tolerance, most_steps, turns, tensions, state):
-    """One equilibrium, from where ``turns`` and ``tensions`` stand; both are changed.
+def solve_equilibrium(rod, limits, tolerance, most_steps, rotation_vectors, tensions, state):
+    """One equilibrium, from where ``rotation_vectors`` and ``tensions`` stand; both are changed.
 
     Returns a code, the steps taken, the error of the tendons' lengths [mm], and the shift of the
-    last Hessian: more than 0 if it was not positive. ``state`` is as of the last turns.
+    last Hessian: more than 0 if it was not positive. ``state`` is as of the last rotations.
     """
     grid, _, tendons, _, loads = rod
     compliances, held, one_sided, _, proximities = tendons
-    n, k = turns.shape[0], tensions.size
+    n, k = rotation_vectors.shape[0], tensions.size
     forces, moments, follows = loads
     conservative = True
     for p in range(follows.size):
@@ -219,12 +227,12 @@ def solve_equilibrium(rod, limits, tolerance, most_steps, turns, tensions, state
     size = 3 * n
     scale, step = np.empty(size), np.empty(size)
     matrix, factor = np.empty((size, size)), np.empty((size, size))
-    other, before = turns.copy(), turns.copy()
+    other, before = rotation_vectors.copy(), rotation_vectors.copy()
     for j in range(n):
         for i in range(3):
             scale[3 * j + i] = 1.0 / math.sqrt(grid[1][j, i])
-    value = measure_equilibrium(rod, limits, turns, tensions, state)
-    lengths, trial, slopes, _, _, gradient, _ = state
+    value = measure_equilibrium(rod, limits, rotation_vectors, tensions, state)
+    lengths, trial, length_gradients, _, _, gradient, _ = state
     shift, last, error, missed, longest = 0.0, math.inf, 0.0, math.inf, 0.0
     for m in range(k):
         longest = max(longest, limits[m])
@@ -232,38 +240,38 @@ def solve_equilibrium(rod, limits, tolerance, most_steps, turns, tensions, state
         shift = _find_step(rod, state, scale, conservative, matrix, factor, step, shift)
         if shift < 0.0:
             return NOT_CONVERGED, count, error, shift
-        largest, slope, residual = 0.0, 0.0, 0.0
+        largest_step, decrease, gradient_square = 0.0, 0.0, 0.0
         for j in range(n):
             square = 0.0
             for i in range(3):
                 g = gradient[j, i] * scale[3 * j + i]
-                slope += g * step[3 * j + i]
-                residual += g * g
+                decrease += g * step[3 * j + i]
+                gradient_square += g * g
                 square += (step[3 * j + i] * scale[3 * j + i]) ** 2
-            largest = max(largest, math.sqrt(square))
+            largest_step = max(largest_step, math.sqrt(square))
         missed, error = error if count > 0 else math.inf, 0.0
         for m in range(k):
             if held[m]:
-                gap = lengths[m] - limits[m] - compliances[m] * trial[m]
+                residual = lengths[m] - limits[m] - compliances[m] * trial[m]
                 if one_sided[m] and trial[m] == 0.0:
-                    gap = max(gap, 0.0)
-                error = max(error, abs(gap))
-        quiet = largest <= (STEP_TOLERANCE if shift == 0.0 else SADDLE_TOLERANCE)
-        quiet = quiet or (shift == 0.0 and largest <= ROUGH and largest > 0.5 * last)
+                    residual = max(residual, 0.0)
+                error = max(error, abs(residual))
+        quiet = largest_step <= (STEP_TOLERANCE if shift == 0.0 else SADDLE_TOLERANCE)
+        quiet = quiet or (shift == 0.0 and largest_step <= ROUGH and largest_step > 0.5 * last)
         settled = error <= SETTLED * longest or error > 0.5 * missed
         if quiet and settled and error <= tolerance:
             copy_vector(trial, tensions)
             return CONVERGED, count, error, shift
-        last = largest
-        share = min(1.0, STEP_LIMIT / largest) if largest > 0.0 else 1.0
-        copy_matrix(turns, before)
+        last = largest_step
+        damping = min(1.0, STEP_LIMIT / largest_step) if largest_step > 0.0 else 1.0
+        copy_matrix(rotation_vectors, before)
         kept = trial.copy()
         active = np.zeros(k)
         for m in range(k):
             if held[m] and (trial[m] > 0.0 or not one_sided[m]):
                 for j in range(n):
                     for i in range(3):
-                        active[m] += slopes[m, j, i] * step[3 * j + i] * scale[3 * j + i]
+                        active[m] += length_gradients[m, j, i] * step[3 * j + i] * scale[3 * j + i]
                 active[m] /= compliances[m] + proximities[m]
         good = False
         for _ in range(MOST_HALVINGS):
@@ -271,9 +279,9 @@ def solve_equilibrium(rod, limits, tolerance, most_steps, turns, tensions, state
             for j in range(n):
                 square = 0.0
                 for i in range(3):
-                    other[j, i] = before[j, i] + share * step[3 * j + i] * scale[3 * j + i]
+                    other[j, i] = before[j, i] + damping * step[3 * j + i] * scale[3 * j + i]
                     square += other[j, i] ** 2
-                folded = folded or square > TURN_LIMIT**2
+                folded = folded or square > FOLD_ANGLE**2
             if not folded:
                 found = measure_equilibrium(rod, limits, other, tensions, state)
                 fresh = 0.0
@@ -282,22 +290,22 @@ def solve_equilibrium(rod, limits, tolerance, most_steps, turns, tensions, state
                         fresh += (gradient[j, i] * scale[3 * j + i]) ** 2
                 if conservative:
                     noise = 1e-12 * (abs(value) + abs(found))
-                    good = found <= value + LEAST_DECREASE * share * slope or (
-                        found <= value + noise and fresh <= residual
+                    good = found <= value + LEAST_DECREASE * damping * decrease or (
+                        found <= value + noise and fresh <= gradient_square
                     )
                 else:
-                    good = fresh <= (1.0 - LEAST_DECREASE * share) * residual
-                good = good or largest <= ROUGH
+                    good = fresh <= (1.0 - LEAST_DECREASE * damping) * gradient_square
+                good = good or largest_step <= ROUGH
             if good:
                 break
-            share *= 0.5
+            damping *= 0.5
         if not good:
-            copy_matrix(before, turns)
-            measure_equilibrium(rod, limits, turns, tensions, state)
+            copy_matrix(before, rotation_vectors)
+            measure_equilibrium(rod, limits, rotation_vectors, tensions, state)
             return FOLDED if folded else NOT_CONVERGED, count, error, shift
-        copy_matrix(other, turns)
+        copy_matrix(other, rotation_vectors)
         value = found
-        if share == 1.0 and shift == 0.0:
+        if damping == 1.0 and shift == 0.0:
             # The tensions that Newton's method on the conditions themselves would take.
             moved = False
             for m in range(k):
@@ -308,6 +316,6 @@ def solve_equilibrium(rod, limits, tolerance, most_steps, turns, tensions, state
                     moved = moved or fresh != tensions[m]
                     tensions[m] = fresh
             if moved:
-                value = measure_equilibrium(rod, limits, turns, tensions, state)
+                value = measure_equilibrium(rod, limits, rotation_vectors, tensions, state)
     copy_vector(trial, tensions)
     return NOT_CONVERGED, most_steps, error, shift

@@ -1,7 +1,16 @@
 """Numba kernels of the inverse: damped least squares over the bends of a chain, inside limits.
 
-Wanted are places of points of the backbone, and axes of the tip's frame. An axis that is ``angle``
-away counts with ``2 sin(angle / 2)``, which is smooth everywhere, unlike a rotation vector.
+Wanted are places ``q_k`` of points ``p_k`` of the backbone, and axes ``d_c`` of the tip's frame
+``t_c``, the tangent or all three. Unknowns are the bends ``b`` (2 m,) [rad], section by section,
+``theta cos(phi)``, then ``theta sin(phi)``; what is made small within the limits of bends and
+travel is ::
+
+    1/2 sum_k w_k^2 |p_k(b) - q_k|^2 + 1/2 (h^2 / n) sum_c |t_c(b) - d_c|^2 + 1/2 small |b|^2
+
+with a length ``h`` for a radian [mm], and n = 1 for the tangent alone, 2 for three axes: so an
+orientation that is ``angle`` away counts with ``2 sin(angle / 2)``, which is smooth everywhere,
+unlike a rotation vector. Steps are Levenberg and Marquardt's, with all second derivatives on
+request.
 """
 
 from __future__ import annotations
@@ -85,11 +94,11 @@ def measure_violation(x, limits, rows, low, high, normal):
 
 
 @kernel
-def _split(vector, count, basis, upper, share, rest):
-    """Write `vector` as ``share`` of the first active vectors and a `rest` across them.
+def _split(vector, count, basis, upper, coefficients, rest):
+    """Write `vector` as ``coefficients`` of the first active vectors and a `rest` across them.
 
-    The active vectors are ``upper.T @ basis``. `share` is first in the basis, and stays so in the
-    column ``upper[:, count]``. Returns the square of the rest's length.
+    The active vectors are ``upper.T @ basis``. `coefficients` is first in the basis, and stays so
+    in the column ``upper[:, count]``. Returns the square of the rest's length.
     """
     n = vector.size
     for k in range(n):
@@ -108,10 +117,10 @@ def _split(vector, count, basis, upper, share, rest):
     for k in range(n):
         square += rest[k] * rest[k]
     for i in range(count - 1, -1, -1):
-        share[i] = upper[i, count]
+        coefficients[i] = upper[i, count]
         for j in range(i + 1, count):
-            share[i] -= upper[i, j] * share[j]
-        share[i] /= upper[i, i]
+            coefficients[i] -= upper[i, j] * coefficients[j]
+        coefficients[i] /= upper[i, i]
     return square
 
 
@@ -284,16 +293,16 @@ def _into(frame, vector, out):
 
 
 @kernel
-def _add_between(turns, rows, pull, last, matrix):
+def _add_between(angular_jacobians, rows, residual, last, matrix):
     """Add what different sections, up to `last`, have in common."""
     for i in range(last):
         for a in range(2):
-            wx = turns[i, a, 0]
-            wy = turns[i, a, 1]
-            wz = turns[i, a, 2]
-            x = pull[1] * wz - pull[2] * wy
-            y = pull[2] * wx - pull[0] * wz
-            z = pull[0] * wy - pull[1] * wx
+            wx = angular_jacobians[i, a, 0]
+            wy = angular_jacobians[i, a, 1]
+            wz = angular_jacobians[i, a, 2]
+            x = residual[1] * wz - residual[2] * wy
+            y = residual[2] * wx - residual[0] * wz
+            z = residual[0] * wy - residual[1] * wx
             for j in range(2 * i + 2, 2 * last + 2):
                 matrix[j, 2 * i + a] += rows[j, 0] * x + rows[j, 1] * y + rows[j, 2] * z
 
@@ -304,23 +313,33 @@ def add_curvature(goal, bends, work, matrix):
 
     Parameters are those of `evaluate`, which has filled `work` at the same bends.
     """
-    lengths, owner, share, places, weights, axes, turn, _ = goal
-    frames, slopes, turns, point, rows = work
+    lengths, owner, fractions, places, weights, axes, radian_length, _ = goal
+    frames, linear_jacobians, angular_jacobians, point, rows = work
     sections = lengths.size
-    pull = np.empty(3)
+    residual = np.empty(3)
     local = np.empty(3)
     beyond = np.empty(3)
     arm = np.empty(3)
     block = np.empty((2, 2))
     for k in range(owner.size):
         last = owner[k]
-        place_point(lengths, bends, frames, slopes, turns, last, share[k], point, rows)
+        place_point(
+            lengths,
+            bends,
+            frames,
+            linear_jacobians,
+            angular_jacobians,
+            last,
+            fractions[k],
+            point,
+            rows,
+        )
         for r in range(3):
-            pull[r] = weights[k] * weights[k] * (point[r] - places[k, r])
-        _add_between(turns, rows, pull, last, matrix)
+            residual[r] = weights[k] * weights[k] * (point[r] - places[k, r])
+        _add_between(angular_jacobians, rows, residual, last, matrix)
         for i in range(last + 1):
-            part = share[k] if i == last else 1.0
-            _into(frames[i], pull, local)
+            part = fractions[k] if i == last else 1.0
+            _into(frames[i], residual, local)
             for r in range(3):
                 beyond[r] = 0.0 if i == last else point[r] - frames[i + 1, r, 3]
             _into(frames[i + 1], beyond, arm)
@@ -328,23 +347,23 @@ def add_curvature(goal, bends, work, matrix):
                 part * lengths[i], part * bends[i, 0], part * bends[i, 1], local, arm, block
             )
             _add_block(block, part * part, i, matrix)
-    weight = turn * turn / (1.0 if axes.shape[0] == 1 else 2.0)
+    weight = radian_length * radian_length / (1.0 if axes.shape[0] == 1 else 2.0)
     tip = frames[sections]
     for c in range(axes.shape[0]):
         column = (2 + c) % 3
         for r in range(3):
             beyond[r] = tip[r, column]
-            pull[r] = weight * (beyond[r] - axes[c, r])
+            residual[r] = weight * (beyond[r] - axes[c, r])
         for i in range(2 * sections):
-            wx = turns[i // 2, i % 2, 0]
-            wy = turns[i // 2, i % 2, 1]
-            wz = turns[i // 2, i % 2, 2]
+            wx = angular_jacobians[i // 2, i % 2, 0]
+            wy = angular_jacobians[i // 2, i % 2, 1]
+            wz = angular_jacobians[i // 2, i % 2, 2]
             rows[i, 0] = wy * beyond[2] - wz * beyond[1]
             rows[i, 1] = wz * beyond[0] - wx * beyond[2]
             rows[i, 2] = wx * beyond[1] - wy * beyond[0]
-        _add_between(turns, rows, pull, sections - 1, matrix)
+        _add_between(angular_jacobians, rows, residual, sections - 1, matrix)
         for i in range(sections):
-            _into(frames[i], pull, local)
+            _into(frames[i], residual, local)
             _into(frames[i + 1], beyond, arm)
             fill_arc_curvature(0.0, bends[i, 0], bends[i, 1], local, arm, block)
             _add_block(block, 1.0, i, matrix)
@@ -381,10 +400,10 @@ def evaluate(goal, bends, work, gradient, matrix):
     ----------
     goal : tuple
         ``lengths`` (m,) of the sections [mm]; for each point its section ``owner`` (k,), its
-        ``share`` (k,) of the way along it, where it shall be, ``places`` (k, 3) [mm], and
-        ``weights`` (k,); wanted ``axes`` (a, 3) of the tip: none, the tangent alone, or tangent,
-        x and y; ``turn``, the millimetres that a radian counts [mm]; ``small``, the weight of the
-        squares of the bends [mm^2/rad^2].
+        ``fractions`` (k,) of the way along it, where it shall be, ``places`` (k, 3) [mm], and
+        ``weights`` (k,); wanted ``axes`` (a, 3) of the tip: none, the tangent alone, or tangent, x
+        and y; ``radian_length``, the millimetres that a radian counts [mm]; ``small``, the weight
+        of the squares of the bends [mm^2/rad^2].
     bends : (m, 2) float
         Bends [rad].
     work : tuple of ndarray
@@ -403,12 +422,12 @@ def evaluate(goal, bends, work, gradient, matrix):
     angle : float
         Angle of the tip from its axes [rad].
     """
-    lengths, owner, share, places, weights, axes, turn, small = goal
-    frames, slopes, turns, point, rows = work
+    lengths, owner, fractions, places, weights, axes, radian_length, small = goal
+    frames, linear_jacobians, angular_jacobians, point, rows = work
     sections = lengths.size
     n = 2 * sections
     derive = gradient.size > 0
-    fill_chain(lengths, bends, frames, slopes, turns)
+    fill_chain(lengths, bends, frames, linear_jacobians, angular_jacobians)
     cost = 0.0
     for i in range(sections):
         cost += small * (bends[i, 0] ** 2 + bends[i, 1] ** 2)
@@ -419,7 +438,17 @@ def evaluate(goal, bends, work, gradient, matrix):
             matrix[i, i] = small
     distance = 0.0
     for k in range(owner.size):
-        place_point(lengths, bends, frames, slopes, turns, owner[k], share[k], point, rows)
+        place_point(
+            lengths,
+            bends,
+            frames,
+            linear_jacobians,
+            angular_jacobians,
+            owner[k],
+            fractions[k],
+            point,
+            rows,
+        )
         square = 0.0
         for r in range(3):
             point[r] -= places[k, r]
@@ -432,7 +461,7 @@ def evaluate(goal, bends, work, gradient, matrix):
     apart = 0.0
     if axes.shape[0] > 0:
         tip = frames[sections]
-        weight = turn * turn / (1.0 if axes.shape[0] == 1 else 2.0)
+        weight = radian_length * radian_length / (1.0 if axes.shape[0] == 1 else 2.0)
         square = 0.0
         for c in range(axes.shape[0]):
             column = (2 + c) % 3
@@ -445,9 +474,9 @@ def evaluate(goal, bends, work, gradient, matrix):
             square += point[0] ** 2 + point[1] ** 2 + point[2] ** 2
             if derive:
                 for i in range(n):
-                    wx = turns[i // 2, i % 2, 0]
-                    wy = turns[i // 2, i % 2, 1]
-                    wz = turns[i // 2, i % 2, 2]
+                    wx = angular_jacobians[i // 2, i % 2, 0]
+                    wy = angular_jacobians[i // 2, i % 2, 1]
+                    wz = angular_jacobians[i // 2, i % 2, 2]
                     rows[i, 0] = wy * z - wz * y
                     rows[i, 1] = wz * x - wx * z
                     rows[i, 2] = wx * y - wy * x

@@ -1,12 +1,12 @@
 """Numba kernels of loads on the discrete rod: potential, gradient, Hessian, places of points.
 
-A turn ``w_j`` of segment j moves everything beyond it as a rigid body: a point at ``p`` by
+A rotation ``w_j`` of segment j moves everything beyond it as a rigid body: a point at ``p`` by
 ``(moving_j + turning_j x p) dw_j``, where ``turning_j`` and ``moving_j`` are 3x3 (`fill_twists`).
 Sums over what lies beyond a segment give gradient and Hessian in O(n^2).
 
-``grid`` is that of the kernels of the energy model. ``spots`` are points of the body: the segment
-of each (p,), the part of it that lies before the point (p,), in [0, 1], and the point's place in
-the cross-section's frame there (p, 3) [mm]. All vectors are in the frame of the base.
+``grid`` is that of the kernels of the energy model. ``stations`` are points of the body: the
+segment of each (p,), the part of it that lies before the point (p,), in [0, 1], and the point's
+place in the cross-section's frame there (p, 3) [mm]. All vectors are in the frame of the base.
 """
 
 from __future__ import annotations
@@ -51,25 +51,25 @@ def rotate_back(rotation, vector, out):
 
 
 @kernel
-def fill_twists(grid, turns, rotations, points, turning, moving):
-    """Fill frames of the discs, base first, and how each segment's turn moves what is beyond it.
+def fill_twists(grid, rotation_vectors, rotations, points, turning, moving):
+    """Fill frames of the discs, base first, and how each segment's rotation moves what is beyond.
 
     ``rotations`` (n + 1, 3, 3) and ``points`` (n + 1, 3) as of `fill_frames`; ``turning`` and
     ``moving`` (n, 3, 3): a point at ``p`` beyond segment j moves by ``moving_j dw + (turning_j dw)
-    x p``, a frame there turns by ``turning_j dw``.
+    x p``, a frame there rotates by ``turning_j dw``.
     """
     spans, _, _, _, _, segment = grid
-    fill_frames(grid, turns, rotations, points)
+    fill_frames(grid, rotation_vectors, rotations, points)
     f, half = np.empty(8), np.empty(8)
-    step, slope, turn, way = np.empty(3), np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
+    step, slope, left_jacobian, way = np.empty(3), np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
     for j in range(spans.size):
-        w = turns[j]
+        w = rotation_vectors[j]
         q = w[0] ** 2 + w[1] ** 2 + w[2] ** 2
         fill_functions(q, f)
         fill_functions(0.25 * q, half)
         move_forward(w, f, half, spans[j], segment, step, slope)
-        fill_rotation(w, f[1:], turn)
-        multiply(rotations[j], turn, turning[j])
+        fill_rotation(w, f[1:], left_jacobian)
+        multiply(rotations[j], left_jacobian, turning[j])
         multiply(rotations[j], slope, moving[j])
         for k in range(3):
             cross(points[j + 1], turning[j, :, k], way)
@@ -78,20 +78,22 @@ def fill_twists(grid, turns, rotations, points, turning, moving):
 
 
 @kernel
-def place_spot(grid, turns, frames, spot, offset, place, rotation, own, own_turning):
-    """Place (3,) and frame (3, 3) of a point of the body, and their change by its segment's turn.
+def locate_station(
+    grid, rotation_vectors, frames, station, offset, place, rotation, own, own_turning
+):
+    """Place (3,) and frame (3, 3) of a point of the body, and their change by its own segment.
 
-    ``frames`` are rotations and points of the discs, ``spot`` the segment and the part of it, and
-    ``offset`` (3,) the place in the cross-section there. ``own`` (3, 3) moves the point,
-    ``own_turning`` (3, 3) turns its frame.
+    ``frames`` are rotations and points of the discs, ``station`` the segment and the part of it,
+    and ``offset`` (3,) the place in the cross-section there. ``own`` (3, 3) moves the point,
+    ``own_turning`` (3, 3) rotates its frame.
     """
     spans, _, _, _, _, segment = grid
     rotations, points = frames
-    j, part = spot
-    w = turns[j]
+    j, part = station
+    w = rotation_vectors[j]
     q = w[0] ** 2 + w[1] ** 2 + w[2] ** 2
     f, half = np.empty(8), np.empty(8)
-    step, slope, turn = np.zeros(3), np.zeros((3, 3)), np.empty((3, 3))
+    step, slope, rotation_part = np.zeros(3), np.zeros((3, 3)), np.empty((3, 3))
     fill_functions(part * part * q, f)
     if segment == CHORD:
         fill_functions(0.25 * q, half)
@@ -105,24 +107,24 @@ def place_spot(grid, turns, frames, spot, offset, place, rotation, own, own_turn
             place[i] += rotations[j, i, k] * step[k]
     multiply(rotations[j], slope, own)
     inner = part * w
-    fill_rotation(inner, f, turn)
-    multiply(rotations[j], turn, rotation)
-    fill_rotation(inner, f[1:], turn)
-    multiply(rotations[j], part * turn, own_turning)
+    fill_rotation(inner, f, rotation_part)
+    multiply(rotations[j], rotation_part, rotation)
+    fill_rotation(inner, f[1:], rotation_part)
+    multiply(rotations[j], part * rotation_part, own_turning)
 
 
 @kernel
-def fill_spot_jacobian(twists, spot, state, jacobian):
-    """Fill how the turns move a point of the body: rotation, then place, (6, 3 n).
+def fill_station_jacobian(twists, station, state, jacobian):
+    """Fill how the segments' rotations move a point of the body: rotation, then place, (6, 3 n).
 
-    ``twists`` are turning and moving of all segments, ``spot`` is the point's segment and the part
-    of it, ``state`` what `place_spot` fills: place, rotation, own and own_turning.
+    ``twists`` are turning and moving of all segments, ``station`` is the point's segment and the
+    part of it, ``state`` what `locate_station` fills: place, rotation, own and own_turning.
     """
     turning, moving = twists
     place, _, own, own_turning = state
     jacobian[:] = 0.0
     way = np.empty(3)
-    for j in range(spot[0]):
+    for j in range(station[0]):
         for k in range(3):
             cross(turning[j, :, k], place, way)
             for i in range(3):
@@ -130,30 +132,30 @@ def fill_spot_jacobian(twists, spot, state, jacobian):
                 jacobian[3 + i, 3 * j + k] = moving[j, i, k] + way[i]
     for i in range(3):
         for k in range(3):
-            jacobian[i, 3 * spot[0] + k] = own_turning[i, k]
-            jacobian[3 + i, 3 * spot[0] + k] = own[i, k]
+            jacobian[i, 3 * station[0] + k] = own_turning[i, k]
+            jacobian[3 + i, 3 * station[0] + k] = own[i, k]
 
 
 @kernel
-def place_spots(grid, turns, spots, places, rotations, jacobians):
+def locate_stations(grid, rotation_vectors, stations, places, rotations, jacobians):
     """Fill places (p, 3), frames (p, 3, 3) and Jacobians (p, 6, 3 n) of points of the body.
 
     Rows of a Jacobian are the rotation and the motion of the point, in the base's frame; columns
-    are the turns, segment by segment. No Jacobian is filled where there is no space for one.
+    are the rotations, segment by segment. No Jacobian is filled where there is no space for one.
     """
-    segments, parts, offsets = spots
-    n = turns.shape[0]
+    segments, parts, offsets = stations
+    n = rotation_vectors.shape[0]
     discs, points = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3))
     turning, moving = np.empty((n, 3, 3)), np.empty((n, 3, 3))
-    fill_twists(grid, turns, discs, points, turning, moving)
+    fill_twists(grid, rotation_vectors, discs, points, turning, moving)
     own, own_turning = np.empty((3, 3)), np.empty((3, 3))
     for p in range(segments.size):
-        spot = segments[p], parts[p]
-        place_spot(
+        station = segments[p], parts[p]
+        locate_station(
             grid,
-            turns,
+            rotation_vectors,
             (discs, points),
-            spot,
+            station,
             offsets[p],
             places[p],
             rotations[p],
@@ -162,7 +164,7 @@ def place_spots(grid, turns, spots, places, rotations, jacobians):
         )
         if p < len(jacobians):
             state = places[p], rotations[p], own, own_turning
-            fill_spot_jacobian((turning, moving), spot, state, jacobians[p])
+            fill_station_jacobian((turning, moving), station, state, jacobians[p])
 
 
 @kernel
@@ -177,7 +179,7 @@ def add_matrix_hessian(w, f, pairs, hessian):
         pairs[0, 1] - pairs[1, 0],
     )
     dot = pairs[0, 0] + pairs[1, 1] + pairs[2, 2]
-    turn = w[0] * x[0] + w[1] * x[1] + w[2] * x[2]
+    cross_part = w[0] * x[0] + w[1] * x[1] + w[2] * x[2]
     both = np.empty(3)
     square = 0.0
     for i in range(3):
@@ -185,10 +187,10 @@ def add_matrix_hessian(w, f, pairs, hessian):
         for k in range(3):
             both[i] += (pairs[i, k] + pairs[k, i]) * w[k]
         square += 0.5 * both[i] * w[i]
-    first = -f[1] * dot + (f[3] - f[2]) * turn + (2.0 * f[4] - f[3]) * square
+    first = -f[1] * dot + (f[3] - f[2]) * cross_part + (2.0 * f[4] - f[3]) * square
     second = (
         (f[2] - f[3]) * dot
-        + (f[3] - 3.0 * f[4] + 3.0 * f[5]) * turn
+        + (f[3] - 3.0 * f[4] + 3.0 * f[5]) * cross_part
         + (f[4] - 5.0 * f[5] + 8.0 * f[6]) * square
     )
     slope = np.empty(3)
@@ -219,26 +221,26 @@ def add_step_hessian(grid, w, index, part, force, hessian):
 
 
 @kernel
-def measure_loads(grid, turns, spots, loads, gradient, hessian):
-    """Potential of loads [N mm], minus what they do on the turns, and minus how that changes.
+def measure_loads(grid, rotation_vectors, stations, loads, gradient, hessian):
+    """Potential of loads [N mm], minus their work by rotation, and minus how that changes.
 
-    ``loads`` are forces (p, 3) [N], moments (p, 3) [N mm] at the ``spots``, and which of both keep
-    to the body's frame there (p,); the others keep to the base's. Fills ``gradient`` (n, 3), the
-    residual of the loads, and ``hessian`` (3 n, 3 n), its tangent. Forces that keep to the base's
-    frame have a potential, which is returned, and these are its gradient and exact Hessian; moments
-    and forces that follow the body have none, and their tangent is not symmetric.
+    ``loads`` are forces (p, 3) [N], moments (p, 3) [N mm] at the ``stations``, and which of both
+    keep to the body's frame there (p,); the others keep to the base's. Fills ``gradient`` (n, 3),
+    the residual of the loads, and ``hessian`` (3 n, 3 n), its tangent. Forces that keep to the
+    base's frame have a potential, which is returned, and these are its gradient and exact Hessian;
+    moments and forces that follow the body have none, and their tangent is not symmetric.
     """
-    segments, parts, offsets = spots
+    segments, parts, offsets = stations
     forces, moments, follows = loads
-    n, count = turns.shape[0], segments.size
+    n, count = rotation_vectors.shape[0], segments.size
     rotations, points = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3))
     turning, moving = np.empty((n, 3, 3)), np.empty((n, 3, 3))
-    fill_twists(grid, turns, rotations, points, turning, moving)
+    fill_twists(grid, rotation_vectors, rotations, points, turning, moving)
     gradient[:] = 0.0
     hessian[:] = 0.0
     potential = 0.0
-    # Force, place by force and moment beyond each segment, and what acts on its own turn.
-    pull, lever = np.zeros((n + 1, 3)), np.zeros((n + 1, 3, 3))
+    # Force, place by force and moment beyond each segment, and what acts on its own rotation.
+    force_on_segment, lever = np.zeros((n + 1, 3)), np.zeros((n + 1, 3, 3))
     moment = np.zeros((n + 1, 3))
     arm, twist, diagonal = np.zeros((n, 3, 3)), np.zeros((n, 3, 3)), np.zeros((n, 3, 3))
     places, owns, own_turnings = (
@@ -248,13 +250,13 @@ def measure_loads(grid, turns, spots, loads, gradient, hessian):
     )
     rotation, force, torque = np.empty((3, 3)), np.empty((count, 3)), np.empty((count, 3))
     local, way, f = np.empty(3), np.empty(3), np.empty(8)
-    turned = False
+    has_moments = False
     for p in range(count):
         j, part = segments[p], parts[p]
         own, own_turning, place = owns[p], own_turnings[p], places[p]
-        place_spot(
+        locate_station(
             grid,
-            turns,
+            rotation_vectors,
             (rotations, points),
             (j, part),
             offsets[p],
@@ -273,7 +275,7 @@ def measure_loads(grid, turns, spots, loads, gradient, hessian):
         for i in range(3):
             if not follows[p]:
                 potential -= force[p, i] * place[i]
-            pull[j, i] += force[p, i]
+            force_on_segment[j, i] += force[p, i]
             moment[j, i] += torque[p, i]
             for k in range(3):
                 lever[j, i, k] += place[i] * force[p, k]
@@ -285,7 +287,7 @@ def measure_loads(grid, turns, spots, loads, gradient, hessian):
             cross(own_turning[:, k], torque[p], way)
             for i in range(3):
                 twist[j, i, k] += way[i]
-        w = turns[j]
+        w = rotation_vectors[j]
         rotate_back(rotations[j], force[p], local)
         add_step_hessian(grid, w, j, part, local, diagonal[j])
         fill_functions(part * part * (w[0] ** 2 + w[1] ** 2 + w[2] ** 2), f)
@@ -293,7 +295,7 @@ def measure_loads(grid, turns, spots, loads, gradient, hessian):
         if r[0] != 0.0 or r[1] != 0.0 or r[2] != 0.0:
             add_form_hessian(w, f, 0, r[0], r[1], r[2], local, 1.0, part, diagonal[j])
         if torque[p, 0] != 0.0 or torque[p, 1] != 0.0 or torque[p, 2] != 0.0:
-            turned = True
+            has_moments = True
             rotate_back(rotations[j], torque[p], local)
             way[:] = 0.0
             slope = np.zeros((3, 3))
@@ -305,7 +307,7 @@ def measure_loads(grid, turns, spots, loads, gradient, hessian):
     beyond, beyond_lever, beyond_moment = np.zeros(3), np.zeros((3, 3)), np.zeros(3)
     pairs, whole = np.empty((3, 3)), np.empty((3, 3))
     for j in range(n - 1, -1, -1):
-        w = turns[j]
+        w = rotation_vectors[j]
         trace = beyond_lever[0, 0] + beyond_lever[1, 1] + beyond_lever[2, 2]
         whirl = (
             beyond_lever[1, 2] - beyond_lever[2, 1],
@@ -321,7 +323,7 @@ def measure_loads(grid, turns, spots, loads, gradient, hessian):
                 arm[j, i, k] += way[i] - trace * turning[j, i, k]
                 for m in range(3):
                     arm[j, i, k] += beyond_lever[i, m] * turning[j, m, k]
-            if turned:
+            if has_moments:
                 cross(turning[j, :, k], beyond_moment, way)
                 for i in range(3):
                     twist[j, i, k] += way[i]
@@ -334,12 +336,12 @@ def measure_loads(grid, turns, spots, loads, gradient, hessian):
         multiply(pairs, rotations[j], whole)
         fill_functions(w[0] ** 2 + w[1] ** 2 + w[2] ** 2, f)
         add_matrix_hessian(w, f, whole, diagonal[j])
-        if turned:
+        if has_moments:
             rotate_back(rotations[j], beyond_moment, local)
             way[:] = 0.0
             add_form(w, f, 1, local[0], local[1], local[2], 1.0, -1.0, way, diagonal[j])
         for i in range(3):
-            beyond[i] += pull[j, i]
+            beyond[i] += force_on_segment[j, i]
             beyond_moment[i] += moment[j, i]
             for k in range(3):
                 beyond_lever[i, k] += lever[j, i, k]
@@ -370,10 +372,10 @@ def measure_loads(grid, turns, spots, loads, gradient, hessian):
 
 @kernel
 def _add_following(twists, segment, state, load, hessian):
-    """Subtract what a force and a moment do on the turns as they turn with the body."""
+    """Subtract the change of a force and a moment as they turn with the body."""
     size = 3 * segment + 3
     jacobian = np.empty((6, hessian.shape[0]))
-    fill_spot_jacobian(twists, (segment, 1.0), state, jacobian)
+    fill_station_jacobian(twists, (segment, 1.0), state, jacobian)
     force, torque = load
     moved, turned = np.empty(3), np.empty(3)
     for m in range(size):

@@ -97,12 +97,12 @@ TERMS = 8
 
 
 @kernel
-def trace_backbone(steps, curvatures, start, points, turns, by_turn, by_place):
+def trace_backbone(steps, curvatures, start, points, rotations, by_rotation, by_place):
     """Fill points (n + 1, 3) and turns (n + 1, 3, 3) of a backbone, and their derivatives.
 
     ``steps`` (n,) are its steps' lengths, ``curvatures`` (n, 2, 3) are at their Gauss points,
     ``start`` (3, 3) is the first frame; the first point is taken as it is. If not empty,
-    ``by_turn`` and ``by_place`` (n, 2, 3, 3) are filled so that a change of the curvature's
+    ``by_rotation`` and ``by_place`` (n, 2, 3, 3) are filled so that a change of the curvature's
     component c at Gauss point g of step j moves each later point x by
     ``by_place[j, g, c] + cross(by_turn[j, g, c], x)``.
     """
@@ -110,7 +110,7 @@ def trace_backbone(steps, curvatures, start, points, turns, by_turn, by_place):
     hat, move = np.zeros((3, 3)), np.empty(3)
     turned, moved, term_w, term_v = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     unit = np.zeros(3)
-    copy_matrix(start, turns[0])
+    copy_matrix(start, rotations[0])
     for j in range(len(steps)):
         h = steps[j]
         one, two = curvatures[j, 0], curvatures[j, 1]
@@ -138,7 +138,7 @@ def trace_backbone(steps, curvatures, start, points, turns, by_turn, by_place):
         for i in range(3):
             points[j + 1, i] = points[j, i]
             for n in range(3):
-                points[j + 1, i] += turns[j, i, n] * move[n]
+                points[j + 1, i] += rotations[j, i, n] * move[n]
         for i in range(3):
             for n in range(3):
                 # I + a hat + b hat^2, where hat^2 = w w^T - |w|^2 I.
@@ -147,9 +147,9 @@ def trace_backbone(steps, curvatures, start, points, turns, by_turn, by_place):
                     entry = a * hat[m, n] + b * w[m] * w[n]
                     if m == n:
                         entry += 1.0 - b * square
-                    total += turns[j, i, m] * entry
-                turns[j + 1, i, n] = total
-        if by_turn.size == 0:
+                    total += rotations[j, i, m] * entry
+                rotations[j + 1, i, n] = total
+        if by_rotation.size == 0:
             continue
         for g in range(2):
             for k in range(3):
@@ -179,11 +179,11 @@ def trace_backbone(steps, curvatures, start, points, turns, by_turn, by_place):
                         turned[i] += term_w[i]
                         moved[i] += term_v[i]
                 for i in range(3):
-                    by_turn[j, g, k, i] = 0.0
+                    by_rotation[j, g, k, i] = 0.0
                     by_place[j, g, k, i] = 0.0
                     for n in range(3):
-                        by_turn[j, g, k, i] += turns[j + 1, i, n] * turned[n]
-                        by_place[j, g, k, i] += turns[j + 1, i, n] * moved[n]
-                _cross(by_turn[j, g, k], points[j + 1], side)
+                        by_rotation[j, g, k, i] += rotations[j + 1, i, n] * turned[n]
+                        by_place[j, g, k, i] += rotations[j + 1, i, n] * moved[n]
+                _cross(by_rotation[j, g, k], points[j + 1], side)
                 for i in range(3):
                     by_place[j, g, k, i] -= side[i]

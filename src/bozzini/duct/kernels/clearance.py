@@ -214,6 +214,61 @@ def bricks_slope(duct, x, y, z):
     return -s, -gx, -gy, -gz
 
 
+# Free space: the lumen united with the introducer (`duct.packed.SpaceData`). It is compiled into
+# its callers: a call more counts, for every link asks a few times.
+
+
+@kernel
+def split_along(introducer, x, y, z):
+    """Return how far a point is along the introducer's axis from its inner end, and off it."""
+    dx, dy, dz = x - introducer[0], y - introducer[1], z - introducer[2]
+    along = dx * introducer[3] + dy * introducer[4] + dz * introducer[5]
+    dx, dy, dz = dx - along * introducer[3], dy - along * introducer[4], dz - along * introducer[5]
+    return along, math.sqrt(dx * dx + dy * dy + dz * dz)
+
+
+@kernel(inline="always")
+def _leave_ray(introducer, x, y, z):
+    """Return the distance of a point from the introducer's ray, and the vector from there."""
+    dx, dy, dz = x - introducer[0], y - introducer[1], z - introducer[2]
+    t = max(dx * introducer[3] + dy * introducer[4] + dz * introducer[5], 0.0)
+    dx, dy, dz = dx - t * introducer[3], dy - t * introducer[4], dz - t * introducer[5]
+    return math.sqrt(dx * dx + dy * dy + dz * dz), dx, dy, dz
+
+
+@kernel(inline="always")
+def space_bound(space, x, y, z):
+    """Lower bound of the clearance in free space."""
+    introducer = space.introducer
+    best = clearance_bound(space.lumen, x, y, z)
+    if introducer[6] > 0.0:
+        best = max(best, introducer[6] - _leave_ray(introducer, x, y, z)[0])
+    return best
+
+
+@kernel(inline="always")
+def space_estimate(space, x, y, z):
+    """Estimated clearance in free space."""
+    introducer = space.introducer
+    best = clearance_estimate(space.lumen, x, y, z)
+    if introducer[6] > 0.0:
+        best = max(best, introducer[6] - _leave_ray(introducer, x, y, z)[0])
+    return best
+
+
+@kernel(inline="always")
+def space_slope(space, x, y, z):
+    """Estimated clearance in free space, and its gradient."""
+    introducer = space.introducer
+    best, gx, gy, gz = clearance_slope(space.lumen, x, y, z)
+    if introducer[6] > 0.0:
+        off, dx, dy, dz = _leave_ray(introducer, x, y, z)
+        if introducer[6] - off > best:
+            scale = -1.0 / max(off, 1e-12)
+            best, gx, gy, gz = introducer[6] - off, scale * dx, scale * dy, scale * dz
+    return best, gx, gy, gz
+
+
 _KERNELS = {
     GridData: (grid_bound, grid_estimate, grid_slope),
     BricksData: (bricks_bound, bricks_estimate, bricks_slope),

@@ -1,7 +1,15 @@
 """Numba kernels of the graph over a lumen's nodes: only the nodes inside are kept.
 
 Nodes are numbered in the order of the grid. `number` (nx, ny, nz) int32 has the number of a node,
--1 outside; `nodes` (n,) int64 its flat index. Each node has 26 neighbours.
+-1 outside; `nodes` (n,) int64 its flat index. Each node has 26 neighbours. Found are, for every
+node and over all paths from the sources through neighbours,::
+
+    cost   = min of sum |x_i+1 - x_i| (w_i + w_i+1) / 2 ,   about the integral of w ds
+    length = min of sum |x_i+1 - x_i|                       [mm]
+
+with the weights ``w`` of the nodes, exactly on the graph: by Dijkstra's algorithm with a heap, four
+children each, and by buckets. A path on 26 neighbours is longer than the straight way by up to 13 %
+on a cubic grid.
 """
 
 from __future__ import annotations
@@ -36,19 +44,22 @@ def number_nodes(values, level, number, nodes):
 @kernel
 def _list_steps(step):
     """Return the 26 steps to neighbours (26, 3) and their lengths."""
-    moves = np.empty((26, 3), np.int64)
+    offsets = np.empty((26, 3), np.int64)
     lengths = np.empty(26)
     n = 0
     for a in range(-1, 2):
         for b in range(-1, 2):
             for c in range(-1, 2):
                 if a != 0 or b != 0 or c != 0:
-                    moves[n, 0], moves[n, 1], moves[n, 2] = a, b, c
+                    offsets[n, 0], offsets[n, 1], offsets[n, 2] = a, b, c
                     lengths[n] = math.sqrt(
                         (a * step[0]) ** 2 + (b * step[1]) ** 2 + (c * step[2]) ** 2
                     )
                     n += 1
-    return moves, lengths
+    return offsets, lengths
+
+
+# A heap of keys with four children each: the least is first.
 
 
 @kernel
@@ -83,7 +94,7 @@ def _sift_down(keys, names, size):
 
 
 @kernel(nogil=True)
-def find_costs(number, nodes, weight, step, sources, costs, before):
+def find_costs(number, nodes, weight, step, sources, costs, predecessors):
     """Dijkstra's algorithm: the least cost from `sources`, and the node before on the path.
 
     Parameters
@@ -97,7 +108,7 @@ def find_costs(number, nodes, weight, step, sources, costs, before):
         -1 at first; it stays so at the sources.
     """
     nx, ny, nz = number.shape
-    moves, lengths = _list_steps(step)
+    offsets, lengths = _list_steps(step)
     keys = np.empty(max(1024, sources.shape[0]))
     names = np.empty(keys.shape[0], np.int32)
     size = 0
@@ -118,20 +129,20 @@ def find_costs(number, nodes, weight, step, sources, costs, before):
         i = flat // (ny * nz)
         j = (flat // nz) % ny
         k = flat % nz
-        own = weight[here]
+        own_weight = weight[here]
         for m in range(26):
-            a = i + moves[m, 0]
-            b = j + moves[m, 1]
-            c = k + moves[m, 2]
+            a = i + offsets[m, 0]
+            b = j + offsets[m, 1]
+            c = k + offsets[m, 2]
             if a < 0 or b < 0 or c < 0 or a >= nx or b >= ny or c >= nz:
                 continue
             there = number[a, b, c]
             if there < 0:
                 continue
-            new = cost + lengths[m] * 0.5 * (own + weight[there])
+            new = cost + lengths[m] * 0.5 * (own_weight + weight[there])
             if new < costs[there]:
                 costs[there] = new
-                before[there] = here
+                predecessors[there] = here
                 if size == keys.shape[0]:
                     more = np.empty(2 * size)
                     copy_vector(keys, more)
@@ -152,34 +163,34 @@ def find_lengths(number, nodes, step, sources, lengths):
     (Denardo and Fox, Operations Research 27, 1979).
     """
     nx, ny, nz = number.shape
-    moves, steps = _list_steps(step)
+    offsets, steps = _list_steps(step)
     width = steps.min()
-    rings = int(steps.max() / width) + 3
+    bucket_count = int(steps.max() / width) + 3
     # A node is in the bucket of each length it was given; the old ones are passed over.
-    heads = np.full(rings, -1, np.int64)
-    owner = np.empty(4 * nodes.shape[0] + sources.shape[0] + 1024, np.int32)
-    value = np.empty(owner.shape[0])
-    link = np.empty(owner.shape[0], np.int64)
-    free = -1
+    first_entries = np.full(bucket_count, -1, np.int64)
+    entry_nodes = np.empty(4 * nodes.shape[0] + sources.shape[0] + 1024, np.int32)
+    entry_lengths = np.empty(entry_nodes.shape[0])
+    next_entries = np.empty(entry_nodes.shape[0], np.int64)
+    free_entry = -1
     used = 0
-    left = 0
+    waiting = 0
     for s in sources:
         lengths[s] = 0.0
-        owner[used], value[used], link[used] = s, 0.0, heads[0]
-        heads[0] = used
+        entry_nodes[used], entry_lengths[used], next_entries[used] = s, 0.0, first_entries[0]
+        first_entries[0] = used
         used += 1
-        left += 1
-    ring = 0
-    while left > 0:
-        slot = ring % rings
-        while heads[slot] >= 0:
-            entry = heads[slot]
-            heads[slot] = link[entry]
-            link[entry] = free
-            free = entry
-            left -= 1
-            here = owner[entry]
-            length = value[entry]
+        waiting += 1
+    bucket = 0
+    while waiting > 0:
+        slot = bucket % bucket_count
+        while first_entries[slot] >= 0:
+            entry = first_entries[slot]
+            first_entries[slot] = next_entries[entry]
+            next_entries[entry] = free_entry
+            free_entry = entry
+            waiting -= 1
+            here = entry_nodes[entry]
+            length = entry_lengths[entry]
             if length > lengths[here]:
                 continue
             flat = nodes[here]
@@ -187,9 +198,9 @@ def find_lengths(number, nodes, step, sources, lengths):
             j = (flat // nz) % ny
             k = flat % nz
             for m in range(26):
-                a = i + moves[m, 0]
-                b = j + moves[m, 1]
-                c = k + moves[m, 2]
+                a = i + offsets[m, 0]
+                b = j + offsets[m, 1]
+                c = k + offsets[m, 2]
                 if a < 0 or b < 0 or c < 0 or a >= nx or b >= ny or c >= nz:
                     continue
                 there = number[a, b, c]
@@ -198,28 +209,32 @@ def find_lengths(number, nodes, step, sources, lengths):
                 new = length + steps[m]
                 if new < lengths[there]:
                     lengths[there] = new
-                    if free >= 0:
-                        entry = free
-                        free = link[entry]
+                    if free_entry >= 0:
+                        entry = free_entry
+                        free_entry = next_entries[entry]
                     else:
                         entry = used
                         used += 1
-                        if used > owner.shape[0]:
-                            size = owner.shape[0]
+                        if used > entry_nodes.shape[0]:
+                            size = entry_nodes.shape[0]
                             wider = np.empty(2 * size, np.int32)
-                            copy_vector(owner, wider)
-                            owner = wider
+                            copy_vector(entry_nodes, wider)
+                            entry_nodes = wider
                             longer = np.empty(2 * size)
-                            copy_vector(value, longer)
-                            value = longer
+                            copy_vector(entry_lengths, longer)
+                            entry_lengths = longer
                             links = np.empty(2 * size, np.int64)
-                            copy_vector(link, links)
-                            link = links
-                    to = int(new / width) % rings
-                    owner[entry], value[entry], link[entry] = there, new, heads[to]
-                    heads[to] = entry
-                    left += 1
-        ring += 1
+                            copy_vector(next_entries, links)
+                            next_entries = links
+                    target = int(new / width) % bucket_count
+                    entry_nodes[entry], entry_lengths[entry], next_entries[entry] = (
+                        there,
+                        new,
+                        first_entries[target],
+                    )
+                    first_entries[target] = entry
+                    waiting += 1
+        bucket += 1
 
 
 @kernel(nogil=True)

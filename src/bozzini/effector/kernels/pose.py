@@ -1,4 +1,10 @@
-"""Numba kernels: several muscles at once, by superposed forces or by the thesis's eight steps."""
+"""Numba kernels: several muscles at once, by superposed forces or by the thesis's eight steps.
+
+Superposed: with the lateral deflection ``delta_j`` [mm] that muscle j, at the angle ``phi_j``, has
+from its own equilibrium, the section bends by ``|d|`` in the plane of ``d = sum_j delta_j (cos
+phi_j, sin phi_j)``, as one muscle there would bend it: its contraction ``x`` is the root of
+``delta(x) = |d|``, or that of the peak if ``|d|`` is beyond. Forces ``delta / c`` add up likewise.
+"""
 
 from __future__ import annotations
 
@@ -34,24 +40,24 @@ def superpose(
             if laterals[i, j] > largest:
                 largest = laterals[i, j]
                 start = contractions[i, j]
-        asked = math.hypot(x, y)
-        if asked > 0.0:
-            x /= asked
-            y /= asked
+        demanded = math.hypot(x, y)
+        if demanded > 0.0:
+            x /= demanded
+            y /= demanded
         else:
             x, y = 1.0, 0.0
-        if asked >= peak:
+        if demanded >= peak:
             shortened = top
         else:
-            shortened, _ = find_contraction(linkage, asked, top, start)
+            shortened, _ = find_contraction(linkage, demanded, top, start)
         failed, sin, cos = fill_backbone(linkage, shortened, plane[0], plane[1])
         vectors[i, 3] = shortened
         if failed > 0:
             return i, failed
-        given = asked if asked <= peak else peak
+        given = demanded if demanded <= peak else peak
         vectors[i, 0] = given * x
         vectors[i, 1] = given * y
-        vectors[i, 2] = asked
+        vectors[i, 2] = demanded
         backbones[i, 0, :] = 0.0
         for k in range(1, plane.shape[1]):
             backbones[i, k, 0] = plane[0, k] * x
@@ -117,16 +123,16 @@ def combine_steps(linkage, cosines, sines, contractions, forces, first, second, 
             z2 = z2 * cos - ahead * sin
             x2 = turned * cos1 - aside * sin1
             y2 = turned * sin1 + aside * cos1
-            share = 1.0
+            scale = 1.0
             move = math.sqrt(x2 * x2 + y2 * y2 + z2 * z2)
             if move > ROUND_OFF * linkage[1]:
                 off1 = along * x1 - across * y1
                 off2 = along * x2 - across * y2
                 if abs(off2) > IN_PLANE * move:
-                    share = -off1 / off2
+                    scale = -off1 / off2
                 elif abs(off1) > IN_PLANE * math.hypot(x1, y1):
                     return i, k, 0
-            backbones[i, k, 0] = x1 + share * x2
-            backbones[i, k, 1] = y1 + share * y2
-            backbones[i, k, 2] = base + z1 + share * z2
+            backbones[i, k, 0] = x1 + scale * x2
+            backbones[i, k, 1] = y1 + scale * y2
+            backbones[i, k, 2] = base + z1 + scale * z2
     return -1, 0, 0

@@ -138,7 +138,7 @@ class FitJob:
         travel = self.robot.tendon_travel + TRAVEL_SLACK * np.array([1.0, -1.0])
         open_ended = np.full_like(travel, math.inf) * np.array([-1.0, 1.0])
         fit_motion(
-            self.space.data,
+            self.duct.pack(),
             self.placing,
             self.introducer.bore,
             self.lengths,

@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from ...duct.kernels.clearance import clearance_bound
+from ...duct.kernels.clearance import clearance_bound, split_along
 from ...numeric.compiling import kernel
 
 RESOLVED = 0
@@ -20,19 +20,9 @@ UNRESOLVED = 1
 
 
 @kernel
-def _split_along(intro, dx, dy, dz):
-    """Return (along, off): a vector's part along the introducer, and its distance from the axis."""
-    a = dx * intro[3] + dy * intro[4] + dz * intro[5]
-    ox = dx - a * intro[3]
-    oy = dy - a * intro[4]
-    oz = dz - a * intro[5]
-    return a, math.sqrt(ox * ox + oy * oy + oz * oz)
-
-
-@kernel
 def _in_bore(intro, radius, x, y, z):
     """Whether the body around a point lies in the bore, behind the entry plane."""
-    a, off = _split_along(intro, x - intro[0], y - intro[1], z - intro[2])
+    a, off = split_along(intro, x, y, z)
     return a >= 0.0 and off <= intro[6] - radius + 1e-9
 
 
@@ -82,7 +72,7 @@ def mark_introduced(joints, intro, radius, waiting):
                     and not _through_mouth(intro, joints[t - 1, k - 1], joints[t, k - 1])
                 ):
                     break
-                _, off = _split_along(intro, x - intro[0], y - intro[1], z - intro[2])
+                _, off = split_along(intro, x, y, z)
                 needed = max(needed, off + radius)
                 k -= 1
             # The link that leaves the bore must do so at the mouth, not sideways farther out.
@@ -136,11 +126,13 @@ def _cell_in_bore(intro, radius, joints, j, t0, t1, u0, u1):
 
 
 @kernel
-def bound_motion(duct, intro, joints, radius, tolerance, budget, worst):
+def bound_motion(space, joints, radius, tolerance, budget, worst):
     """Bound the clearance of the whole body over a motion from below.
 
     Parameters
     ----------
+    space : named tuple
+        The packed free space, with the bore that is exempt from the wall.
     joints : (steps, joints, 3) float
         In the duct's own frame.
     radius : float
@@ -164,7 +156,7 @@ def bound_motion(duct, intro, joints, radius, tolerance, budget, worst):
     """
     steps, count, _ = joints.shape
     waiting = np.empty(steps, np.int64)
-    intro = intro.copy()
+    duct, intro = space.lumen, space.introducer.copy()
     found = np.inf
     bound = np.inf
     worst[:] = 0.0

@@ -1,4 +1,16 @@
-"""Numba kernels for a whole chain: advance it along the path, and look at its whole body."""
+"""Numba kernels for a whole chain: advance it along the path, and look at its whole body.
+
+The constrained link step (thesis (5.15)) finds the tail ``t`` of a link, its head at ``h``, nearest
+to where the tail was, ``t_0``, at the link's length L and in free space::
+
+    minimise |t - t_0|  such that  |t - h| = L ,   c(t) = s(t) + needed <= 0
+
+with the signed distance ``s`` to the free space, negative inside, and the clearance ``needed``
+[mm]. Unknowns are normal coordinates (a, b) [rad] of the direction from the head about that to
+``t_0``, whose norm is the angle: ``t = h + L (cos |(a, b)| w + sin |(a, b)| / |(a, b)| (a e + b
+f))``. A bundle of linear cuts of ``c`` solves it locally, to 1e-9 mm; a step by more than 0.3 rad
+is held against a search of all directions by branch and bound. Links follow from the head on.
+"""
 
 from __future__ import annotations
 
@@ -7,25 +19,9 @@ import math
 
 import numpy as np
 
-from ...duct.kernels.clearance import clearance_estimate, clearance_slope
+from ...duct.kernels.clearance import clearance_estimate, space_estimate, space_slope, split_along
 from ...duct.packed import GridData
 from ...numeric.compiling import kernel
-
-# The introducer, a capsule that is open at its far end.
-#
-# It is a ray from ``intro[:3]`` along the unit vector ``intro[3:6]`` with the radius ``intro[6]``;
-# a radius of 0 or less means none.
-
-
-@kernel(inline="always")
-def offset_from_ray(intro, x, y, z):
-    """Vector to a point from the nearest point of the introducer's ray."""
-    dx = x - intro[0]
-    dy = y - intro[1]
-    dz = z - intro[2]
-    t = max(dx * intro[3] + dy * intro[4] + dz * intro[5], 0.0)
-    return dx - t * intro[3], dy - t * intro[4], dz - t * intro[5]
-
 
 # All directions of one link: the nearest feasible one, and that with the most clearance.
 #
@@ -34,9 +30,6 @@ def offset_from_ray(intro, x, y, z):
 # map of a sphere never lengthens, so two tails are at most ``length`` times the distance of their
 # coordinates apart, and a duct whose value changes by at most `slope` per mm bounds a whole square
 # of directions by the value at its centre. In the plane b = 0, and squares are intervals.
-#
-# The free space is a duct united with the introducer, a ray from ``intro[:3]`` along ``intro[3:6]``
-# with the radius ``intro[6]`` (a capsule, exact distance); a radius of 0 or less means none.
 
 TOLERANCE = 1e-9
 """Feasibility and convergence tolerance of the link step [mm]."""
@@ -54,33 +47,6 @@ def bound_packed_slope(data: object) -> float:
     return math.sqrt(3.0) if isinstance(data, GridData) else 1.0
 
 
-@kernel(inline="always")
-def duct_value(duct, intro, x, y, z):
-    """Signed distance to the lumen united with the introducer."""
-    s = -clearance_estimate(duct, x, y, z)
-    if intro[6] > 0.0:
-        dx, dy, dz = offset_from_ray(intro, x, y, z)
-        s = min(s, math.sqrt(dx * dx + dy * dy + dz * dz) - intro[6])
-    return s
-
-
-@kernel(inline="always")
-def duct_and_gradient(duct, intro, x, y, z):
-    """Signed distance to the lumen united with the introducer, and its gradient."""
-    clearance, gx, gy, gz = clearance_slope(duct, x, y, z)
-    s, gx, gy, gz = -clearance, -gx, -gy, -gz
-    if intro[6] > 0.0:
-        dx, dy, dz = offset_from_ray(intro, x, y, z)
-        distance = math.sqrt(dx * dx + dy * dy + dz * dz)
-        if distance - intro[6] < s:
-            s = distance - intro[6]
-            scale = 1.0 / max(distance, 1e-12)
-            gx = dx * scale
-            gy = dy * scale
-            gz = dz * scale
-    return s, gx, gy, gz
-
-
 @kernel
 def point_tail(head, frame, length, a, b, tail):
     """Fill `tail` with the point at `length` from `head` in the direction (a, b)."""
@@ -92,14 +58,14 @@ def point_tail(head, frame, length, a, b, tail):
 
 
 @kernel
-def _value_at(duct, intro, head, frame, length, needed, a, b, tail):
+def _value_at(space, head, frame, length, needed, a, b, tail):
     """Return how much clearance lacks in the direction (a, b), and fill `tail`."""
     point_tail(head, frame, length, a, b, tail)
-    return duct_value(duct, intro, tail[0], tail[1], tail[2]) + needed
+    return needed - space_estimate(space, tail[0], tail[1], tail[2])
 
 
 @kernel
-def _first_fit(duct, intro, head, frame, length, needed, a, b, low, c_low, high, c_high, tail):
+def _first_fit(space, head, frame, length, needed, a, b, low, c_low, high, c_high, tail):
     """Return the fraction of (a, b), in (low, high], at which it is feasible; fill `tail`.
 
     False position with the Illinois rule; at `low` `c_low` of the clearance lacks, at `high` none.
@@ -113,7 +79,7 @@ def _first_fit(duct, intro, head, frame, length, needed, a, b, low, c_low, high,
             middle = 0.5 * (low + high)
             if not low < middle < high:
                 break
-        c = _value_at(duct, intro, head, frame, length, needed, middle * a, middle * b, tail)
+        c = _value_at(space, head, frame, length, needed, middle * a, middle * b, tail)
         if c <= 0.0:
             high = middle
             last = c_high = c
@@ -131,7 +97,7 @@ def _first_fit(duct, intro, head, frame, length, needed, a, b, low, c_low, high,
 
 
 @kernel
-def march_circle(duct, intro, head, frame, length, needed, slope, tail):
+def march_circle(space, head, frame, length, needed, slope, tail):
     """Find the nearest feasible direction in the plane, marching both ways from the old one.
 
     Where c lacks, none is within a chord of c / slope. No step is shorter than `MARCH`:
@@ -143,10 +109,10 @@ def march_circle(duct, intro, head, frame, length, needed, slope, tail):
     angle : float
         Signed, of the direction found, whose point is put into `tail`.
     """
-    start = _value_at(duct, intro, head, frame, length, needed, 0.0, 0.0, tail)
+    start = _value_at(space, head, frame, length, needed, 0.0, 0.0, tail)
     least = MARCH / length
     angles = np.zeros(2)
-    lacks = np.full(2, start)
+    lacking = np.full(2, start)
     limit = math.pi
     answer = 0.0
     found = False
@@ -156,16 +122,15 @@ def march_circle(duct, intro, head, frame, length, needed, slope, tail):
             break
         sign = 1.0 - 2.0 * side
         before = angles[side]
-        c_before = lacks[side]
+        c_before = lacking[side]
         skip = 2.0 * math.asin(min(0.5 * c_before / (slope * length), 1.0))
         after = min(before + max(skip, least), limit)
-        c = _value_at(duct, intro, head, frame, length, needed, sign * after, 0.0, tail)
+        c = _value_at(space, head, frame, length, needed, sign * after, 0.0, tail)
         angles[side] = after
-        lacks[side] = c
+        lacking[side] = c
         if c <= 0.0:
             after = _first_fit(
-                duct,
-                intro,
+                space,
                 head,
                 frame,
                 length,
@@ -197,7 +162,17 @@ def _nearest_in_square(a, b, half):
 
 @kernel
 def search_sphere(
-    duct, intro, head, frame, length, needed, slope, known, gap, finest, budget, coordinates
+    space,
+    head,
+    frame,
+    length,
+    needed,
+    slope,
+    known,
+    angle_tolerance,
+    finest,
+    budget,
+    coordinates,
 ):
     """Find the nearest feasible direction, and a bound below which none is: branch and bound.
 
@@ -237,20 +212,20 @@ def search_sphere(
     count = 0
     while len(heap) > 0:
         key, a, b, half = heapq.heappop(heap)
-        if key >= angle - gap or count >= budget:
+        if key >= angle - angle_tolerance or count >= budget:
             bound = min(bound, key)
             break
-        c = _value_at(duct, intro, head, frame, length, needed, a, b, tail)
+        c = _value_at(space, head, frame, length, needed, a, b, tail)
         count += 1
-        turn = math.sqrt(a * a + b * b)
-        if c <= 0.0 and turn < angle and turn <= math.pi:
-            start = _value_at(duct, intro, head, frame, length, needed, 0.0, 0.0, tail)
-            share = _first_fit(
-                duct, intro, head, frame, length, needed, a, b, 0.0, start, 1.0, c, tail
+        own_angle = math.sqrt(a * a + b * b)
+        if c <= 0.0 and own_angle < angle and own_angle <= math.pi:
+            start = _value_at(space, head, frame, length, needed, 0.0, 0.0, tail)
+            fraction = _first_fit(
+                space, head, frame, length, needed, a, b, 0.0, start, 1.0, c, tail
             )
-            angle = share * turn
-            coordinates[0] = share * a
-            coordinates[1] = share * b
+            angle = fraction * own_angle
+            coordinates[0] = fraction * a
+            coordinates[1] = fraction * b
             found = True
         reach = min(math.sqrt(2.0) * half, math.pi)
         if c > 2.0 * slope * length * math.sin(0.5 * reach):
@@ -264,13 +239,13 @@ def search_sphere(
             na = a + (half if i % 2 == 0 else -half)
             nb = b + (half if i < 2 else -half)
             near = _nearest_in_square(na, nb, half)
-            if near < angle - gap and near < math.pi:
+            if near < angle - angle_tolerance and near < math.pi:
                 heapq.heappush(heap, (near, na, nb, half))
-    return found, angle, max(min(bound, angle - gap), 0.0), count
+    return found, angle, max(min(bound, angle - angle_tolerance), 0.0), count
 
 
 @kernel
-def find_clearest(duct, intro, head, frame, length, needed, slope, planar, floor, budget, tail):
+def find_clearest(space, head, frame, length, needed, slope, planar, floor, budget, tail):
     """Find the direction where the least clearance lacks: branch and bound.
 
     Parameters
@@ -304,7 +279,7 @@ def find_clearest(duct, intro, head, frame, length, needed, slope, planar, floor
         for i in range(2 if planar else 4):
             na = a + (half if i % 2 == 0 else -half)
             nb = 0.0 if planar else b + (half if i < 2 else -half)
-            value = _value_at(duct, intro, head, frame, length, needed, na, nb, point)
+            value = _value_at(space, head, frame, length, needed, na, nb, point)
             count += 1
             if value < best:
                 best = value
@@ -323,8 +298,8 @@ def find_clearest(duct, intro, head, frame, length, needed, slope, planar, floor
 
 # One constrained link: the tail that moves least, at its distance, in the duct.
 #
-# All points are in the duct's own frame; a duct is packed for `duct.kernels.clearance`. What a tail
-# lacks is the signed distance to the free space (`duct_value`) plus the clearance needed.
+# All points are in the duct's own frame; the free space is packed for `duct.kernels.clearance`.
+# What a tail lacks is the clearance needed less the free space's.
 
 FREE = 0
 WALL = 1
@@ -406,7 +381,7 @@ def _frame(w, e, f):
 
 
 @kernel
-def _local_step(duct, intro, head, frame, length, needed, start, cuts, tail):
+def _local_step(space, head, frame, length, needed, start, cuts, tail):
     """Minimise the turn from direction `w` subject to the duct; a bundle of linear cuts in 2-D.
 
     Unknown: the normal coordinates (a, b) of the direction around `w`, whose norm is the angle,
@@ -438,12 +413,12 @@ def _local_step(duct, intro, head, frame, length, needed, start, cuts, tail):
             ub = 0.0
         for n in range(3):
             tail[n] = head[n] + length * (ca * w[n] + sinc * (a * e[n] + b * f[n]))
-        c, gx, gy, gz = duct_and_gradient(duct, intro, tail[0], tail[1], tail[2])
-        c += needed
+        clearance, gx, gy, gz = space_slope(space, tail[0], tail[1], tail[2])
+        c = needed - clearance
         # derivative along the radial direction and across it
         radial = 0.0
         across = 0.0
-        g = (gx, gy, gz)
+        g = (-gx, -gy, -gz)
         sa = sinc * angle
         for n in range(3):
             along = ua * e[n] + ub * f[n]
@@ -455,8 +430,8 @@ def _local_step(duct, intro, head, frame, length, needed, start, cuts, tail):
         gb = radial * ub + across * ua
         kept = 0
         for i in range(count):
-            gap = math.sqrt((cuts[i, 3] - a) ** 2 + (cuts[i, 4] - b) ** 2)
-            near = iteration >= SMOOTH_ITERATIONS and gap <= 4.0 * last_move
+            distance = math.sqrt((cuts[i, 3] - a) ** 2 + (cuts[i, 4] - b) ** 2)
+            near = iteration >= SMOOTH_ITERATIONS and distance <= 4.0 * last_move
             if near and not (count == 3 and i == 0):
                 for n in range(5):
                     cuts[kept, n] = cuts[i, n]
@@ -524,24 +499,24 @@ def make_frame(head, old, planar, frame):
 
 
 @kernel
-def _search(duct, intro, head, length, needed, slope, planar, known, work, tail):
+def _search(space, head, length, needed, slope, planar, known, work, tail):
     """Search all directions, with a local step's turn `known` if it has converged."""
     frame = work[:3]
     start = work[0, 3:]
     if planar:
-        found, _ = march_circle(duct, intro, head, frame, length, needed, slope, tail)
+        found, _ = march_circle(space, head, frame, length, needed, slope, tail)
         if found:
             return WALL, 0.0
     else:
         # As an int64: for a constant it would be compiled anew beside the one for Python.
         budget = np.int64(BUDGET)
         found, least, _, _ = search_sphere(
-            duct, intro, head, frame, length, needed, slope, known, GAP, FINEST, budget, start
+            space, head, frame, length, needed, slope, known, GAP, FINEST, budget, start
         )
         if found:
             a = start[0]
             b = start[1]
-            ok, turn = _local_step(duct, intro, head, frame, length, needed, start, work[3:6], tail)
+            ok, turn = _local_step(space, head, frame, length, needed, start, work[3:6], tail)
             if not ok or turn > least:
                 point_tail(head, frame, length, a, b, tail)
             return SEARCHED, 0.0
@@ -549,16 +524,14 @@ def _search(duct, intro, head, length, needed, slope, planar, known, work, tail)
             point_tail(head, frame, length, start[0], start[1], tail)
             return WALL, 0.0
     floor = CLOSE * slope * length * FINEST
-    lack, _ = find_clearest(
-        duct, intro, head, frame, length, needed, slope, planar, floor, BUDGET, tail
-    )
+    lack, _ = find_clearest(space, head, frame, length, needed, slope, planar, floor, BUDGET, tail)
     if lack <= 0.0:
         return SEARCHED, 0.0
     return INFEASIBLE, lack
 
 
 @kernel
-def place_tail(duct, intro, head, old, length, needed, slope, planar, work, tail):
+def place_tail(space, head, old, length, needed, slope, planar, work, tail):
     """One constrained link step (thesis eq. 5.15).
 
     Fill `tail` with the point at `length` from `head`, in the duct with at least `needed` to the
@@ -573,25 +546,25 @@ def place_tail(duct, intro, head, old, length, needed, slope, planar, work, tail
         3 infeasible: no direction found, nor one that has 1e-5 of the length to spare (on a
         sampled field sqrt(3) times that), unless the search ran out; `tail` is the best one.
     lack : float
-        For code 3 the least value of ``duct + needed`` on the sphere, to 0.01 mm or 1 %, else 0.
+        For code 3 how much clearance lacks at least on the sphere, to 0.01 mm or 1 %, else 0.
     """
     frame = work[:3]
     make_frame(head, old, planar, frame)
     for n in range(3):
         tail[n] = head[n] + length * frame[0, n]
-    if duct_value(duct, intro, tail[0], tail[1], tail[2]) + needed <= 0.0:
+    if needed - space_estimate(space, tail[0], tail[1], tail[2]) <= 0.0:
         return FREE, 0.0
     known = np.inf
     if not planar:
         start = work[0, 3:]
         start[0] = 0.0
         start[1] = 0.0
-        ok, turn = _local_step(duct, intro, head, frame, length, needed, start, work[3:6], tail)
+        ok, turn = _local_step(space, head, frame, length, needed, start, work[3:6], tail)
         if ok:
             known = turn
             if turn <= NEARBY:
                 return WALL, 0.0
-    return _search(duct, intro, head, length, needed, slope, planar, known, work, tail)
+    return _search(space, head, length, needed, slope, planar, known, work, tail)
 
 
 DONE = 0
@@ -616,8 +589,7 @@ def _point_on_path(path, arc, s, where, point):
 
 @kernel
 def advance_chain(
-    duct,
-    intro,
+    space,
     path,
     arc,
     length,
@@ -638,8 +610,8 @@ def advance_chain(
 
     Parameters
     ----------
-    duct : named tuple
-        The packed duct.
+    space : named tuple
+        The packed free space.
     slope, planar
         As for `place_tail`.
     chain : (joints, 3) float
@@ -674,7 +646,7 @@ def advance_chain(
             return BUFFER_FULL, rows
         target = min(s + size, end)
         where = _point_on_path(path, arc, target, where, trial[0])
-        depth = duct_value(duct, intro, trial[0, 0], trial[0, 1], trial[0, 2])
+        depth = -space_estimate(space, trial[0, 0], trial[0, 1], trial[0, 2])
         if depth + needed > 0.0:
             if size > floor:
                 size *= 0.5
@@ -689,7 +661,7 @@ def advance_chain(
         link = 0
         for j in range(1, joints):
             code, value = place_tail(
-                duct, intro, trial[j - 1], chain[j], length, needed, slope, planar, work, trial[j]
+                space, trial[j - 1], chain[j], length, needed, slope, planar, work, trial[j]
             )
             move = math.sqrt(
                 (trial[j, 0] - chain[j, 0]) ** 2
@@ -727,7 +699,7 @@ def advance_chain(
 
 
 @kernel
-def measure_body(duct, intro, chains, radius, pitch, clearance, worst):
+def measure_body(space, chains, radius, pitch, clearance, worst):
     """Estimate the clearance of every link of every step by samples along the links.
 
     The tail end of the chain that still is in the introducer is left out: from the tail towards
@@ -735,8 +707,8 @@ def measure_body(duct, intro, chains, radius, pitch, clearance, worst):
 
     Parameters
     ----------
-    duct : named tuple
-        The packed duct.
+    space : named tuple
+        The packed free space.
     chains : (steps, joints, 3) float
     radius : float
         Of the body [mm].
@@ -747,9 +719,10 @@ def measure_body(duct, intro, chains, radius, pitch, clearance, worst):
     worst : (4,) float
         Filled with the place (3,) of the smallest clearance, and its value.
     """
+    duct, introducer = space
     worst[3] = np.inf
     for t in range(chains.shape[0]):
-        waiting = intro[6] > 0.0
+        waiting = introducer[6] > 0.0
         for j in range(chains.shape[1] - 1, 0, -1):
             ax, ay, az = chains[t, j, 0], chains[t, j, 1], chains[t, j, 2]
             dx = chains[t, j - 1, 0] - ax
@@ -769,15 +742,8 @@ def measure_body(duct, intro, chains, radius, pitch, clearance, worst):
                 y = ay + u * dy
                 z = az + u * dz
                 if waiting:
-                    px = x - intro[0]
-                    py = y - intro[1]
-                    pz = z - intro[2]
-                    t_out = px * intro[3] + py * intro[4] + pz * intro[5]
-                    px -= t_out * intro[3]
-                    py -= t_out * intro[4]
-                    pz -= t_out * intro[5]
-                    off = math.sqrt(px * px + py * py + pz * pz)
-                    if t_out >= 0.0 and off <= intro[6]:
+                    along, off = split_along(introducer, x, y, z)
+                    if along >= 0.0 and off <= introducer[6]:
                         continue
                     waiting = False
                 gap = clearance_estimate(duct, x, y, z) - radius

@@ -2,7 +2,7 @@
 
 The path is a polyline whose first points lie in the introducer. Its *chords* join each point to
 the first point behind it at distance L: where a link lies when all joints follow the path. Free
-space is the duct united with the introducer; all bounds are rigorous (`clearance_bound`).
+space is the lumen united with the introducer; all bounds are rigorous (`clearance_bound`).
 """
 
 from __future__ import annotations
@@ -11,22 +11,11 @@ import math
 
 import numpy as np
 
-from ...duct.kernels.clearance import clearance_bound, clearance_slope
+from ...duct.kernels.clearance import clearance_slope, space_bound
 from ...numeric.compiling import kernel
-from .chain import offset_from_ray
 
 TRACE_STEP = 0.25
 """Smallest step of a sphere trace along a chord [mm]."""
-
-
-@kernel
-def free_bound(duct, intro, x, y, z):
-    """Lower bound of the clearance in the duct united with the introducer."""
-    g = clearance_bound(duct, x, y, z)
-    if intro[6] > 0.0:
-        dx, dy, dz = offset_from_ray(intro, x, y, z)
-        g = max(g, intro[6] - math.sqrt(dx * dx + dy * dy + dz * dz))
-    return g
 
 
 @kernel
@@ -58,7 +47,7 @@ def tail_on_path(path, i, length):
 
 
 @kernel
-def trace_chord(duct, intro, ax, ay, az, bx, by, bz, needed, pitch, stop):
+def trace_chord(space, ax, ay, az, bx, by, bz, needed, pitch, stop):
     """Return (least, u): the smallest bound seen from a to b, and where.
 
     Wide places are passed in steps of 0.7 times the bound minus `needed`, so `least` is exact only
@@ -74,7 +63,7 @@ def trace_chord(duct, intro, ax, ay, az, bx, by, bz, needed, pitch, stop):
     where = 0.0
     while True:
         u = min(t / max(size, 1e-12), 1.0)
-        g = free_bound(duct, intro, ax + u * dx, ay + u * dy, az + u * dz)
+        g = space_bound(space, ax + u * dx, ay + u * dy, az + u * dz)
         if g < least:
             least = g
             where = u
@@ -84,7 +73,7 @@ def trace_chord(duct, intro, ax, ay, az, bx, by, bz, needed, pitch, stop):
 
 
 @kernel
-def check_chords(duct, intro, path, first, length, needed, clearance):
+def check_chords(space, path, first, length, needed, clearance):
     """Fill `clearance` (n,) with the smallest bound along each vertex's chord; return the worst.
 
     Vertices before `first` (in the introducer) are taken as clear. Also the vertex itself counts.
@@ -101,7 +90,7 @@ def check_chords(duct, intro, path, first, length, needed, clearance):
         by = path[k, 1] + w * (path[k + 1, 1] - path[k, 1])
         bz = path[k, 2] + w * (path[k + 1, 2] - path[k, 2])
         g, _ = trace_chord(
-            duct, intro, path[i, 0], path[i, 1], path[i, 2], bx, by, bz, needed, TRACE_STEP, -np.inf
+            space, path[i, 0], path[i, 1], path[i, 2], bx, by, bz, needed, TRACE_STEP, -np.inf
         )
         clearance[i] = g
         worst = min(worst, g)
@@ -122,7 +111,7 @@ def _push(path, first, centre, weight, reach, px, py, pz):
 
 
 @kernel
-def relax_path(duct, intro, path, first, length, needed, sweeps, tension, reach):
+def relax_path(space, path, first, length, needed, sweeps, tension, reach):
     """Run sweeps of an elastic band that bends the path until every chord is clear by `needed`.
 
     Parameters
@@ -178,7 +167,7 @@ def relax_path(duct, intro, path, first, length, needed, sweeps, tension, reach)
             by = path[k, 1] + w * (path[k + 1, 1] - path[k, 1])
             bz = path[k, 2] + w * (path[k + 1, 2] - path[k, 2])
             ax, ay, az = path[i, 0], path[i, 1], path[i, 2]
-            g, u = trace_chord(duct, intro, ax, ay, az, bx, by, bz, needed, pitch, -np.inf)
+            g, u = trace_chord(space, ax, ay, az, bx, by, bz, needed, pitch, -np.inf)
             worst = min(worst, g)
             if g >= needed:
                 # Between samples there is at least 0.3 of this to spare; a chord's tail moves up
@@ -189,7 +178,7 @@ def relax_path(duct, intro, path, first, length, needed, sweeps, tension, reach)
                 x = ax + u * (bx - ax)
                 y = ay + u * (by - ay)
                 z = az + u * (bz - az)
-                _, gx, gy, gz = clearance_slope(duct, x, y, z)
+                _, gx, gy, gz = clearance_slope(space.lumen, x, y, z)
                 slope = gx * gx + gy * gy + gz * gz
                 if slope < 1e-6:
                     continue
@@ -212,7 +201,7 @@ def relax_path(duct, intro, path, first, length, needed, sweeps, tension, reach)
 
 
 @kernel
-def tabulate_tube(duct, intro, path, first, length, needed, cap, slope, tube):
+def tabulate_tube(space, path, first, length, needed, cap, slope, tube):
     """Tabulate m: how far joints may stray from the path, all links staying clear by `needed`.
 
     m(s) is the largest e such that each chord from p(s) to a p(s') behind it with
@@ -223,7 +212,7 @@ def tabulate_tube(duct, intro, path, first, length, needed, cap, slope, tube):
     pitch = max(TRACE_STEP, length / 40.0)
     for i in range(n):
         if i < first:
-            tube[i] = max(0.0, min(cap, intro[6] - needed))
+            tube[i] = max(0.0, min(cap, space.introducer[6] - needed))
             continue
         m = cap
         if i > 0:
@@ -253,8 +242,7 @@ def tabulate_tube(duct, intro, path, first, length, needed, cap, slope, tube):
             if gap > m:
                 break
             g, _ = trace_chord(
-                duct,
-                intro,
+                space,
                 ax,
                 ay,
                 az,

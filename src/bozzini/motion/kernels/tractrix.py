@@ -1,6 +1,14 @@
 """Numba kernels of the tractrix: a chain in a tube along a shaped path, and a free chain.
 
-Neither asks the field.
+A link of length L has its head at ``h`` and its tail at ``h + L w``. As the head moves by ``dh``,
+the tail moves along the link, and with the slip ``nu`` takes on part of the head's motion::
+
+    dw = -(1 - nu) / L (dh - (w . dh) w)
+
+A single step of any size is ``w+ = unit(w - (1 - nu) dh / L)``, the least motion for ``nu = 0``
+(thesis (5.13), (6.6) and Appendix C, corrected). Along a straight ``dh = e |dh|`` the equation has
+the solution ``w+ ~ 2 q w + (c (1 - q)^2 - (1 - q^2)) e`` with ``c = w . e`` and ``q = exp(-(1 - nu)
+|dh| / L)``. Joints follow one after the other, from the head on. Neither kernel asks the field.
 """
 
 from __future__ import annotations
@@ -22,7 +30,7 @@ def _locate(arc, s, k):
 
 
 @kernel
-def move_in_tube(path, arc, tube, heads, length, cap, slip, freedom, chain, places, out):
+def move_in_tube(path, arc, tube, heads, length, cap, slip, freedom, chain, arc_lengths, out):
     """Move a chain so that every joint stays within the tube around the path.
 
     Each joint takes the tractrix step (with slip: thesis Appendix C, corrected), unless that
@@ -54,18 +62,18 @@ def move_in_tube(path, arc, tube, heads, length, cap, slip, freedom, chain, plac
         head_segment = _locate(arc, s, head_segment)
         span = arc[head_segment + 1] - arc[head_segment]
         u = min(max((s - arc[head_segment]) / span, 0.0), 1.0)
-        m_before = tube[head_segment] + u * (tube[head_segment + 1] - tube[head_segment])
+        tube_before = tube[head_segment] + u * (tube[head_segment + 1] - tube[head_segment])
         k = head_segment
         qx, qy, qz = chain[0, 0], chain[0, 1], chain[0, 2]
         hx = path[k, 0] + u * (path[k + 1, 0] - path[k, 0])
         hy = path[k, 1] + u * (path[k + 1, 1] - path[k, 1])
         hz = path[k, 2] + u * (path[k + 1, 2] - path[k, 2])
         chain[0, 0], chain[0, 1], chain[0, 2] = hx, hy, hz
-        places[0] = s
+        arc_lengths[0] = s
         out[t, 0, 0], out[t, 0, 1], out[t, 0, 2] = hx, hy, hz
         square = length * length
         for j in range(1, joints):
-            # y: first point of the path behind the place of j - 1, at distance L from it
+            # y: first point of the path behind the place of j - 1, at distance L from it.
             ax = path[k, 0] - hx
             ay = path[k, 1] - hy
             az = path[k, 2] - hz
@@ -92,10 +100,10 @@ def move_in_tube(path, arc, tube, heads, length, cap, slip, freedom, chain, plac
             yx /= size
             yy /= size
             yz /= size
-            places[j] = arc[k] + w * (arc[k + 1] - arc[k])
-            m_here = tube[k] + w * (tube[k + 1] - tube[k])
-            rho = freedom * min(min(m_before, m_here), cap * length)
-            # the tractrix step, with slip
+            arc_lengths[j] = arc[k] + w * (arc[k + 1] - arc[k])
+            tube_here = tube[k] + w * (tube[k + 1] - tube[k])
+            rho = freedom * min(min(tube_before, tube_here), cap * length)
+            # The tractrix step, with slip.
             ox, oy, oz = chain[j, 0], chain[j, 1], chain[j, 2]
             tx = ox - hx + slip * (hx - qx)
             ty = oy - hy + slip * (hy - qy)
@@ -106,7 +114,7 @@ def move_in_tube(path, arc, tube, heads, length, cap, slip, freedom, chain, plac
             tz /= size
             cos = tx * yx + ty * yy + tz * yz
             chord = rho / length
-            # |X - y| = L sqrt(2 - 2 cos)
+            # Out of the ball, |X - y| = L sqrt(2 - 2 cos) > rho: turned back to its rim, towards y.
             if 2.0 - 2.0 * cos > chord * chord:
                 ex = tx - cos * yx
                 ey = ty - cos * yy
@@ -126,7 +134,7 @@ def move_in_tube(path, arc, tube, heads, length, cap, slip, freedom, chain, plac
             chain[j, 0], chain[j, 1], chain[j, 2] = hx, hy, hz
             out[t, j, 0], out[t, j, 1], out[t, j, 2] = hx, hy, hz
             qx, qy, qz = ox, oy, oz
-            m_before = m_here
+            tube_before = tube_here
 
 
 @kernel
@@ -147,12 +155,12 @@ def pull_chain(chain, lengths, heads, slip, substep, out):
         if substep > 0.0:
             parts = max(1, math.ceil(math.sqrt(square) / substep - 1e-9))
         for part in range(parts):
-            share = 1.0 / (parts - part)
+            fraction = 1.0 / (parts - part)
             for k in range(dim):
                 out[t, 0, k] = (
                     heads[t, k]
-                    if share == 1.0
-                    else (chain[0, k] + share * (heads[t, k] - chain[0, k]))
+                    if fraction == 1.0
+                    else (chain[0, k] + fraction * (heads[t, k] - chain[0, k]))
                 )
             for j in range(1, joints):
                 if not _move_tail(chain, out, t, j, lengths[j - 1], slip, substep > 0.0):
@@ -174,8 +182,8 @@ def _move_tail(chain, out, t, j, length, slip, exact):
         step += move * move
         along += move * (chain[j, k] - chain[j - 1, k])
     step = math.sqrt(step)
-    pull = 0.0
-    carry = 1.0
+    head_part = 0.0
+    tail_part = 1.0
     if exact and step > 0.0:
         # w unit from head to tail, e unit along the head's move, c = w.e, sigma the head's move
         # over the effective length, q = exp(-sigma):
@@ -183,15 +191,15 @@ def _move_tail(chain, out, t, j, length, slip, exact):
         cosine = min(max(along / (step * length), -1.0), 1.0)
         sigma = (1.0 - slip) * step / length
         q = math.exp(-sigma)
-        carry = 2.0 * q
-        pull = cosine * (1.0 - q) ** 2 - (1.0 - q * q)
-        pull /= step
+        tail_part = 2.0 * q
+        head_part = cosine * (1.0 - q) ** 2 - (1.0 - q * q)
+        head_part /= step
     elif not exact:
-        pull = -(1.0 - slip) / length
+        head_part = -(1.0 - slip) / length
     size = 0.0
     for k in range(dim):
         move = out[t, j - 1, k] - chain[j - 1, k]
-        value = carry * (chain[j, k] - chain[j - 1, k]) / length + pull * move
+        value = tail_part * (chain[j, k] - chain[j - 1, k]) / length + head_part * move
         out[t, j, k] = value
         size += value * value
     size = math.sqrt(size)

@@ -1,4 +1,12 @@
-"""Numba kernels: the longest free segment through a section of a duct, by branch and bound."""
+"""Numba kernels: chords of a line that are free, and the longest free segment through a section.
+
+Clearance ``d`` [mm] is 1-Lipschitz, ``|d(x) - d(y)| <= |x - y|``. So on a chord between two points
+it is at least ``(d(x) + d(y) - |x - y|) / 2``, and a grid of upper bounds ``D_i`` at nodes ``y_i``
+bounds it by ``min_i (D_i + |x - y_i|)``. Segments are ``x + u q`` with middle ``x`` in a section
+and direction ``u``; all those of a cell, by half sides h of its square and s on a face of the cube
+of directions, lie within ``sqrt(2) (h + s q)`` of its middle one. `bozzini.motion.traverse` states
+what is bounded, and why that is a proof.
+"""
 
 from __future__ import annotations
 
@@ -26,37 +34,37 @@ TABLE_MAX = 2500
 
 
 @kernel
-def _chord_room(duct, middles, i, j, need, grain):
-    """Lower bound of the clearance along the chord between two places, or a value below need."""
+def _bound_chord_clearance(duct, middles, i, j, needed, least_step):
+    """Lower bound of the clearance along a chord between two places, or a value below `needed`."""
     ax, ay, az = middles[i, 0], middles[i, 1], middles[i, 2]
     dx = middles[j, 0] - ax
     dy = middles[j, 1] - ay
     dz = middles[j, 2] - az
     size = math.sqrt(dx * dx + dy * dy + dz * dz)
-    free = clearance_bound(duct, ax, ay, az)
-    if free < need:
-        return free
-    least = free
+    clearance = clearance_bound(duct, ax, ay, az)
+    if clearance < needed:
+        return clearance
+    least = clearance
     t = 0.0
     while t < size:
-        hop = max(free - need, grain)
-        end = min(t + hop, size)
-        hop = end - t
+        step = max(clearance - needed, least_step)
+        end = min(t + step, size)
+        step = end - t
         u = end / size
-        last = clearance_bound(duct, ax + u * dx, ay + u * dy, az + u * dz)
-        if last < need:
-            return last
+        ahead = clearance_bound(duct, ax + u * dx, ay + u * dy, az + u * dz)
+        if ahead < needed:
+            return ahead
         # From either end the clearance falls by at most 1 per mm.
-        least = min(least, 0.5 * (free + last - hop))
-        if least < need:
+        least = min(least, 0.5 * (clearance + ahead - step))
+        if least < needed:
             return least
-        free = last
+        clearance = ahead
         t = end
     return least
 
 
 @kernel
-def _gap_to_chord(middles, i, j, m):
+def _measure_distance(middles, i, j, m):
     """Distance of a place from the chord between two others."""
     square = 0.0
     along = 0.0
@@ -65,15 +73,15 @@ def _gap_to_chord(middles, i, j, m):
         square += d * d
         along += d * (middles[m, c] - middles[i, c])
     u = min(max(along / square, 0.0), 1.0) if square > 0.0 else 0.0
-    gap = 0.0
+    square_distance = 0.0
     for c in range(3):
         d = middles[m, c] - middles[i, c] - u * (middles[j, c] - middles[i, c])
-        gap += d * d
-    return math.sqrt(gap)
+        square_distance += d * d
+    return math.sqrt(square_distance)
 
 
 @kernel
-def _turns_back(points, i, j, pad):
+def _turns_back(points, i, j, half_sum):
     """Whether a chord from segment i to segment j may be 90 degrees or more from either."""
     n = points.shape[1]
     if j - i <= NEAR:
@@ -102,7 +110,7 @@ def _turns_back(points, i, j, pad):
         last += chord * tj
         size_i += ti * ti
         size_j += tj * tj
-    return first <= pad * math.sqrt(size_i) or last <= pad * math.sqrt(size_j)
+    return first <= half_sum * math.sqrt(size_i) or last <= half_sum * math.sqrt(size_j)
 
 
 @kernel
@@ -147,36 +155,39 @@ def scan_chords(duct, points, radius, longest, stop, length, reason):
         length[i] = np.inf
         reason[i] = 0
         for j in range(i, count):
-            pad = 0.5 * max(sides[i], sides[j])
-            both = 0.5 * (sides[i] + sides[j])
-            why = 0
+            allowance = 0.5 * max(sides[i], sides[j])
+            half_sum = 0.5 * (sides[i] + sides[j])
+            cause = 0
             square = 0.0
             for c in range(3):
                 square += (middles[j, c] - middles[i, c]) ** 2
             size = math.sqrt(square)
-            if size - both > longest:
+            if size - half_sum > longest:
                 break
-            if j > i and _turns_back(points, i, j, both):
-                why = TURN
-            if why == 0:
+            if j > i and _turns_back(points, i, j, half_sum):
+                cause = TURN
+            if cause == 0:
+                # From the last chord, from two shorter ones, then along the chord itself.
                 if j > i:
                     margin -= 0.5 * (sides[j - 1] + sides[j])
-                if margin < radius + pad and j > i + 1 and kept > 0:
+                if margin < radius + allowance and j > i + 1 and kept > 0:
                     # A chord is no farther from two shorter ones than the place between is.
                     m = (i + j) // 2
-                    away = _gap_to_chord(middles, i, j, m)
-                    margin = max(margin, min(margins[i, m], margins[m, j]) - away)
-                if margin < radius + pad:
-                    grain = max(0.25 * pad, size / SAMPLES)
-                    margin = _chord_room(duct, middles, i, j, radius + pad, grain)
+                    sag = _measure_distance(middles, i, j, m)
+                    margin = max(margin, min(margins[i, m], margins[m, j]) - sag)
+                if margin < radius + allowance:
+                    least_step = max(0.25 * allowance, size / SAMPLES)
+                    margin = _bound_chord_clearance(
+                        duct, middles, i, j, radius + allowance, least_step
+                    )
                 if kept > 0:
                     margins[i, j] = margin
-                if margin < radius + pad:
-                    why = WALL
-            if why != 0:
+                if margin < radius + allowance:
+                    cause = WALL
+            if cause != 0:
                 stop[i] = j
-                length[i] = max(size - both, 0.0)
-                reason[i] = why
+                length[i] = max(size - half_sum, 0.0)
+                reason[i] = cause
                 break
 
 
@@ -206,8 +217,8 @@ def measure_ceiling(values, step, floor, x, y, z):
             flat = dx * dx + dy * dy
             for c in range(2):
                 dz = cz - (k + c) * step[2]
-                free = max(-float(values[i + a, j + b, k + c]), floor)
-                best = min(best, free + math.sqrt(flat + dz * dz))
+                clearance = max(-float(values[i + a, j + b, k + c]), floor)
+                best = min(best, clearance + math.sqrt(flat + dz * dz))
     if cx != x or cy != y or cz != z:
         off = math.sqrt((x - cx) ** 2 + (y - cy) ** 2 + (z - cz) ** 2)
         best = min(best + off, max(best, 0.0) - off)
@@ -215,26 +226,31 @@ def measure_ceiling(values, step, floor, x, y, z):
 
 
 @kernel
-def _reach(values, step, floor, cell, u, sign, radius, slack, spread, limit, grain):
+def _bound_reach(values, step, floor, cell, u, sign, radius, slack, spread, limit, least_step):
     """Upper bound of how far rays of a cell go with at least `radius` of clearance.
 
     Rays of the cell are within ``slack + t * spread`` of its middle ray at t.
     """
     t = 0.0
     while t < limit:
-        need = radius - slack - t * spread
-        way = sign * t
-        free = measure_ceiling(
-            values, step, floor, cell[1] + way * u[0], cell[2] + way * u[1], cell[3] + way * u[2]
+        needed = radius - slack - t * spread
+        along = sign * t
+        clearance = measure_ceiling(
+            values,
+            step,
+            floor,
+            cell[1] + along * u[0],
+            cell[2] + along * u[1],
+            cell[3] + along * u[2],
         )
-        if free < need:
+        if clearance < needed:
             return t
-        t += max((free - need) / (1.0 + spread), grain)
+        t += max((clearance - needed) / (1.0 + spread), least_step)
     return limit
 
 
 @kernel
-def _direct(face, p, q, axes, planar, u):
+def _fill_direction(face, p, q, axes, planar, u):
     """Fill `u` with a direction of a face of the cube (of the square) over `axes`."""
     sign = 1.0 if face < 3 else -1.0
     f = face % 3
@@ -282,14 +298,14 @@ def _pop(heap, count, cell):
 
 
 @kernel
-def _judge(
-    values, step, floor, axes, planar, back, radius, limit, grain, cell, u, found, tolerance
+def _bound_cell(
+    values, step, floor, axes, planar, back, radius, limit, least_step, cell, u, found, tolerance
 ):
-    """Put the upper bound into a cell, or 0; improve `found` by its middle segment."""
+    """Put the upper bound of lengths into a cell, or 0; improve `found` by its middle segment."""
     diagonal = 1.0 if planar else math.sqrt(2.0)
     slack = cell[4] * diagonal
     spread = min(cell[8] * diagonal, 2.0)
-    _direct(int(cell[5]), cell[6], cell[7], axes, planar, u)
+    _fill_direction(int(cell[5]), cell[6], cell[7], axes, planar, u)
     behind = u[0] * axes[2, 0] + u[1] * axes[2, 1] + u[2] * axes[2, 2]
     if back:
         if behind > spread:
@@ -297,14 +313,18 @@ def _judge(
             return
     ends = 1.0 if back else 2.0
     top = min(cell[0], limit) / ends
-    ahead = _reach(values, step, floor, cell, u, 1.0, radius, slack, spread, top, grain)
+    ahead = _bound_reach(values, step, floor, cell, u, 1.0, radius, slack, spread, top, least_step)
     if not back and ahead * ends > found[0] * tolerance:
-        ahead = _reach(values, step, floor, cell, u, -1.0, radius, slack, spread, ahead, grain)
+        ahead = _bound_reach(
+            values, step, floor, cell, u, -1.0, radius, slack, spread, ahead, least_step
+        )
     cell[0] = ahead * ends
     if cell[0] > found[0] and not (back and behind > 0.0):
-        size = _reach(values, step, floor, cell, u, 1.0, radius, 0.0, 0.0, ahead, grain)
+        size = _bound_reach(values, step, floor, cell, u, 1.0, radius, 0.0, 0.0, ahead, least_step)
         if not back and size * ends > found[0]:
-            size = _reach(values, step, floor, cell, u, -1.0, radius, 0.0, 0.0, size, grain)
+            size = _bound_reach(
+                values, step, floor, cell, u, -1.0, radius, 0.0, 0.0, size, least_step
+            )
         if size * ends > found[0]:
             found[0] = size * ends
             for c in range(3):
@@ -314,7 +334,19 @@ def _judge(
 
 @kernel
 def find_longest(
-    values, step, floor, starts, half, axes, planar, back, radius, limit, grain, tolerance, heap
+    values,
+    step,
+    floor,
+    starts,
+    half,
+    axes,
+    planar,
+    back,
+    radius,
+    limit,
+    least_step,
+    tolerance,
+    heap,
 ):
     """Bound the longest free segment with its middle in a section, or from one point backwards.
 
@@ -362,7 +394,7 @@ def find_longest(
     count = 0
     parts = 4
     capacity = heap.shape[0] - 8
-    rest = 0.0
+    dropped = 0.0
     faces = 2 if planar else 3
     for n in range(starts.shape[0]):
         for sign in range(2 if back else 1):
@@ -376,20 +408,25 @@ def find_longest(
                         child[6] = -1.0 + (2 * a + 1) / parts
                         child[7] = 0.0 if planar else -1.0 + (2 * b + 1) / parts
                         child[8] = 1.0 / parts
-                        _judge(
-                            values, step, floor, axes, planar, back, radius, limit, grain,
+                        _bound_cell(
+                            values, step, floor, axes, planar, back, radius, limit, least_step,
                             child, u, found, tolerance,
                         )  # fmt: skip
                         if child[0] > found[0]:
                             if count < capacity:
                                 count = _push(heap, count, child)
                             else:
-                                rest = max(rest, child[0])
+                                dropped = max(dropped, child[0])
     diagonal = 1.0 if planar else math.sqrt(2.0)
     ends = 1.0 if back else 2.0
+    # The cell of the largest bound is divided: its square, or its directions if these spread more.
     while count > 0:
-        bound = max(heap[0, 0], rest)
-        if bound <= max(found[0] * tolerance, grain) or count >= capacity or rest >= heap[0, 0]:
+        bound = max(heap[0, 0], dropped)
+        if (
+            bound <= max(found[0] * tolerance, least_step)
+            or count >= capacity
+            or dropped >= heap[0, 0]
+        ):
             return max(bound, found[0]), found
         count = _pop(heap, count, cell)
         wide = min(cell[8] * diagonal, 2.0) * cell[0] / ends
@@ -403,8 +440,8 @@ def find_longest(
                         child[1 + c] += (2 * a - 1) * side * axes[first, c]
                         if not planar:
                             child[1 + c] += (2 * b - 1) * side * axes[second, c]
-                    _judge(
-                        values, step, floor, axes, planar, back, radius, limit, grain,
+                    _bound_cell(
+                        values, step, floor, axes, planar, back, radius, limit, least_step,
                         child, u, found, tolerance,
                     )  # fmt: skip
                     if child[0] > found[0]:
@@ -418,13 +455,13 @@ def find_longest(
                     child[6] += (2 * a - 1) * side
                     if not planar:
                         child[7] += (2 * b - 1) * side
-                    _judge(
-                        values, step, floor, axes, planar, back, radius, limit, grain,
+                    _bound_cell(
+                        values, step, floor, axes, planar, back, radius, limit, least_step,
                         child, u, found, tolerance,
                     )  # fmt: skip
                     if child[0] > found[0]:
                         count = _push(heap, count, child)
-    return max(found[0], rest), found
+    return max(found[0], dropped), found
 
 
 @kernel

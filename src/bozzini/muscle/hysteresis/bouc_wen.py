@@ -121,18 +121,21 @@ class BoucWen(Operator):
 
         def trace(point: Floats) -> Floats:
             power = exponent if exponent is not None else float(point[2])
-            reach = float(np.exp(point[0]))
-            state = _run_normalised(inputs, power, float(point[1]), reach)
+            yield_input = float(np.exp(point[0]))
+            state = _run_normalised(inputs, power, float(point[1]), yield_input)
             # What is carried is at least its own line less h, which is never negative.
-            least = inputs / reach if loops.carried else 0.0
+            least = inputs / yield_input if loops.carried else 0.0
             return np.stack([inputs, least - state], axis=-1)
 
         widths = (-2.0, -1.0, -3.5)
         starts = [[np.log(span) + width, 0.6] + [1.5] * (not known) for width in widths]
         if options is not None and isinstance(options.start, BoucWen):
             start = options.start
-            reach, share = start.bound / start.alpha, start.beta / (start.beta + start.gamma)
-            starts = [[np.log(reach), share] + [start.exponent] * (not known)]
+            yield_input, beta_fraction = (
+                start.bound / start.alpha,
+                start.beta / (start.beta + start.gamma),
+            )
+            starts = [[np.log(yield_input), beta_fraction] + [start.exponent] * (not known)]
         low, high = [np.log(span) - 7.0, 0.0], [np.log(span) + 3.0, 5.0]
         point, found = loops.search(
             trace,
@@ -150,26 +153,26 @@ class BoucWen(Operator):
         if height <= _FLAT * tall:
             height = _FLAT * tall
             lost = ("beta", "gamma", *(() if known else ("exponent",)))
-        alpha, share = 1.0 / float(np.exp(point[0])), float(point[1])
+        alpha, beta_fraction = 1.0 / float(np.exp(point[0])), float(point[1])
         slope += height * alpha if loops.carried else 0.0
         operator = cls(
             slope=slope / height,
             scale=height,
             alpha=alpha,
-            beta=share * alpha,
-            gamma=(1.0 - share) * alpha,
+            beta=beta_fraction * alpha,
+            gamma=(1.0 - beta_fraction) * alpha,
             exponent=power,
             offset=loops.find_offset(found),
         )
         return loops.report(operator, found, lost=lost)
 
     def _advance(self, inputs: Floats, last: Floats, memory: Floats) -> Floats:
-        share = self.beta / (self.beta + self.gamma)
-        normal = np.clip(memory / self.bound, -1.0, 1.0)
+        beta_fraction = self.beta / (self.beta + self.gamma)
+        normalised = np.clip(memory / self.bound, -1.0, 1.0)
         state = self.bound * kernels.run_bouc_wen(
-            inputs, self.exponent, share, self.alpha / self.bound, last, normal
+            inputs, self.exponent, beta_fraction, self.alpha / self.bound, last, normalised
         )
-        memory[...] = normal * self.bound
+        memory[...] = normalised * self.bound
         return np.asarray(self.scale * (self.slope * inputs - state) + self.offset)
 
     def _check_memory(self, memory: Floats) -> None:
@@ -178,8 +181,10 @@ class BoucWen(Operator):
         refuse_first(beyond, "memory{} of the initial state", memory, must)
 
 
-def _run_normalised(inputs: Floats, exponent: float, share: float, reach: float) -> Floats:
-    """Return h over its bound (m, n), from rest; `reach` is the input that would yield it."""
+def _run_normalised(
+    inputs: Floats, exponent: float, beta_fraction: float, yield_input: float
+) -> Floats:
+    """Return h over its bound (m, n), from rest; `yield_input` is the input that would yield it."""
     last, memory = np.zeros(len(inputs)), np.zeros((len(inputs), 1))
-    state = kernels.run_bouc_wen(inputs, exponent, share, 1.0 / reach, last, memory)
+    state = kernels.run_bouc_wen(inputs, exponent, beta_fraction, 1.0 / yield_input, last, memory)
     return np.asarray(state)

@@ -1,4 +1,19 @@
-"""Numba kernels of the hysteresis operators."""
+"""Numba kernels of the hysteresis operators (thesis 2.2.10): one pass over each input history.
+
+With the input ``P`` and what each element remembers, ``-`` for the sample before::
+
+    play          H = max(lower(P), min(upper(P), H-)) ,  y = sum_j w_j H_j + slope P + offset
+    Maxwell slip  F = clip(F- + k (P - P-), -limit, limit) ,  y = sum_j F_j
+    relay         R = +1 from P >= on level,  -1 from P <= off level,  y = sum_j w_j R_j + offset
+    friction band y = P (1 + d (kappa1 + kappa2 P)) ,  d = +1 after a rise, -1 after a fall
+    Bouc-Wen      dh = alpha dP - gamma dP |h|^n - beta h |dP| |h|^(n - 1)
+
+Edges of plays are quadratic in the input, coefficients (3,) from the constant on. The Bouc-Wen
+equation is solved for ``z = h / bound``, ``bound = (alpha / (beta + gamma))^(1/n)``, over ``x = P
+alpha / bound``: on a rise ``dz/dx = 1 - c |z|^n`` with c = 1 for z > 0 and ``(gamma - beta) /
+(gamma + beta)`` for z < 0, and a fall from z is a rise from -z. `bozzini.muscle.hysteresis` has the
+operators, docs/theory/hysteresis.md what they remember.
+"""
 
 from __future__ import annotations
 
@@ -15,13 +30,13 @@ from ...numeric.kernels.copies import copy_vector
 
 
 @kernel
-def move_play(value, point, lower, upper):
-    """``max(lower, min(upper, value))`` with edges that are quadratic in the input."""
-    high = upper[0] + point * (upper[1] + point * upper[2])
-    if value > high:
-        value = high
-    low = lower[0] + point * (lower[1] + point * lower[2])
-    return low if value < low else value
+def move_play(position, input_, lower, upper):
+    """``max(lower, min(upper, position))`` with edges that are quadratic in the input."""
+    high = upper[0] + input_ * (upper[1] + input_ * upper[2])
+    if position > high:
+        position = high
+    low = lower[0] + input_ * (lower[1] + input_ * lower[2])
+    return low if position < low else position
 
 
 @kernel
@@ -31,12 +46,12 @@ def run_plays(history, lower, upper, weights, slope, offset, memory):
     output = np.empty((rows, count))
     for row in range(rows):
         for i in range(count):
-            point = history[row, i]
-            total = offset + slope * point
+            input_ = history[row, i]
+            total = offset + slope * input_
             for j in range(len(weights)):
-                value = move_play(memory[row, j], point, lower[j], upper[j])
-                memory[row, j] = value
-                total += weights[j] * value
+                position = move_play(memory[row, j], input_, lower[j], upper[j])
+                memory[row, j] = position
+                total += weights[j] * position
             output[row, i] = total
     return output
 
@@ -50,18 +65,18 @@ def trace_plays(history, lower, upper, memory):
     for row in range(rows):
         for i in range(count):
             for j in range(size):
-                value = move_play(memory[row, j], history[row, i], lower[j], upper[j])
-                memory[row, j] = value
-                output[row, i, j] = value
+                position = move_play(memory[row, j], history[row, i], lower[j], upper[j])
+                memory[row, j] = position
+                output[row, i, j] = position
     return output
 
 
 @kernel
-def add_plays(point, lower, upper, weights, slope, offset, memory):
+def add_plays(input_, lower, upper, weights, slope, offset, memory):
     """What the sum of plays would be at an input, without moving them."""
-    total = offset + slope * point
+    total = offset + slope * input_
     for j in range(len(weights)):
-        total += weights[j] * move_play(memory[j], point, lower[j], upper[j])
+        total += weights[j] * move_play(memory[j], input_, lower[j], upper[j])
     return total
 
 
@@ -96,10 +111,10 @@ def invert_plays(response, lower, upper, weights, slope, offset, memory, least, 
                     high = middle
                 else:
                     low = middle
-            point = 0.5 * (low + high)
-            output[row, i] = point
+            input_ = 0.5 * (low + high)
+            output[row, i] = input_
             for j in range(len(weights)):
-                memory[row, j] = move_play(memory[row, j], point, lower[j], upper[j])
+                memory[row, j] = move_play(memory[row, j], input_, lower[j], upper[j])
     return output, -1, 0, 0.0, 0.0
 
 
@@ -199,73 +214,75 @@ def trace_relays(history, levels, last, memory):
 
 
 @kernel
-def run_friction_band(history, first, second, last, memory):
-    """``P (1 + way (first + second P))``, way +1 rising and -1 falling; ``memory`` is the way."""
+def run_friction_band(history, kappa1, kappa2, last, memory):
+    """``P (1 + d (kappa1 + kappa2 P))``, d = +1 rising and -1 falling; ``memory`` is d."""
     rows, count = history.shape
     output = np.empty((rows, count))
     for row in range(rows):
         before = last[row]
         for i in range(count):
-            point = history[row, i]
-            if point > before:
+            pressure = history[row, i]
+            if pressure > before:
                 memory[row, 0] = 1.0
-            elif point < before:
+            elif pressure < before:
                 memory[row, 0] = -1.0
-            before = point
-            output[row, i] = point * (1.0 + memory[row, 0] * (first + second * point))
+            before = pressure
+            output[row, i] = pressure * (1.0 + memory[row, 0] * (kappa1 + kappa2 * pressure))
     return output
 
 
 # Numba kernels of `BoucWen`: its differential equation from one input to the next.
 #
 # All is normalised: the state z by its bound, the input by what would yield it at the first slope.
-# By symmetry a fall from z is a rise from -z.
+# ``beta_fraction`` is beta / (beta + gamma). By symmetry a fall from z is a rise from -z.
 
 
 @kernel
-def climb_linear(state, way, share):
+def climb_linear(state, input_rise, beta_fraction):
     """`climb` for an exponent of 1, in closed form."""
     if state < 0.0:
-        pull = 1.0 - 2.0 * share
+        rate = 1.0 - 2.0 * beta_fraction
         depth = -state
-        if pull * depth >= 1.0:  # only without recovery: share 0, at the bound
+        if rate * depth >= 1.0:  # only if beta is 0, at the bound
             return state
-        small = abs(pull) < 1e-12
-        to_zero = depth if small else -math.log1p(-pull * depth) / pull
-        if way < to_zero:
-            grown = way if small else math.expm1(pull * way) / pull
-            return -(depth + (pull * depth - 1.0) * grown)
-        way -= to_zero
+        small = abs(rate) < 1e-12
+        to_zero = depth if small else -math.log1p(-rate * depth) / rate
+        if input_rise < to_zero:
+            growth = input_rise if small else math.expm1(rate * input_rise) / rate
+            return -(depth + (rate * depth - 1.0) * growth)
+        input_rise -= to_zero
         state = 0.0
-    return 1.0 + (state - 1.0) * math.exp(-way)
+    return 1.0 + (state - 1.0) * math.exp(-input_rise)
 
 
 @kernel
-def slope_of(state, exponent, share):
-    """``dz/dx = 1 - c |z|^n``, c = 1 for z > 0 and 1 - 2 share for z < 0."""
+def slope_of(state, exponent, beta_fraction):
+    """``dz/dx = 1 - c |z|^n``, c = 1 for z > 0, 1 - 2 beta_fraction below."""
     if state > 0.0:
         return 1.0 - state**exponent
-    return 1.0 - (1.0 - 2.0 * share) * (-state) ** exponent
+    return 1.0 - (1.0 - 2.0 * beta_fraction) * (-state) ** exponent
 
 
 @kernel
-def climb(state, way, exponent, share):
-    """The normalised state after the input has risen by ``way`` yields: Dormand-Prince 5(4).
+def climb(state, input_rise, exponent, beta_fraction):
+    """The normalised state after the input has risen by ``input_rise`` yields: Dormand-Prince 5(4).
 
     Close to the bound it goes on in closed form: however far the input goes, few steps are taken.
     """
     if exponent == 1.0:
-        return climb_linear(state, way, share)
-    done, step = 0.0, min(way, 0.1)
-    while done < way and step > 0.0:
+        return climb_linear(state, input_rise, beta_fraction)
+    done, step = 0.0, min(input_rise, 0.1)
+    while done < input_rise and step > 0.0:
         if state > 1.0 - 1e-8:  # there 1 - z falls as exp(-n way), to n (1 - z)^2
-            return 1.0 - (1.0 - state) * math.exp(-exponent * (way - done))
-        step = min(step, way - done)
-        a = slope_of(state, exponent, share)
-        b = slope_of(state + step * a / 5.0, exponent, share)
-        c = slope_of(state + step * (3.0 * a + 9.0 * b) / 40.0, exponent, share)
+            return 1.0 - (1.0 - state) * math.exp(-exponent * (input_rise - done))
+        step = min(step, input_rise - done)
+        a = slope_of(state, exponent, beta_fraction)
+        b = slope_of(state + step * a / 5.0, exponent, beta_fraction)
+        c = slope_of(state + step * (3.0 * a + 9.0 * b) / 40.0, exponent, beta_fraction)
         d = slope_of(
-            state + step * (44.0 / 45.0 * a - 56.0 / 15.0 * b + 32.0 / 9.0 * c), exponent, share
+            state + step * (44.0 / 45.0 * a - 56.0 / 15.0 * b + 32.0 / 9.0 * c),
+            exponent,
+            beta_fraction,
         )
         e = slope_of(
             state
@@ -277,7 +294,7 @@ def climb(state, way, exponent, share):
                 - 212.0 / 729.0 * d
             ),
             exponent,
-            share,
+            beta_fraction,
         )
         f = slope_of(
             state
@@ -290,7 +307,7 @@ def climb(state, way, exponent, share):
                 - 5103.0 / 18656.0 * e
             ),
             exponent,
-            share,
+            beta_fraction,
         )
         new = state + step * (
             35.0 / 384.0 * a
@@ -299,8 +316,8 @@ def climb(state, way, exponent, share):
             - 2187.0 / 6784.0 * e
             + 11.0 / 84.0 * f
         )
-        g = slope_of(new, exponent, share)
-        wrong = step * abs(
+        g = slope_of(new, exponent, beta_fraction)
+        error = step * abs(
             71.0 / 57600.0 * a
             - 71.0 / 16695.0 * c
             + 71.0 / 1920.0 * d
@@ -308,20 +325,20 @@ def climb(state, way, exponent, share):
             + 22.0 / 525.0 * f
             - 1.0 / 40.0 * g
         )
-        if not wrong < 1e6:  # overshot, maybe not a number
+        if not error < 1e6:  # overshot, maybe not a number
             step *= 0.1
             continue
-        if wrong <= 1e-13 or step <= 1e-9:
+        if error <= 1e-13 or step <= 1e-9:
             done += step
             state = min(new, 1.0)
-            if slope_of(state, exponent, share) <= 0.0:  # at a bound that is never left
+            if slope_of(state, exponent, beta_fraction) <= 0.0:  # at a bound that is never left
                 break
-        step *= min(4.0, max(0.2, 0.9 * (1e-13 / max(wrong, 1e-20)) ** 0.2))
+        step *= min(4.0, max(0.2, 0.9 * (1e-13 / max(error, 1e-20)) ** 0.2))
     return state
 
 
 @kernel
-def run_bouc_wen(history, exponent, share, inverse_yield, last, memory):
+def run_bouc_wen(history, exponent, beta_fraction, inverse_yield, last, memory):
     """Normalised Bouc-Wen states; ``inverse_yield`` is 1 over the input that yields it."""
     rows, count = history.shape
     output = np.empty((rows, count))
@@ -331,9 +348,9 @@ def run_bouc_wen(history, exponent, share, inverse_yield, last, memory):
             step = (history[row, i] - before) * inverse_yield
             before = history[row, i]
             if step > 0.0:
-                state = climb(state, step, exponent, share)
+                state = climb(state, step, exponent, beta_fraction)
             elif step < 0.0:
-                state = -climb(-state, -step, exponent, share)
+                state = -climb(-state, -step, exponent, beta_fraction)
             output[row, i] = state
         memory[row, 0] = state
     return output

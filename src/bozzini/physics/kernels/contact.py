@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from ...duct.kernels.clearance import clearance_slope
+from ...duct.kernels.clearance import clearance_slope, split_along
 from ...numeric.compiling import kernel
 from ...numeric.kernels.copies import copy_matrix, copy_vector
 
@@ -36,15 +36,6 @@ def measure_gap(duct, tube, x, y, z):
                 scale = -1.0 / max(off, 1e-9)
                 return tube[6] - off, scale * dx, scale * dy, scale * dz
     return clear, gx, gy, gz
-
-
-@kernel
-def _split_along(tube, x, y, z):
-    """Return how far a place is along the introducer's axis, and off it [mm]."""
-    dx, dy, dz = x - tube[0], y - tube[1], z - tube[2]
-    along = dx * tube[3] + dy * tube[4] + dz * tube[5]
-    ox, oy, oz = dx - along * tube[3], dy - along * tube[4], dz - along * tube[5]
-    return along, math.sqrt(ox * ox + oy * oy + oz * oz)
 
 
 @kernel
@@ -78,13 +69,13 @@ def look_ahead(duct, tube, frame, eye, axes, lens, image):
             gone = 0.0
             image[row, column] = 0.0
             # Past the entry plane a ray is in the introducer only if it came there through it.
-            before, off = _split_along(tube, start[0], start[1], start[2])
+            before, off = split_along(tube, start[0], start[1], start[2])
             around = tube if before < 0.0 or off <= tube[6] else lumen_alone
             while gone < far:
                 x, y, z = (
                     start[0] + gone * way[0], start[1] + gone * way[1], start[2] + gone * way[2],
                 )  # fmt: skip
-                along, off = _split_along(tube, x, y, z)
+                along, off = split_along(tube, x, y, z)
                 if (along < 0.0) != (before < 0.0):
                     around = tube if along < 0.0 or off <= tube[6] else lumen_alone
                 before = along
@@ -125,7 +116,7 @@ def find_contacts(duct, tube, frame, bodies, turns, along, points, size, index, 
             local[k] = frame[3, k]
             for j in range(3):
                 local[k] += frame[j, k] * points[i, j]
-        if _split_along(tube, local[0], local[1], local[2])[0] < 0.0:
+        if split_along(tube, local[0], local[1], local[2])[0] < 0.0:
             tube = lumen_alone
         clear, gx, gy, gz = measure_gap(duct, tube, local[0], local[1], local[2])
         if clear < least:
