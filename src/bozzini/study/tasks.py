@@ -17,9 +17,10 @@ from .jobs import JOBS, FunctionJob, Job, RowJob, check_keywords, find_function
 
 def _find_own() -> dict[str, type[Task]]:
     from ..effector.simulation import EffectorSimulation
+    from ..effector.tracking import EffectorTracking
     from ..vision.planning import SetupPlanning
 
-    return {kind.name: kind for kind in (SetupPlanning, EffectorSimulation)}
+    return {kind.name: kind for kind in (SetupPlanning, EffectorSimulation, EffectorTracking)}
 
 
 TASKS: Registry[Task] = Registry("bozzini.tasks", lambda: Task, _find_own, noun="task")
