@@ -70,7 +70,7 @@ def record(
         knots = random.uniform(0.0, 0.7, (11, 3)) * (np.arange(3) != random.integers(3))
         own = np.stack([np.interp(times, 2.0 * np.arange(11), k) for k in knots.T], axis=1)
         track = arm.simulate(times, own)
-        spot = view.observe(arm, track.bends, ["spot x", "spot y"])
+        spot = view.observe(arm, track.bends, channels=["spot x", "spot y"])
         commands.append(own)
         seen.append(spot + noise * random.normal(size=spot.shape))
     return EffectorMeasurements(
@@ -222,7 +222,7 @@ def test_titles_are_read_with_their_units(tmp_path):
     ("rows", "said"),
     [
         (["time_s,command_1_V,dot_x_cm", "0,1,1", "0.1,1,1", "0.05,1,1"],
-         "time runs backwards or stands at row 3 of the data: 0.05 s after 0.1 s; if a run begins there"),
+         "stands at row 3 of the data: 0.05 s after 0.1 s; if a run begins there"),
         (["run,time_s,command_1_V,dot_x_cm", "a,0,1,1", "b,0,1,1", "a,1,1,1"],
          "rows of run 'a' are in two places"),
         (["run,time_s,command_1_V,dot_x_cm", "a,0,1,1", ",0,1,1"], "row 3: the run has no name"),

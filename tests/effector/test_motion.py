@@ -87,7 +87,7 @@ def test_lags_are_those_of_the_differential_equations():
     motion = EffectorMotion(fill_lag=0.3, bleed_lag=0.7, creep_share=0.3, creep_time=1.5)
     fine = np.linspace(0.0, 4.0, 4001)
     commands = np.where((fine > 0.5) & (fine < 2.0), 0.5, 0.1)[None, :, None]
-    found = motion.act(fine, commands, None)
+    found = motion.act(fine, commands, initial=None)
 
     def rate(time: float, state: np.ndarray) -> list[float]:
         target = 0.5 if 0.5 < time < 2.0 else 0.1
@@ -103,7 +103,7 @@ def test_lags_are_those_of_the_differential_equations():
 def test_plays_are_those_of_the_muscle_and_of_the_rig():
     motion = EffectorMotion(play_radii=(0.02, 0.08), play_weights=(0.3, 0.2))
     history = command(np.random.default_rng(3))
-    found = motion.act(TIMES, history[None].copy(), None)
+    found = motion.act(TIMES, history[None].copy(), initial=None)
     operator = PrandtlIshlinskii((0.0, 0.02, 0.08), (0.5, 0.3, 0.2))
     pressures = found.pressures[0]
     assert found.effective[0].T == pytest.approx(np.maximum(operator.apply(pressures.T), 0.0))
@@ -113,6 +113,26 @@ def test_plays_are_those_of_the_muscle_and_of_the_rig():
         plant.set_pressures(row)
         plant.step(np.zeros(6), 1e-6)
     assert plant.effective_pressures == pytest.approx(found.effective[0, -1], abs=1e-4)
+
+
+def test_the_rig_creeps_as_the_motion_does():
+    motion = EffectorMotion(
+        fill_lag=9.0, play_radii=(0.02,), play_weights=(0.3,), creep_share=0.4, creep_time=0.5
+    )
+    chamber = Chamber(pressure=[0.0, 1.2], volume=[400.0, 401.0], contraction=[0.0, 12.0])
+    plant = HystereticPlant(chamber, motion)
+    seen, acting = [plant.pressures], [plant.effective_pressures]
+    for _ in range(100):
+        plant.step([0.6, 0.5, 0.4, 0.0, 0.0, 0.0], 0.01)
+        seen.append(plant.pressures)
+        acting.append(plant.effective_pressures)
+    alone = EffectorMotion(play_radii=(0.02,), play_weights=(0.3,), creep_share=0.4, creep_time=0.5)
+    # a command holds until the next sample: the plant's pressure is known at the end of a step
+    commands = np.array([*seen[1:], seen[-1]])[None]
+    state = alone.begin(np.zeros((1, 3)))
+    found = alone.act(np.linspace(0.0, 1.0, 101), commands, initial=state)
+    assert np.array(acting) == pytest.approx(found.effective[0], abs=1e-12)
+    assert np.ptp(acting, axis=0).min() > 0.1
 
 
 def test_a_section_of_pulls_is_in_balance():
@@ -142,10 +162,10 @@ def test_an_arc_ends_where_its_angles_say_and_a_ray_meets_the_board():
     assert shapes.direction[:, 2] == pytest.approx(np.cos(angle))
     assert np.linalg.norm(shapes.points[:, 3] - shapes.points[:, 2], axis=1) == pytest.approx(30.0)
     view = TipView(board_distance=200.0, board_slope_x=0.2, board_x=1.0, base_turn_x=0.1)
-    spot = view.observe(arm, bends, ["spot x", "spot y", "bend"])
+    spot = view.observe(arm, bends, channels=["spot x", "spot y", "bend"])
     # seen without a turn of the base the straight one points along the axis
     plain = TipView(board_distance=200.0, board_x=1.0, board_y=-2.0)
-    assert plain.observe(arm, bends, ["spot x", "spot y"])[1] == pytest.approx([1.0, -2.0])
+    assert plain.observe(arm, bends, channels=["spot x", "spot y"])[1] == pytest.approx([1.0, -2.0])
     assert spot[1, 2] == pytest.approx(0.1)
 
 

@@ -12,7 +12,7 @@ import click
 
 from ..checks import check_integer, check_number, list_quantities
 from ..effector.design import DEFAULT_PRESET, PRESET_MODELS, EffectorDesign
-from ..effector.simulation import EffectorSimulation
+from ..effector.runs import EffectorSimulation
 from ..effector.tracking import EffectorTracking
 from ..errors import InputError
 from ..fabricate import HolderOptions
@@ -97,7 +97,10 @@ class EffectorRequest:
         design, file = self.make_design(), self._file
         if file is not None and file.pulls:
             return replace(file.build(), design=design)
-        made = Effector(design, make_class(self.model_name, **self._choose()))
+        named = self._choose()
+        made = Effector(
+            design, make_class(self.model_name, ends=named["ends"], load_path=named["load_path"])
+        )
         return made if file is None else replace(made, motion=file.motion)
 
     @cached_property
@@ -121,8 +124,8 @@ class EffectorRequest:
             return self._file.model, self._file.choices
         return PRESET_MODELS.get(self.given["preset"], ("energy", {}))
 
-    def _choose(self) -> dict[str, Any]:
-        choices: dict[str, Any] = {name: self.given[name] for name in ("ends", "load_path")}
+    def _choose(self) -> dict[str, str | None]:
+        choices = {name: self.given[name] for name in ("ends", "load_path")}
         if self.given["model_name"] is None:
             choices = {name: choices[name] or self._of_preset[1].get(name) for name in choices}
         return choices

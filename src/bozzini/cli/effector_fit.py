@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from ..effector.measured import EffectorMeasurements
     from ..effector.rest import Rest
     from ..effector.unknowns import EffectorSetup
+    from ..numeric.least_squares import Loss
     from ..registry import Registry
     from .effector import EffectorRequest
 
@@ -52,33 +53,36 @@ def _list_rests() -> Registry[Rest]:
     return RESTS
 
 
+@dataclass(frozen=True, kw_only=True)
 class FitStart:
     """Where a fit begins, and what is free, as the options ask for it."""
 
-    def __init__(self, **given: Any) -> None:
-        self.given = given
+    free: str
+    pulls: bool
+    plays: str
+    settings: tuple[str, ...]
+    markers: tuple[str, ...]
 
     def make_setup(self, asked: EffectorRequest, data: EffectorMeasurements) -> EffectorSetup:
         """Return what the search begins with."""
         from ..effector import Effector, EffectorMotion, MusclePull, TipView
         from ..effector.unknowns import EffectorSetup, find_kind, set_number
 
-        given = self.given
-        radii = tuple(parse_quantity(text, "pressure") for text in _split(given["plays"]))
+        radii = tuple(parse_quantity(text, "pressure") for text in _split(self.plays))
         motion = EffectorMotion(play_radii=radii, play_weights=(FIRST_WEIGHT,) * len(radii))
         if data.times is not None:
             motion = replace(
                 motion, fill_lag=FIRST_LAG, bleed_lag=FIRST_LAG, creep_share=FIRST_SHARE
             )
-        if given["pulls"]:
+        if self.pulls:
             design = asked.make_design()
             laws = (MusclePull(),) * len(design.muscles)
             effector = Effector(design, motion=motion, pulls=laws)
         else:
             effector = replace(asked.effector, motion=motion)
-        view = TipView(markers=gather_once("--marker", map(_parse_marker, given["markers"])))
+        view = TipView(markers=gather_once("--marker", map(_parse_marker, self.markers)))
         setup = EffectorSetup(effector, view)
-        for text in given["settings"]:
+        for text in self.settings:
             name, mark, value = (part.strip() for part in text.partition("="))
             if not (mark and value):
                 raise InputError(f"--set is '{text}': it must be NAME=VALUE")
@@ -87,17 +91,16 @@ class FitStart:
 
     def list_free(self, data: EffectorMeasurements) -> list[str]:
         """Return the names of what is free."""
-        given = self.given
-        if given["free"]:
-            return _split(given["free"])
-        if not given["pulls"]:
+        if self.free:
+            return _split(self.free)
+        if not self.pulls:
             raise InputError("--free is needed where there are no --pulls: name what is fitted")
         names = _split(OF_PULLS)
         if any(channel.startswith("spot") for channel in data.channels):
             names += ["board.x", "board.y"]
         if data.times is not None:
             names += _split(IN_TIME)
-            names += ["motion.play_weights"] if given["plays"] else []
+            names += ["motion.play_weights"] if self.plays else []
         return names
 
 
@@ -122,14 +125,14 @@ def _parse_columns(texts: Sequence[str]) -> dict[str, str]:
     return gather_once("--column", pairs)
 
 
-def _make_options(**values: Any) -> EffectorFitOptions:
+def _make_options(
+    *, loss: Loss, starts: int, together: bool, rest: str | None
+) -> EffectorFitOptions:
     from ..effector import EffectorFitOptions
     from ..numeric.estimate import EstimateOptions
 
-    options = EstimateOptions(loss=values.pop("loss"), starts=values.pop("starts"))
-    return EffectorFitOptions(
-        leave_out=not values["together"], rest=values["rest"] or "", estimate=options
-    )
+    options = EstimateOptions(loss=loss, starts=starts)
+    return EffectorFitOptions(leave_out=not together, rest=rest or "", estimate=options)
 
 
 start_options = gather(

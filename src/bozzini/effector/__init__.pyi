@@ -45,8 +45,9 @@ from .model import EffectorModel
 from .motion import EffectorMotion, MotionState
 from .pose import POSE_METHODS, EffectorPose, find_resultant, pose
 from .rest import RESTS, PolynomialRest, Rest
+from .runs import EffectorSimulation, SimulatedRuns
 from .section import MusclePull
-from .simulation import EffectorSimulation, EffectorTrack, SimulatedRuns, simulate_effector
+from .simulation import EffectorTrack, simulate_effector
 from .steering import (
     CubicFit,
     Stick,

@@ -223,7 +223,7 @@ class InverseInTime(Controller):
         ends = np.stack([low, high])
         commands = np.repeat(ends[:, None], 2, axis=1)
         over = np.array([0.0, self.period])
-        acting = motion.act(over, commands, _repeat(state.motion, 2)).effective[:, 1]
+        acting = motion.act(over, commands, initial=_repeat(state.motion, 2)).effective[:, 1]
         best = find_pressures(effector, bend, (acting[0], acting[1]), acting.mean(axis=0))
         return self._invert(state.motion, best), None
 
@@ -388,9 +388,11 @@ def _roll(
     effector: Effector, times: Floats, commands: Floats, state: MotionState
 ) -> tuple[Floats, MotionState]:
     """Return lateral places (b, n, 2) of the tip under commands (b, n, m), and the state after."""
-    acting = effector.motion.act(times, commands, state)
+    acting = effector.motion.act(times, commands, initial=state)
     still = find_bends(effector, acting.effective.reshape(-1, commands.shape[2]))
-    bends, after = effector.motion.move(times, still.reshape(*commands.shape[:2], 2), acting.state)
+    bends, after = effector.motion.move(
+        times, still.reshape(*commands.shape[:2], 2), state=acting.state
+    )
     length = np.array([effector.design.backbone_length])
     points = shape_sections(effector, bends.reshape(-1, 2), length).points
     return points[:, 0, :2].reshape(bends.shape), after

@@ -120,7 +120,7 @@ class Effector(EffectorModel):
         """Return the motion under pressures commanded at times; see `simulate_effector`."""
         from .simulation import simulate_effector
 
-        return simulate_effector(self, times, pressures, initial=initial)
+        return simulate_effector(self, times, pressures=pressures, initial=initial)
 
     def fit(
         self,

@@ -15,18 +15,19 @@ from ..numeric.arrays import Floats
 from ..numeric.estimate import EstimateOptions, Estimation, estimate
 from ..progress import Progress, no_progress
 from ..results import Json, Result, format_rows, rows_of, tabulated, take_axes, to_plain
-from .effector import Effector
 from .linkage import lateral_deflection
 from .measured import EffectorMeasurements
+from .model import EffectorModel
 from .rest import BASELINES, RESTS, Baseline, Rest
 from .section import find_bends
-from .unknowns import EffectorSetup, Unknown, change_setup, parse_unknowns
+from .unknowns import EffectorSetup, FreeNumber, change_setup, parse_unknowns
 from .view import ANGLES, TipView
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from ..numeric.estimation import Places
+    from .effector import Effector
 
 COVERED = 0.95
 """Share of what was left out that the band of a prediction holds."""
@@ -367,11 +368,11 @@ class _Observer:
             else:
                 states = commands[part]
                 if data.times is not None:
-                    act = effector.motion.act(data.times[part], states[None].copy(), None)
+                    act = effector.motion.act(data.times[part], states[None].copy(), initial=None)
                     states = act.effective[0]
                 bends, forces = find_bends(effector, states), None
                 if data.times is not None:
-                    moved, _ = effector.motion.move(data.times[part], bends[None], act.state)
+                    moved, _ = effector.motion.move(data.times[part], bends[None], state=act.state)
                     bends = moved[0]
                 acting[part] = states
             predicted[part] = self._look(setup, bends, forces, part)
@@ -384,7 +385,7 @@ class _Observer:
         pulls = [name for name in channels if name.endswith(" force")]
         places = [name for name in channels if name not in pulls]
         found = dict(
-            zip(places, setup.view.observe(setup.effector, bends, places).T, strict=True)
+            zip(places, setup.view.observe(setup.effector, bends, channels=places).T, strict=True)
             if places else ()
         )  # fmt: skip
         for name in pulls:
@@ -461,7 +462,7 @@ def fit_effector(
     InputError
         If a name, a muscle or a channel is not there, a command is not legal, or rows are too few.
     """
-    check_kind("effector", effector, Effector)
+    check_kind("effector", effector, EffectorModel)
     check_kind("data", data, EffectorMeasurements)
     chosen = options or EffectorFitOptions()
     start = EffectorSetup(effector, view or TipView())
@@ -551,7 +552,7 @@ def _warn(fit: EffectorFit, text: str) -> EffectorFit:
     return dataclasses.replace(fit, warnings=(*fit.warnings, text))
 
 
-def _list_numbers(unknowns: Sequence[Unknown], found: Estimation) -> tuple[FittedNumber, ...]:
+def _list_numbers(unknowns: Sequence[FreeNumber], found: Estimation) -> tuple[FittedNumber, ...]:
     """Return the numbers with their intervals: what was fitted are changes of where it began."""
     begin = np.concatenate([one.begin for one in unknowns])
     units = [one.known.unit for one in unknowns for _ in one.begin]

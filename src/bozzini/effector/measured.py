@@ -123,8 +123,9 @@ class EffectorMeasurements:
             if back.size:
                 row = part.start + int(back[0])
                 raise InputError(
-                    f"time runs backwards or stands at row {row + 2} of the data: {times[row + 1]:g} s after "
-                    f"{times[row]:g} s; if a run begins there, name the runs in a column 'run'"
+                    f"time runs backwards or stands at row {row + 2} of the data: "
+                    f"{times[row + 1]:g} s after {times[row]:g} s; if a run begins there, name the "
+                    "runs in a column 'run'"
                 )
 
     def __len__(self) -> int:

@@ -82,7 +82,7 @@ class EffectorMotion:
         """Return the state of muscles that were brought up to pressures (b, m) and stayed there."""
         return MotionState(pressures=np.array(pressures), plays=None, late=None, bend=None)
 
-    def act(self, times: Floats, commands: Floats, initial: MotionState | None) -> Acting:
+    def act(self, times: Floats, commands: Floats, *, initial: MotionState | None) -> Acting:
         """Return what acts in the muscles under commands (b, n, m) at times (n,), unchecked.
 
         A command holds from its time to the next. Without a state the muscles were brought up to
@@ -108,7 +108,9 @@ class EffectorMotion:
         state = MotionState(pressures=end, plays=plays, late=late, bend=state.bend)
         return Acting(pressures, np.maximum(acting, 0.0), state)
 
-    def move(self, times: Floats, bends: Floats, state: MotionState) -> tuple[Floats, MotionState]:
+    def move(
+        self, times: Floats, bends: Floats, *, state: MotionState
+    ) -> tuple[Floats, MotionState]:
         """Return the bends (b, n, 2) of the body that follows those at rest, and the state."""
         last = np.array(bends[:, 0] if state.bend is None else state.bend)
         moved, lag = np.empty(bends.shape), np.full(2, self.body_lag)

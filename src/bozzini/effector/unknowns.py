@@ -6,7 +6,7 @@ import dataclasses
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
@@ -16,10 +16,14 @@ from ..muscle import Muscle
 from ..numeric.arrays import Floats
 from ..numeric.estimate import FitParameter
 from .design import EffectorDesign
-from .effector import Effector
 from .motion import EffectorMotion
 from .section import MusclePull
 from .view import TipView
+
+if TYPE_CHECKING:
+    from .effector import Effector
+
+_Item = TypeVar("_Item")
 
 ANGLE = Quantity(kind="angle", help="Direction of a muscle.", scale=0.05)
 SCALE = Quantity(help="Pressure over what was commanded.", scale=0.05, low=0.05, high=20.0)
@@ -37,7 +41,7 @@ class EffectorSetup:
 
 
 @dataclass(frozen=True)
-class Unknown:
+class FreeNumber:
     """A number, or one for each muscle or play, that a fit finds as a change of what it was.
 
     Parameters
@@ -75,7 +79,7 @@ class Unknown:
 
 
 def change_setup(
-    setup: EffectorSetup, unknowns: Sequence[Unknown], changes: Mapping[str, Floats]
+    setup: EffectorSetup, unknowns: Sequence[FreeNumber], changes: Mapping[str, Floats]
 ) -> EffectorSetup:
     """Return a setup with changes of unknowns by name, without an axis or with one of groups."""
     for one in unknowns:
@@ -83,7 +87,7 @@ def change_setup(
     return setup
 
 
-def parse_unknowns(setup: EffectorSetup, free: Sequence[str]) -> tuple[Unknown, ...]:
+def parse_unknowns(setup: EffectorSetup, free: Sequence[str]) -> tuple[FreeNumber, ...]:
     """Return the unknowns of names.
 
     ``muscles.each.modulus`` is a number for each muscle and ``muscles.*.modulus`` one for all, of a
@@ -114,7 +118,7 @@ def find_kind(setup: EffectorSetup, name: str) -> str:
     return _parse(setup, name).known.kind
 
 
-def _parse(setup: EffectorSetup, name: str) -> Unknown:
+def _parse(setup: EffectorSetup, name: str) -> FreeNumber:
     head, _, field = name.partition(".")
     which, _, own = field.partition(".")
     if head == "muscles" and which in ("each", "*"):
@@ -123,7 +127,7 @@ def _parse(setup: EffectorSetup, name: str) -> Unknown:
         motion = setup.effector.motion
         if not motion.play_radii:
             raise InputError(f"{name} is free and there are no plays: give their radii")
-        return Unknown(
+        return FreeNumber(
             name,
             WEIGHT,
             tuple(f"{1e3 * radius:g}kPa" for radius in motion.play_radii),
@@ -131,7 +135,7 @@ def _parse(setup: EffectorSetup, name: str) -> Unknown:
             lambda setup, values: _put_motion(setup, play_weights=tuple(values.tolist())),
         )
     if name == "commands.scale":
-        return Unknown(
+        return FreeNumber(
             name, SCALE, (), np.array([setup.scale]),
             lambda setup, values: dataclasses.replace(setup, scale=float(values[0])),
         )  # fmt: skip
@@ -155,32 +159,37 @@ def _parse(setup: EffectorSetup, name: str) -> Unknown:
 
 def _take_field(
     name: str, known: Quantity, value: float, put: Callable[..., EffectorSetup], field: str
-) -> Unknown:
-    return Unknown(
+) -> FreeNumber:
+    return FreeNumber(
         name, known, (), np.array([float(value)]),
         lambda setup, values: put(setup, **{field: float(values[0])}),
     )  # fmt: skip
 
 
-def _put_design(setup: EffectorSetup, **changes: Any) -> EffectorSetup:
-    effector = setup.effector
-    return _put(setup, effector, design=effector.design.replace(**changes))
+def _put_design(setup: EffectorSetup, **changes: object) -> EffectorSetup:
+    design: EffectorDesign = _swap(setup.effector.design, **changes)
+    return _put(setup, design=design)
 
 
-def _put_motion(setup: EffectorSetup, **changes: Any) -> EffectorSetup:
-    effector = setup.effector
-    return _put(setup, effector, motion=dataclasses.replace(effector.motion, **changes))
+def _put_motion(setup: EffectorSetup, **changes: object) -> EffectorSetup:
+    return _put(setup, motion=_swap(setup.effector.motion, **changes))
 
 
-def _put_view(setup: EffectorSetup, **changes: Any) -> EffectorSetup:
-    return dataclasses.replace(setup, view=dataclasses.replace(setup.view, **changes))
+def _put_view(setup: EffectorSetup, **changes: object) -> EffectorSetup:
+    return dataclasses.replace(setup, view=_swap(setup.view, **changes))
 
 
-def _put(setup: EffectorSetup, effector: Effector, **changes: Any) -> EffectorSetup:
-    return dataclasses.replace(setup, effector=dataclasses.replace(effector, **changes))
+def _put(setup: EffectorSetup, **changes: object) -> EffectorSetup:
+    return dataclasses.replace(setup, effector=_swap(setup.effector, **changes))
 
 
-def _take_muscle(setup: EffectorSetup, name: str, field: str, *, each: bool) -> Unknown:
+def _swap(item: _Item, **changes: object) -> _Item:
+    """Return a dataclass with some fields changed, by name."""
+    swap: Callable[..., _Item] = dataclasses.replace
+    return swap(item, **changes)
+
+
+def _take_muscle(setup: EffectorSetup, name: str, field: str, *, each: bool) -> FreeNumber:
     design, pulls = setup.effector.design, setup.effector.pulls
     muscle, law = list_quantities(Muscle), list_quantities(MusclePull)
     groups = design.names if each else ()
@@ -209,13 +218,13 @@ def _take_muscle(setup: EffectorSetup, name: str, field: str, *, each: bool) -> 
             laws = [
                 dataclasses.replace(law, **{field: x}) for law, x in zip(pulls, one, strict=True)
             ]
-            return _put(setup, effector, pulls=tuple(laws))
+            return _put(setup, pulls=tuple(laws))
         placed = tuple(
             dataclasses.replace(item, angle=x)
             if field == "angle"
             else dataclasses.replace(item, muscle=item.muscle.replace(**{field: x}))
             for item, x in zip(design.muscles, one, strict=True)
         )
-        return _put(setup, effector, design=design.replace(muscles=placed))
+        return _put(setup, design=design.replace(muscles=placed))
 
-    return Unknown(name, known, groups, begin, put)
+    return FreeNumber(name, known, groups, begin, put)

@@ -79,7 +79,7 @@ class TipView:
         for name, arc in self.markers.items():
             check_number(f"arc length of marker {name}", arc, low=0.0, high=1e5, unit="mm")
 
-    def observe(self, effector: Effector, bends: Floats, channels: Sequence[str]) -> Floats:
+    def observe(self, effector: Effector, bends: Floats, *, channels: Sequence[str]) -> Floats:
         """Return what is seen, (n, q), of sections bent as of `find_bends` (n, 2).
 
         Channels are such as ``tip x`` and ``marker z`` [mm], ``spot x`` [mm], ``lateral`` [mm],

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..checks import check_array
+from ..effector.motion import EffectorMotion
 from ..errors import InputError
 from ..muscle.hysteresis import InvertibleOperator, Operator
 from ..muscle.model import MuscleModel
@@ -26,9 +28,10 @@ class HystereticPlant(Plant):
     ----------
     muscles : MuscleModel or Chamber, or sequence of three
         As `Plant` takes them.
-    operator : Operator
+    operator : Operator or EffectorMotion
         From the pressure to the effective one [MPa], the same for each muscle, each with a memory
-        of its own; at rest without pressure.
+        of its own; at rest without pressure. Of a motion its plays and its creep: the lag is that
+        of the plant's own valves and lines.
     design : PlantDesign, optional
         The constants.
     seed : int
@@ -43,23 +46,36 @@ class HystereticPlant(Plant):
     def __init__(
         self,
         muscles: MuscleModel | Chamber | Sequence[MuscleModel | Chamber],
-        operator: Operator,
+        operator: Operator | EffectorMotion,
         design: PlantDesign | None = None,
         *,
         seed: int = 0,
     ) -> None:
         super().__init__(muscles, design, seed=seed)
-        if not isinstance(operator, Operator):
-            raise InputError(f"operator is a {type(operator).__name__}: it must be an Operator")
-        self._operator, self._state = operator, operator.rest((MUSCLES,))
-        self._follow_operator()
+        self._motion: EffectorMotion | None = None
+        if isinstance(operator, EffectorMotion):
+            self._motion = dataclasses.replace(operator, fill_lag=0.0, bleed_lag=0.0)
+            self._moved = self._motion.begin(np.zeros((1, MUSCLES)))
+        elif isinstance(operator, Operator):
+            self._operator, self._state = operator, operator.rest((MUSCLES,))
+        else:
+            raise InputError(
+                f"operator is a {type(operator).__name__}: it must be an Operator or an "
+                "EffectorMotion"
+            )
+        self._follow_operator(0.0)
 
     def step(self, duty: ArrayLike, duration: float) -> None:
         """Move on in time under duties of the valves; see `Plant.step`."""
         super().step(duty, duration)
-        self._follow_operator()
+        self._follow_operator(duration)
 
-    def _follow_operator(self) -> None:
+    def _follow_operator(self, duration: float) -> None:
+        if self._motion is not None:
+            held = np.broadcast_to(self.pressures, (1, 2, MUSCLES)).copy()
+            acting = self._motion.act(np.array([0.0, duration]), held, initial=self._moved)
+            self.effective_pressures, self._moved = acting.effective[0, 1], acting.state
+            return
         output, self._state = self._operator.run(self.pressures[:, None], initial=self._state)
         self.effective_pressures = np.maximum(output[:, 0], 0.0)
 

@@ -16,7 +16,7 @@ from .jobs import JOBS, FunctionJob, Job, RowJob, check_keywords, find_function
 
 
 def _find_own() -> dict[str, type[Task]]:
-    from ..effector.simulation import EffectorSimulation
+    from ..effector.runs import EffectorSimulation
     from ..effector.tracking import EffectorTracking
     from ..vision.planning import SetupPlanning
 
