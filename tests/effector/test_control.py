@@ -28,6 +28,7 @@ from bozzini.effector import (
     run_control,
     write_effector,
 )
+from bozzini.effector.tracking import trace_places
 from bozzini.errors import InputError
 from bozzini.muscle import Muscle
 from bozzini.numeric.limited import solve_limited
@@ -249,7 +250,8 @@ def test_the_command_tracks_and_draws(tmp_path, capsys):
 @pytest.mark.parametrize("trace", ["circle", "line"])
 @pytest.mark.parametrize("frequency", [0.1, 0.5])
 def test_four_controllers(trace, frequency):
-    found = compare_controllers(make_arm(MOTION), trace=trace, radius=5.0, frequency=frequency)
+    wanted = trace_places(trace, radius=5.0, frequency=frequency)
+    found = compare_controllers(make_arm(MOTION), wanted)
     by_name = {row.controller: row for row in found.rows}
     static = by_name["static inverse"]
     for name in ("inverse in time", "predictive", "predictive, tip seen"):

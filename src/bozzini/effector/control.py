@@ -22,6 +22,8 @@ from .effector import Effector
 from .motion import MotionState
 from .section import find_bends, shape_sections
 
+PERIOD = 0.02
+"""Between commands, unless told [s]."""
 _DIFFERENCE = 1e-4
 """Change of pressure over which slopes of the bend are taken [MPa]."""
 _ITERATIONS, _SETTLED = 10, 1e-8
@@ -86,7 +88,7 @@ class Controller(ABC):
     rate: float = quantity(
         help="Largest change of a command [MPa/s].", default=3.0, low=1e-3, high=1e9
     )
-    period: float = quantity("time", "Between commands.", default=0.02, low=1e-4, high=10.0)
+    period: float = quantity("time", "Between commands.", default=PERIOD, low=1e-4, high=10.0)
     trust: float = quantity(help="Of a tip seen.", default=0.1, low=0.0, high=1.0)
 
     def __post_init__(self) -> None:

@@ -16,6 +16,7 @@ from ..progress import Progress, no_progress
 from ..results import Json, ReasonedResult, format_rows, tabulated, take_axes, to_plain
 from ..task import Task
 from .control import (
+    PERIOD,
     Controller,
     InverseInTime,
     LagFeedforward,
@@ -216,10 +217,12 @@ class Tracking(ReasonedResult):
         return axes
 
 
-def trace_places(kind: str, size: float, phases: Floats) -> Floats:
-    """Return places (n, 2) of a circle of a radius, or a line through the axis, at phases [rad]."""
+def trace_places(kind: str, *, radius: float, frequency: float) -> Floats:
+    """Return places (n, 2), 20 ms apart, of two turns of a circle, or of a line [mm]."""
+    turn = max(round(1.0 / (frequency * PERIOD)), 2)
+    phases = 2.0 * math.pi * np.arange(2 * turn + 1) / turn
     across = np.sin(phases) if kind == "circle" else 0.0 * phases
-    return np.asarray(size * np.stack([np.cos(phases), across], axis=-1))
+    return np.asarray(radius * np.stack([np.cos(phases), across], axis=-1))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -262,10 +265,8 @@ class EffectorTracking(Task):
         file = read_effector(self.fit)
         random = np.random.default_rng(self.seed)
         off = [draw_plant(file, random) for _ in range(self.plants)]
-        return compare_controllers(
-            file.build(), trace=self.trace, radius=self.radius, frequency=self.frequency,
-            rate=self.rate, off=off, progress=progress,
-        )  # fmt: skip
+        wanted = trace_places(self.trace, radius=self.radius, frequency=self.frequency)
+        return compare_controllers(file.build(), wanted, rate=self.rate, off=off, progress=progress)
 
     def describe(self, found: Tracking) -> str:
         """Return the table."""
@@ -274,25 +275,20 @@ class EffectorTracking(Task):
 
 def compare_controllers(
     effector: Effector,
+    wanted: Floats,
     *,
-    trace: str,
-    radius: float,
-    frequency: float,
     rate: float = 3.0,
     off: Sequence[tuple[Effector, float]] = (),
     progress: Progress = no_progress,
 ) -> Tracking:
-    """Return how all controllers of an end-effector track a circle or a line in simulation.
+    """Return how all controllers of an end-effector do in simulation.
 
     Parameters
     ----------
     effector : Effector
         The model, and the plant.
-    trace : {"circle", "line"}
-    radius : float
-        Of the circle, or half the line [mm].
-    frequency : float
-        Turns per second.
+    wanted : ndarray, shape (n, 2)
+        Lateral places of the tip at times 20 ms apart [mm]; the first half is not counted.
     rate : float
         Largest change of a command [MPa/s].
     off : sequence of tuple
@@ -310,9 +306,6 @@ def compare_controllers(
     for done, (name, (kind, seen)) in enumerate(CONTROLLERS.items()):
         progress(name, done / len(CONTROLLERS))
         controller = kind(effector=effector, rate=rate)
-        turn = max(round(1.0 / (frequency * controller.period)), 2)
-        times = np.multiply(controller.period, np.arange(2 * turn + 1), dtype=np.float64)
-        wanted = trace_places(trace, radius, 2.0 * math.pi * np.arange(2 * turn + 1) / turn)
         run = run_control(controller, wanted, plant=effector, seen=seen)
         misses = [
             _measure(run_control(controller, wanted, plant=plant, seen=seen, gain=gain), wanted)
@@ -331,6 +324,7 @@ def compare_controllers(
         )
         tips.append(run.tip)
     progress("tracked", 1.0)
+    times = np.multiply(PERIOD, np.arange(len(wanted)), dtype=np.float64)
     return Tracking(rows=tuple(rows), times=times, wanted=wanted, tips=np.array(tips))
 
 
