@@ -51,6 +51,8 @@ class ControlRun:
 
     Attributes
     ----------
+    start : ndarray, shape (m,)
+        Pressures commanded long before [MPa].
     commands : ndarray, shape (n, m)
         From the first time on [MPa].
     tip : ndarray, shape (n + 1, 2)
@@ -59,6 +61,7 @@ class ControlRun:
         That a step took to compute [s].
     """
 
+    start: Floats
     commands: Floats
     tip: Floats
     step_times: Floats
@@ -82,10 +85,11 @@ def run_control(
     gain : float
         Pressure that the plant is given, over the command.
     """
-    state = controller.begin(controller.rest_at(wanted[0]))
+    start = controller.rest_at(wanted[0])
+    state = controller.begin(start)
     ahead = math.ceil(PREVIEW / controller.period)
     over = np.array([0.0, controller.period])
-    moved = plant.simulate([0.0], gain * state.command[None])
+    moved = plant.simulate([0.0], gain * start[None])
     tips, commands, spent = [moved.tip[0, :2]], [], []
     for k in range(1, len(wanted)):
         begin = time.perf_counter()
@@ -97,7 +101,9 @@ def run_control(
         moved = plant.simulate(over, np.stack([given, given])[None], initial=moved.state)
         tips.append(moved.tip[0, 1, :2])
         commands.append(command)
-    return ControlRun(commands=np.array(commands), tip=np.array(tips), step_times=np.array(spent))
+    return ControlRun(
+        start=start, commands=np.array(commands), tip=np.array(tips), step_times=np.array(spent)
+    )
 
 
 def draw_plant(file: EffectorFile, random: np.random.Generator) -> tuple[Effector, float]:
@@ -201,7 +207,7 @@ class Tracking(ReasonedResult):
         head = ["controller", "rms [mm]", "largest [mm]", "constants off: rms [mm]",
                 "step: median [ms]", "p99 [ms]"]  # fmt: skip
         return format_rows(head, [
-            [row.controller, f"{row.rms:.3f}", f"{row.largest:.3f}", f"{row.rms_off:.3f}",
+            [row.controller, f"{row.rms:.3f}", f"{row.largest:.3f}", "" if math.isnan(row.rms_off) else f"{row.rms_off:.3f}",
              f"{1e3 * row.step_median:.2f}", f"{1e3 * row.step_p99:.2f}"]
             for row in self.rows
         ])  # fmt: skip
@@ -213,7 +219,7 @@ class Tracking(ReasonedResult):
         axes.plot(*self.wanted[half:].T, "k--", label="wanted", zorder=3)
         for row, tip in zip(self.rows, self.tips, strict=True):
             axes.plot(*tip[half:].T, label=f"{row.controller}, {row.rms:.2f} mm rms")
-        axes.legend()
+        axes.legend(loc="center", fontsize="x-small")
         return axes
 
 
@@ -308,16 +314,20 @@ def compare_controllers(
         controller = kind(effector=effector, rate=rate)
         run = run_control(controller, wanted, plant=effector, seen=seen)
         misses = [
-            _measure(run_control(controller, wanted, plant=plant, seen=seen, gain=gain), wanted)
+            run_control(controller, wanted, plant=plant, seen=True, gain=gain).tip - wanted
+            if seen
+            else _repeat(run, plant, gain) - wanted
             for plant, gain in off
         ]
-        own = _measure(run, wanted)
+        own = _measure(run.tip - wanted)
         rows.append(
             TrackedBy(
                 controller=name,
                 rms=_find_rms(own),
                 largest=float(own.max()),
-                rms_off=_find_rms(np.concatenate(misses)) if misses else math.nan,
+                rms_off=_find_rms(np.concatenate([_measure(one) for one in misses]))
+                if misses
+                else math.nan,
                 step_median=float(np.median(run.step_times[1:])),
                 step_p99=float(np.percentile(run.step_times[1:], 99.0)),
             )
@@ -328,9 +338,18 @@ def compare_controllers(
     return Tracking(rows=tuple(rows), times=times, wanted=wanted, tips=np.array(tips))
 
 
-def _measure(run: ControlRun, wanted: Floats) -> Floats:
-    """Return the distances from what was wanted after the first turn (n,)."""
-    return np.asarray(np.hypot(*(run.tip - wanted)[len(wanted) // 2 :].T))
+def _repeat(run: ControlRun, plant: Effector, gain: float) -> Floats:
+    """Return lateral places (n, 2) of the tip of another plant under the commands of a run."""
+    given = np.concatenate([run.commands, run.commands[-1:]])
+    given = np.minimum(gain * given, plant.design.pressure_limit)
+    times = np.multiply(PERIOD, np.arange(len(given)), dtype=np.float64)
+    before = plant.motion.begin(gain * run.start[None])
+    return plant.simulate(times, given[None], initial=before).tip[0, :, :2]
+
+
+def _measure(off: Floats) -> Floats:
+    """Return the distances (n,) after the first half of misses."""
+    return np.asarray(np.hypot(*off[len(off) // 2 :].T))
 
 
 def _find_rms(off: Floats) -> float:
