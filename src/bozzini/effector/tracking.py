@@ -206,11 +206,12 @@ class Tracking(ReasonedResult):
         """Return how the controllers did as text."""
         head = ["controller", "rms [mm]", "largest [mm]", "constants off: rms [mm]",
                 "step: median [ms]", "p99 [ms]"]  # fmt: skip
-        return format_rows(head, [
-            [row.controller, f"{row.rms:.3f}", f"{row.largest:.3f}", "" if math.isnan(row.rms_off) else f"{row.rms_off:.3f}",
-             f"{1e3 * row.step_median:.2f}", f"{1e3 * row.step_p99:.2f}"]
-            for row in self.rows
-        ])  # fmt: skip
+        rows = []
+        for row in self.rows:
+            off = "" if math.isnan(row.rms_off) else f"{row.rms_off:.3f}"
+            steps = (f"{1e3 * x:.2f}" for x in (row.step_median, row.step_p99))
+            rows.append([row.controller, f"{row.rms:.3f}", f"{row.largest:.3f}", off, *steps])
+        return format_rows(head, rows)
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the last turn as wanted and as tracked, seen along the axis; return the axes."""
