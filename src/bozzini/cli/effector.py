@@ -13,10 +13,7 @@ import click
 from ..checks import check_integer, check_number, list_quantities
 from ..effector.design import DEFAULT_PRESET, PRESET_MODELS, EffectorDesign
 from ..effector.runs import EffectorSimulation
-<<<<<<< HEAD
 from ..effector.tracking import EffectorTracking
-=======
->>>>>>> arm
 from ..errors import InputError
 from ..fabricate import HolderOptions
 from ..results import format_rows
