@@ -74,6 +74,9 @@ FILES = {
     "options": ("options.yaml",),
     "saltelli": ("saltelli.yaml", "study.yaml"),
     "results": ("results",),
+    "arm": ("arm.yaml",),
+    "commands": ("commands.csv",),
+    "deflections": ("deflections.csv",),
 }
 LEGAL: dict[str, tuple[int, str]] = {
     # How often, and command lines that work, with | between; <kind is a file, >suffix an output.
@@ -128,6 +131,7 @@ LEGAL: dict[str, tuple[int, str]] = {
     "new muscle": (1, "--out >.yaml"),
     "new robot": (2, "--sections 2 --tendons 3 --out >.yaml"),
     "new study": (1, "--out >.yaml"),
+    "new task": (1, "plan-setup --out >.yaml"),
     "continuum pose": (8, "<robot --displacement T1=1mm"),
     "continuum tip-error": (3, "<robot --displacement T1=1mm --displacement-sd 50um --draws 64"),
     "continuum jacobian": (2, "<robot --tension T1=1N"),
@@ -140,6 +144,9 @@ LEGAL: dict[str, tuple[int, str]] = {
     "continuum insert": (3, "<elastic <tract or shapes --to 20mm --step 5mm"),
     "continuum fit": (2, "<two_sections <rows --folds 0 --free base.position"),
     "continuum fabricate": (2, "<robot --out >"),
+    "effector fit": (3, "<deflections --free muscles.*.modulus,offset --out >.yaml"),
+    "effector simulate": (3, "<arm <commands --out >.csv"),
+    "effector track": (3, "<arm --radius 4mm --frequency 2Hz --plants 1 --out >.png"),
     "effector fabricate": (2, "--holder-diameter 11mm --out >"),
     "live": (2, "<tract --diameter 4mm --link 8mm --duration 0.1s --inserted 0.8"),
     "study run": (4, "<study --workers 1 --out >"),
@@ -283,6 +290,24 @@ def find_commands() -> dict[str, click.Command]:
     return dict(walk(root, ""))
 
 
+ARM = """kind: bozzini-effector
+version: 1
+muscles:
+- {name: A, muscle: {length: 100.0, outer_radius: 2.0}, angle: 0.0}
+- {name: B, muscle: {length: 100.0, outer_radius: 2.0}, angle: 2.1}
+- {name: C, muscle: {length: 100.0, outer_radius: 2.0}, angle: 4.2}
+section: {offset: 6.0, backbone_length: 100.0, flexural_rigidity: 20000.0}
+motion: {fill_lag: 0.2, bleed_lag: 0.3, play_radii: [0.01], play_weights: [0.4], creep_share: 0.1}
+pulls:
+- {area: 20.0, stiffening: 3.0}
+- {area: 24.0, stiffening: 2.0}
+- {area: 18.0, stiffening: 4.0}
+intervals: {"muscles.each.area[A]": [20.0, 19.0, 21.0], "muscles.each.area[B]": [24.0, 23.0, 25.0],
+  "muscles.each.area[C]": [18.0, 17.0, 19.0], motion.fill_lag: [0.2, 0.18, 0.22]}
+"""
+"""A fitted end-effector."""
+
+
 def make_originals(folder: Path) -> None:
     """Write the sound files that the cases damage."""
     import numpy as np
@@ -347,6 +372,12 @@ def make_originals(folder: Path) -> None:
     np.savetxt(folder / "way.csv", way, delimiter=",", header="x_mm,y_mm,z_mm", comments="")
     pulls = [f"{pull},{-pull / 2},{-pull / 2},0,0,0,{pull},5,95" for pull in (0, 0.5, 1, 1.5)]
     titles = [f"T{k} displacement [mm]" for k in range(1, 7)] + [f"tip {a} [mm]" for a in "xyz"]
+    deflections = ["R pressure [kPa],lateral [mm]", "300,10", "400,13", "500,15.5", "689,20.4"]
+    (folder / "deflections.csv").write_text("\n".join(deflections) + "\n")
+    (folder / "commands.csv").write_text(
+        "time [s],A pressure [kPa],B pressure [kPa],C pressure [kPa]\n0,0,0,0\n0.5,300,100,0\n"
+    )
+    (folder / "arm.yaml").write_text(ARM)
     (folder / "rows.csv").write_text("\n".join([",".join(titles), *pulls]) + "\n")
     seen = np.hstack([each.project(np.linspace([0, 0, 10], [9, 5, 30], 9)) for each in pair])
     rows = [",".join(f"{value:.2f}" for value in row) for row in seen]

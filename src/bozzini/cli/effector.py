@@ -13,6 +13,7 @@ import click
 from ..checks import check_integer, check_number, list_quantities
 from ..effector.design import DEFAULT_PRESET, PRESET_MODELS, EffectorDesign
 from ..effector.runs import EffectorSimulation
+from ..effector.tracking import EffectorTracking
 from ..errors import InputError
 from ..fabricate import HolderOptions
 from ..results import format_rows
@@ -928,6 +929,7 @@ def _show_trace(found: Trace, asked: EffectorRequest, answer: Answer) -> None:
 
 command.add_command(make_fit(effector_options))
 command.add_command(make_command(EffectorSimulation))
+command.add_command(make_command(EffectorTracking))
 
 
 @command.group("study")

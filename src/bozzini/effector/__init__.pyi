@@ -1,3 +1,11 @@
+from .control import (
+    Controller,
+    ControlState,
+    InverseInTime,
+    LagFeedforward,
+    PredictiveControl,
+    StaticInverse,
+)
 from .design import (
     BEAM_FACTORS,
     EFFECTOR_PRESETS,
@@ -60,6 +68,14 @@ from .study import (
     find_needed_pressure,
     optimise_design,
     sweep,
+)
+from .tracking import (
+    CONTROLLERS,
+    EffectorTracking,
+    Tracking,
+    compare_controllers,
+    draw_plant,
+    run_control,
 )
 from .view import TipView
 from .workspace import (
@@ -150,5 +166,17 @@ __all__ = [
     "read_effector",
     "read_effector_measurements",
     "simulate_effector",
+    "CONTROLLERS",
+    "Controller",
+    "ControlState",
+    "EffectorTracking",
+    "InverseInTime",
+    "LagFeedforward",
+    "PredictiveControl",
+    "StaticInverse",
+    "Tracking",
+    "compare_controllers",
+    "draw_plant",
+    "run_control",
     "write_effector",
 ]

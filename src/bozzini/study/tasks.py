@@ -19,9 +19,10 @@ from .jobs import JOBS, FunctionJob, Job, RowJob, check_keywords, find_function
 
 def _find_own() -> dict[str, type[Task]]:
     from ..effector.runs import EffectorSimulation
+    from ..effector.tracking import EffectorTracking
     from ..vision.planning import SetupPlanning
 
-    return {kind.name: kind for kind in (SetupPlanning, EffectorSimulation)}
+    return {kind.name: kind for kind in (SetupPlanning, EffectorSimulation, EffectorTracking)}
 
 
 class TaskRegistry(Registry[Task]):
