@@ -17,6 +17,7 @@ from .common import (
     OUTPUT,
     PICTURES,
     Answer,
+    CheckedCommand,
     Command,
     NameType,
     answer_options,
@@ -177,7 +178,7 @@ fit_options = gather(
 def make_fit(effector_options: Callable[[Command], Command]) -> click.Command:
     """Return the command, with the options of an end-effector."""
 
-    @click.command("fit")
+    @click.command("fit", cls=CheckedCommand)
     @click.argument("table", metavar="TABLE.csv", type=INPUT)
     @start_options
     @option("--per-volt", "Pressure of the regulators at one volt.", "pressure")
