@@ -1,0 +1,109 @@
+"""``bozzini effector fit`` and ``simulate``: files, refusals, and that they belong together."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+
+import numpy as np
+import pytest
+
+from bozzini.cli.main import main
+from bozzini.effector import Effector, effector_preset, read_effector
+
+TABLE = """R contraction [mm],lateral [mm],R force [N]
+7.6,22.8,1.69
+6.9,20.4,1.51
+6.5,18.9,1.40
+7.1,21.2,1.57
+5.7,15.8,1.17
+"""
+FIT = ("--free", "offset,flexural_rigidity", "--preset", "prototype", "--set", "offset=3.6mm")
+PULLS = ("--pulls", "--per-volt", "100kPa", "--angles", "A=0deg,B=120deg,C=240deg", "--quiet")
+
+
+@pytest.fixture
+def run(capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+    def call(*arguments: str) -> tuple[int, str, str]:
+        code = main(["effector", *arguments])
+        return code, *capsys.readouterr()
+
+    return call
+
+
+def test_a_table_of_the_thesis_is_fitted_and_its_file_goes_on(run, tmp_path):
+    (tmp_path / "t.csv").write_text(TABLE, encoding="utf-8")
+    code, out, err = run(
+        "fit", "t.csv", *FIT, "--out", "mine.yaml", "--figure", "mine.png", "--json", "--quiet"
+    )
+    assert (code, err) == (0, "")
+    found = json.loads(out)["estimates"]
+    assert found["offset"]["value"] == pytest.approx(4.0, abs=0.02)
+    assert found["flexural_rigidity"]["value"] == pytest.approx(200.0, abs=2.0)
+    assert (tmp_path / "mine.png").exists()
+    assert read_effector("mine.yaml").intervals["offset"][1] < 4.0
+    code, out, _ = run("pose", "--preset", "mine.yaml", "--pressure", "R=500kPa", "--json")
+    design = effector_preset("prototype").replace(
+        offset=found["offset"]["value"], flexural_rigidity=found["flexural_rigidity"]["value"]
+    )
+    same = Effector(design).forward({"R": 0.5})
+    assert code == 0
+    assert json.loads(out)["lateral_mm"] == pytest.approx(float(same.lateral), rel=1e-9)
+
+
+def test_a_recording_is_fitted_and_simulated(run, tmp_path):
+    times = np.arange(0.0, 12.0, 0.1)
+    rows = ["run,time_s,command_A_V,command_B_V,command_C_V,dot_x_mm,dot_y_mm"]
+    for name, shift in (("one", 0.0), ("two", 1.0)):
+        speeds = (0.7, 1.1, 1.7)
+        volts = np.stack([3.0 + 2.0 * np.sin(w * times + shift) for w in speeds], axis=1)
+        ways = np.exp(2j * math.pi * np.arange(3) / 3.0)
+        dot = 0.4 * volts @ ways
+        late = np.concatenate([[dot[0]], dot[:-1]])
+        rows += [
+            f"{name},{t:.2f},{v[0]:.6f},{v[1]:.6f},{v[2]:.6f},{z.real:.5f},{z.imag:.5f}"
+            for t, v, z in zip(times, volts, late, strict=True)
+        ]
+    (tmp_path / "runs.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
+    free = "muscles.each.area,muscles.each.angle,board.x,board.y"
+    still = ("--set", "motion.fill_lag=0s", "--set", "motion.bleed_lag=0s",
+             "--set", "motion.creep_share=0")  # fmt: skip
+    code, out, _ = run("fit", "runs.csv", *PULLS, *still, "--free", free, "--hold", "two",
+                       "--out", "arm.yaml", "--json")  # fmt: skip
+    said = json.loads(out)
+    assert code == 0, said
+    assert said["fitted"]["rms_mm"] < 0.05
+    assert said["checks"]["runs.csv, held"]["rms_mm"] < 0.05
+    code, _, err = run("simulate", "arm.yaml", "runs.csv", "--out", "tips.csv")
+    assert (code, err) == (0, "")
+    table = list(csv.DictReader((tmp_path / "tips.csv").open(encoding="utf-8")))
+    seen = list(csv.DictReader((tmp_path / "runs.csv").open(encoding="utf-8")))
+    off = [float(a["spot_x_mm"]) - float(b["dot_x_mm"]) for a, b in zip(table, seen, strict=True)]
+    assert np.sqrt(np.mean(np.square(off))) < 0.05
+
+
+@pytest.mark.parametrize(
+    ("rows", "more", "said"),
+    [
+        (["time_s,command_A_V,dot_x_cm", "0,1,1", "1,1,2"], (), "say how much pressure a volt is"),
+        (["time_s,command_A_V,dot_x_cm", "0,9,1", "1,1,2"], PULLS,
+         "pressure of muscle A is 0.9 MPa: it must lie in [0, 0.827] MPa"),
+        (["time_s,command_A_V,dot_x_cm", "0,1,1", "1,1,2", "0,1,1"], PULLS, "name the runs"),
+        (["time_s,command_A_V,dot_x_cm", "0,1,1", "1,1,2"], PULLS, "are too few for"),
+        (["time_s,command_A_V,dot_x_cm", "0,1,", "1,1,nan"], PULLS, "nothing was seen"),
+        (["run,time_s,command_A_V,dot_x_cm", "a,0,1,1", "a,1,1,2"], (*PULLS, "--hold", "b"),
+         "there is no run 'b'"),
+        (["R pressure [kPa],lateral [mm]", "100,2", "200,4"], (), "--free is needed"),
+        (["R pressure [kPa],lateral [mm]", "100,2", "200,4"], ("--free", "offset", "--set", "a=1"),
+         "'a' cannot be fitted"),
+    ],
+)  # fmt: skip
+def test_bad_input_is_one_line_and_nothing_is_written(run, tmp_path, rows, more, said):
+    (tmp_path / "t.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
+    code, out, err = run("fit", "t.csv", *more, "--out", "mine.yaml")
+    assert (code, out) == (2, "")
+    assert err.count("\n") == 1 and said in err
+    assert not (tmp_path / "mine.yaml").exists()
