@@ -168,6 +168,15 @@ def test_a_tip_that_is_seen_makes_up_for_constants_that_are_off():
     assert sees < 0.3 * blind
 
 
+def test_a_tip_that_is_seen_far_off_is_answered():
+    arm = make_arm(MOTION)
+    for kind, _ in CONTROLLERS.values():
+        controller = kind(effector=arm, trust=1.0)
+        command, after = controller.step(controller.begin(), [[60.0, 0.0]], seen=[-1e3, 1.0])
+        assert np.isfinite(command).all()
+        assert np.isfinite(after.tip).all()
+
+
 def test_a_state_goes_on_as_one_run_does():
     arm, wanted = make_arm(MOTION), circle(5.0, 12)
     controller = PredictiveControl(effector=arm)
@@ -226,6 +235,8 @@ def test_refusals():
         controller.step(controller.begin(), [[math.nan, 0.0]])
     with pytest.raises(InputError, match=r"shape \(2,\)"):
         controller.begin([0.0, 0.1])
+    with pytest.raises(InputError, match="seen has 1 point"):
+        controller.step(controller.begin(), [[5.0, 0.0]], seen=[math.nan, 0.0])
     with pytest.raises(InputError, match="0.8 MPa"):
         controller.begin([0.0, 0.1, 0.8])
     with pytest.raises(InputError, match="must begin at 0 and increase"):

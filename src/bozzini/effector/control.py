@@ -141,7 +141,8 @@ class Controller(ABC):
         self._check_reach(places)
         miss = state.miss
         if seen is not None:
-            miss = miss + self.trust * (check_array("seen", seen) - state.tip - miss)
+            place = check_points("seen", seen, dim=2)
+            miss = miss + self.trust * (place - state.tip - miss)
         command, plan = self._choose(state, places - miss)
         change = self.rate * self.period
         command = np.clip(command, state.command - change, state.command + change)
@@ -373,8 +374,9 @@ def find_pressures(
 
 
 def _bend_to(effector: Effector, place: Floats) -> Floats:
-    """Return the bend (2,) of an arc whose end is at a lateral place (2,)."""
-    share = float(np.hypot(*place)) / effector.design.backbone_length
+    """Return the bend (2,) of an arc whose end is at a lateral place (2,), or nearest to it."""
+    away = float(np.hypot(*place))
+    share = min(away / effector.design.backbone_length, _FARTHEST)
     half = share  # half the angle: sin(half)**2 / half is the share
     for _ in range(50):
         sine, cosine = np.sin(half), np.cos(half)
@@ -383,7 +385,7 @@ def _bend_to(effector: Effector, place: Floats) -> Floats:
         half -= change
         if abs(change) < 1e-15:
             break
-    return np.asarray(2.0 * half * place / (share * effector.design.backbone_length or 1.0))
+    return np.asarray(2.0 * half * place / (away or 1.0))
 
 
 def _roll(
