@@ -216,7 +216,7 @@ def test_plan_is_made_anew_in_the_page(visit, address) -> None:
     page = visit(address)
     wait_for(page, PLANNED)
     views = read_state(page)["view"]
-    size = page.get_by_label("Diameter")
+    size = page.locator(".planning").get_by_label("Diameter")
     for value, words in (("6", "Fits"), ("17", "oes not fit")):
         size.fill(value)
         size.press("Enter")
@@ -281,7 +281,7 @@ def test_ends_are_moved_by_clicks_on_the_wall_and_by_keys(visit, address) -> Non
 def test_size_that_is_refused_is_not_shown_as_in_force(visit, address) -> None:
     page = visit(address)
     wait_for(page, PLANNED)
-    size, line = page.get_by_label("Link"), page.locator(".busy")
+    size, line = page.locator(".planning").get_by_label("Link"), page.locator(".busy")
     value = size.input_value()
     for _ in range(2):  # the second time nothing else changes
         size.fill("5000")
