@@ -105,6 +105,11 @@ class Task(ABC):
         return found
 
     @classmethod
+    def list_options(cls) -> Inputs:
+        """Return the inputs that are options, and may stand in a file of these."""
+        return {name: item for name, item in cls.list_fields().items() if not is_argument(item)}
+
+    @classmethod
     def list_inputs(cls) -> dict[str, Quantity]:
         """Return what is known of the inputs by name."""
         return {name: item.metadata["quantity"] for name, item in cls.list_fields().items()}

@@ -10,8 +10,6 @@ from typing import TYPE_CHECKING
 
 import click
 
-from ..study.tasks import TASKS
-from ..task import is_argument
 from ..units import INTERNAL_UNITS
 from .common import (
     Answer,
@@ -23,6 +21,7 @@ from .common import (
 
 if TYPE_CHECKING:
     from ..checks import Quantity
+    from ..registry import Registry
     from ..task import Task
 
 PLAN_SET = ("diameter", "link", "inflate", "method", "head_step")
@@ -114,12 +113,18 @@ def plan_command(answer: Answer) -> None:
     _write(answer, format_plan(), "bozzini plan INPUT --options {file}")
 
 
+def _find_tasks() -> Registry[Task]:
+    from ..study.tasks import TASKS
+
+    return TASKS
+
+
 @command.command("task")
-@click.argument("name", type=NameType("task", lambda: TASKS))
+@click.argument("name", type=NameType("task", _find_tasks))
 @_file_options("task.yaml")
 def task_command(name: str, answer: Answer) -> None:
     """Write the options of a task, each with its unit and range."""
-    kind = TASKS.choose(name)
+    kind = _find_tasks().choose(name)
     _write(answer, format_task(kind), f"bozzini {kind.command} --options {{file}}")
 
 
@@ -164,8 +169,8 @@ def format_plan() -> str:
 def format_task(kind: type[Task]) -> str:
     """Return a file of options of a task: those that it needs are set, as far as is shown."""
     head = OPTIONS_HEAD.format(command=kind.command, line=kind.command)
-    fields = {name: item for name, item in kind.list_fields().items() if not is_argument(item)}
-    known = {name: (item.metadata["quantity"], item.default) for name, item in fields.items()}
+    options = kind.list_options().items()
+    known = {name: (item.metadata["quantity"], item.default) for name, item in options}
     return head + format_options(known, [n for n, (_, d) in known.items() if d is MISSING])
 
 

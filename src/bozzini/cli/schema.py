@@ -10,8 +10,6 @@ from typing import TYPE_CHECKING
 import click
 
 from ..results import Json
-from ..study.tasks import TASKS
-from ..task import is_argument
 from ..units import INTERNAL_UNITS
 from .common import (
     Answer,
@@ -61,9 +59,10 @@ def make_options_schema(title: str, options: Mapping[str, Quantity]) -> Json:
 
 
 def _describe_task(name: str) -> Json:
+    from ..study.tasks import TASKS
+
     kind = TASKS.choose(name)
-    fields = {n: item for n, item in kind.list_fields().items() if not is_argument(item)}
-    known = {name: item.metadata["quantity"] for name, item in fields.items()}
+    known = {name: item.metadata["quantity"] for name, item in kind.list_options().items()}
     return make_options_schema(f"Bozzini options of {kind.command}", known)
 
 
@@ -111,6 +110,8 @@ SCHEMAS: dict[str, Callable[[], Json]] = {
 
 
 def _list_makers() -> dict[str, Callable[[], Json]]:
+    from ..study.tasks import TASKS
+
     return {**{name: partial(_describe_task, name) for name in TASKS}, **SCHEMAS}
 
 

@@ -7,10 +7,10 @@ import json
 import socket
 from collections.abc import Callable
 from pathlib import Path
+from types import ModuleType
 from typing import TYPE_CHECKING
 
 from ..errors import InputError, MissingExtraError
-from .forms import fill_form, list_forms
 from .guard import Access, Guard
 from .session import Session, Window, run_beside
 from .wire import MessageError, read_message
@@ -103,11 +103,13 @@ def make_application(session: Session, *, page: str, folders: tuple[Path, ...]) 
         return JSONResponse(session.describe_all())
 
     async def show_tasks(request: Request) -> Response:
-        return JSONResponse(await run_beside(list_forms))
+        forms = await run_beside(_load_forms)
+        return JSONResponse(await run_beside(forms.list_forms))
 
     async def show_task(request: Request) -> Response:
         name, values = request.path_params["name"], dict(request.query_params)
-        return JSONResponse(await fill_form(name, values))
+        forms = await run_beside(_load_forms)
+        return JSONResponse(await forms.fill_form(name, values))
 
     async def talk(connection: WebSocket) -> None:
         await _talk(session, connection)
@@ -124,6 +126,13 @@ def make_application(session: Session, *, page: str, folders: tuple[Path, ...]) 
             WebSocketRoute("/ws", talk),
         ]
     )
+
+
+def _load_forms() -> ModuleType:
+    """Return what knows the tasks: to import it takes longer than all that the page needs."""
+    from . import forms
+
+    return forms
 
 
 def describe_drive(session: Session) -> dict[str, object]:

@@ -20,7 +20,8 @@ from ..numeric.arrays import Floats
 from ..numeric.limited import solve_limited
 from .effector import Effector
 from .motion import MotionState
-from .section import find_bends, shape_sections
+from .section import find_bends
+from .simulation import move_section
 
 PERIOD = 0.02
 """Between commands, unless told [s]."""
@@ -392,14 +393,8 @@ def _roll(
     effector: Effector, times: Floats, commands: Floats, state: MotionState
 ) -> tuple[Floats, MotionState]:
     """Return lateral places (b, n, 2) of the tip under commands (b, n, m), and the state after."""
-    acting = effector.motion.act(times, commands, initial=state)
-    still = find_bends(effector, acting.effective.reshape(-1, commands.shape[2]))
-    bends, after = effector.motion.move(
-        times, still.reshape(*commands.shape[:2], 2), state=acting.state
-    )
-    length = np.array([effector.design.backbone_length])
-    points = shape_sections(effector, bends.reshape(-1, 2), length).points
-    return points[:, 0, :2].reshape(bends.shape), after
+    _, bends, shapes, after = move_section(effector, times, commands, initial=state)
+    return shapes.points[:, 0, :2].reshape(bends.shape), after
 
 
 def _repeat(state: MotionState, count: int) -> MotionState:

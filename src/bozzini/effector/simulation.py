@@ -13,8 +13,8 @@ from ..checks import check_array, check_kind
 from ..errors import InputError
 from ..numeric.arrays import Floats
 from ..results import ReasonedResult, measured, tabulated, take_axes
-from .motion import MotionState
-from .section import find_bends, shape_sections
+from .motion import Acting, MotionState
+from .section import Shapes, find_bends, shape_sections
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -132,11 +132,7 @@ def simulate_effector(
                 f"initial has pressures {np.shape(initial.pressures)}: these runs need "
                 f"{(len(runs), runs.shape[2])}"
             )
-    acting = effector.motion.act(over, runs, initial=initial)
-    still = find_bends(effector, acting.effective.reshape(-1, runs.shape[2]))
-    bends, state = effector.motion.move(over, still.reshape(*runs.shape[:2], 2), state=acting.state)
-    length = effector.design.backbone_length
-    shapes = shape_sections(effector, bends.reshape(-1, 2), np.array([length]))
+    acting, bends, shapes, state = move_section(effector, over, runs, initial=initial)
     rows = (*batch, len(over))
     return EffectorTrack(
         names=effector.design.names,
@@ -148,3 +144,20 @@ def simulate_effector(
         direction=shapes.direction.reshape(*rows, 3),
         state=state,
     )
+
+
+def move_section(
+    effector: Effector, times: Floats, pressures: Floats, *, initial: MotionState | None
+) -> tuple[Acting, Floats, Shapes, MotionState]:
+    """Return what `simulate_effector` is made of, unchecked, of runs (b, n, m).
+
+    These are the pressures that act, the bends (b, n, 2), the ends of the backbone of all rows, and
+    the state at the last time.
+    """
+    acting = effector.motion.act(times, pressures, initial=initial)
+    still = find_bends(effector, acting.effective.reshape(-1, pressures.shape[2]))
+    bends, state = effector.motion.move(
+        times, still.reshape(*pressures.shape[:2], 2), state=acting.state
+    )
+    length = np.array([effector.design.backbone_length])
+    return acting, bends, shape_sections(effector, bends.reshape(-1, 2), length), state
