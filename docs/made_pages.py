@@ -95,6 +95,20 @@ def format_plant() -> str:
     return PlantDesign().format_provenance()
 
 
+def format_shapes() -> str:
+    """Return a table of the kinds of shapes that a file may hold, each with its fields."""
+    from bozzini.duct import DUCT_SHAPES
+    from bozzini.duct.shape_files import make_shapes_schema
+
+    rows = []
+    for part in make_shapes_schema()["allOf"]:
+        name = part["if"]["properties"]["kind"]["const"]
+        fields = part["then"]["properties"]["shapes"]["items"]["properties"]
+        line = (DUCT_SHAPES[name].__doc__ or "").partition("\n")[0].replace("`", "")
+        rows.append(f"| `{name}` | {_escape(line)} | {', '.join(f'`{field}`' for field in fields)} |")
+    return "\n".join(["| `kind` | what | fields of each shape |", "|---|---|---|", *rows])
+
+
 def format_control(table: str) -> str:
     """Return a table of what `benchmarks/rig_control.py` measured and kept."""
     kept = json.loads((DOCS.parent / "benchmarks" / "rig_control.json").read_text("utf-8"))
@@ -114,6 +128,7 @@ MAKERS: dict[str, Callable[[], str]] = {
     "headlines": format_headlines,
     "peers": format_peers,
     "plant": format_plant,
+    "shapes": format_shapes,
     **{table: partial(format_control, table) for table in CONTROL},
 }
 """What writes in the place of a mark, by the mark's name."""
