@@ -60,6 +60,13 @@ def format_gallery() -> str:
     return "\n\n".join(format_page())
 
 
+def format_pictures() -> str:
+    """Return the table of pictures on the front page."""
+    from make_gallery import format_front
+
+    return "\n".join(format_front())
+
+
 def format_figures() -> str:
     """Return all figures of the thesis, with the values that were kept when they were drawn."""
     from make_thesis import VALUES, format_page
@@ -123,6 +130,7 @@ MAKERS: dict[str, Callable[[], str]] = {
     "overview": format_overview,
     "models": format_models,
     "gallery": format_gallery,
+    "pictures": format_pictures,
     "figures": format_figures,
     "benchmarks": format_benchmarks,
     "headlines": format_headlines,
