@@ -112,7 +112,9 @@ def format_shapes() -> str:
         name = part["if"]["properties"]["kind"]["const"]
         fields = part["then"]["properties"]["shapes"]["items"]["properties"]
         line = (DUCT_SHAPES[name].__doc__ or "").partition("\n")[0].replace("`", "")
-        rows.append(f"| `{name}` | {_escape(line)} | {', '.join(f'`{field}`' for field in fields)} |")
+        rows.append(
+            f"| `{name}` | {_escape(line)} | {', '.join(f'`{field}`' for field in fields)} |"
+        )
     return "\n".join(["| `kind` | what | fields of each shape |", "|---|---|---|", *rows])
 
 
