@@ -116,17 +116,15 @@ def validate(folder: Path, images: Path) -> Section:
         for form in FORMS
     }
     head = ["form", "constants", "left out: inflating", "both", "in the fit: both"]
-    head += [f"{length:.0f} mm" for length in lengths]
     rows = []
     for form, (inflating, both) in found.items():
         assert inflating.validation is not None and both.validation is not None
         cells = [
             form.words,
             str(form.constants),
-            format_error(inflating.validation.error, 1),
-            format_error(both.validation.error, 1),
-            format_error(both.score.rmse, 1),
-            *(format_error(error, 0) for error in both.validation.errors),
+            format_error(inflating.validation.error),
+            format_error(both.validation.error),
+            format_error(both.score.rmse),
         ]
         rows.append(cells)
     draw_errors(lengths, {form: found[form][1] for form in (ANCHORED, MEAN)}, images)
@@ -172,8 +170,7 @@ def format_text(data: Measurements, lengths: list[float], fitted: RankedModel) -
         "deflating. Each length is left out in turn and predicted by constants that the others "
         "share. Given of it are the rest length and, in the forms with an offset from the free "
         "length, its length without load at 620 kPa. Errors are root mean squares over all rows "
-        "[N]; the last columns have those of each length when it is left out, both directions. "
-        "Published: 17 to 23 N for laws of three constants, and 63 to 144 N for earlier laws "
+        "[N]. Published: 17 to 23 N for laws of three constants, and 63 to 144 N for earlier laws "
         "(Bolen et al.). `none`: no answer at a length left out.",
         "",
         "The last form but one predicts a length from its rest length alone. On all four lengths "
@@ -216,9 +213,9 @@ COMMANDS = (
 )
 
 
-def format_error(error: float, digits: int) -> str:
+def format_error(error: float) -> str:
     """Return an error [N], or that there is none: a row had no answer."""
-    return f"{error:.{digits}f}" if np.isfinite(error) else "none"
+    return f"{error:.1f}" if np.isfinite(error) else "none"
 
 
 def draw_errors(lengths: list[float], found: dict[Form, RankedModel], images: Path) -> None:
