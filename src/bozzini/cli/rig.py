@@ -359,7 +359,7 @@ def characterise_command(
         host.connect()
         with answer.show_progress() as progress:
             found = characterise_muscle(
-                host, stairs, gauge=gauge, hook=camera, keep=save, progress=progress
+                host, stairs, gauge=gauge, camera=camera, keep=save, progress=progress
             )
     finally:
         link.close()
