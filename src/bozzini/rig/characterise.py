@@ -442,8 +442,8 @@ def characterise_muscle(
     gauge : callable, optional
         Reads the contraction at the end of each step; on the plant a `PlantGauge`.
     camera : PictureSource, optional
-        Takes a picture then, such as a `PictureHook`. In lock-step the clock of the plant stands still meanwhile;
-        otherwise the pressure is held.
+        Takes a picture then, such as a `PictureHook`. In lock-step the clock of the plant stands
+        still meanwhile; otherwise the pressure is held.
     keep : callable
         Takes what was measured before an interruption, which then goes on.
     progress : callable

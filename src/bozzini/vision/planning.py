@@ -206,12 +206,13 @@ class RenderedSetup:
         """Return a set-up that is off by errors drawn at random."""
         line, height, tilt = random.standard_normal(3).tolist()
         check_line = board.check_line + board.check_line_uncertainty * line
+        above = options.height + options.height_uncertainty * height
         return cls(
             setup=setup,
             options=options,
             camera=setup.make_camera(board),
             board=dataclasses.replace(board, check_line=check_line),
-            height=max(options.height + options.height_uncertainty * height, 0.5 * options.diameter),
+            height=max(above, 0.5 * options.diameter),
             tilt=options.tilt_uncertainty * tilt,
         )
 
