@@ -112,10 +112,10 @@ def test_a_film_is_a_camera(tmp_path):
     film.release()
     with VideoCamera(folder=tmp_path, name=str(tmp_path / "film.avi")) as camera:
         for index, frame in enumerate(frames):
-            assert camera.take(tmp_path / f"{index}.png", {}, lambda: None) == []
+            assert camera.take(tmp_path / f"{index}.png", {}, idle=lambda: None) == []
             seen = cv2.imread(str(tmp_path / f"{index}.png"), cv2.IMREAD_GRAYSCALE)
             assert np.abs(seen.astype(float) - frame).mean() < 4.0  # what the film's JPEG leaves
-        assert camera.take(tmp_path / "2.png", {}, lambda: None) == ["camera: no picture came"]
+        assert camera.take(tmp_path / "2.png", {}, idle=lambda: None) == ["camera: no picture came"]
     with pytest.raises(InputError, match="cannot open it"):
         VideoCamera(folder=tmp_path, name=str(tmp_path / "none.avi"))
 

@@ -74,7 +74,7 @@ class RenderedCamera(PictureSource):
     setup: RenderedSetup
     seed: int = 0
 
-    def take(self, path: Path, step: Mapping[str, str], idle: Callable[[], object]) -> list[str]:
+    def take(self, path: Path, step: Mapping[str, str], *, idle: Callable[[], object]) -> list[str]:
         """Render a picture; see `PictureSource.take`."""
         number = int(path.name.partition("-")[0])
         picture = self.setup.render(self.rest_length - self.read(), seed=self.seed + number)
@@ -122,7 +122,7 @@ class VideoCamera(PictureSource):
     def __exit__(self, *error: object) -> None:
         self._video.release()
 
-    def take(self, path: Path, step: Mapping[str, str], idle: Callable[[], object]) -> list[str]:
+    def take(self, path: Path, step: Mapping[str, str], *, idle: Callable[[], object]) -> list[str]:
         """Take a picture; see `PictureSource.take`."""
         if self.name.isdecimal():
             for _ in range(SETTLING_FRAMES):
@@ -202,7 +202,8 @@ class CameraBench:
         runs: list[Characterisation] = []
 
         def keep(found: Characterisation) -> None:
-            _write_manifest([*runs, found], folder)
+            if any(row.image for run in [*runs, found] for row in run.rows):
+                _write_manifest([*runs, found], folder)
 
         for index, weight in enumerate(self.weights):
             stairs = dataclasses.replace(self.stairs, load=weight)

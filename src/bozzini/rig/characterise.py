@@ -100,7 +100,7 @@ class PictureSource(ABC):
             raise OutputError(f"{self.folder} is not empty: pictures need an empty directory")
 
     @abstractmethod
-    def take(self, path: Path, step: Mapping[str, str], idle: Callable[[], object]) -> list[str]:
+    def take(self, path: Path, step: Mapping[str, str], *, idle: Callable[[], object]) -> list[str]:
         """Take a picture.
 
         Parameters
@@ -168,7 +168,7 @@ class PictureHook(PictureSource):
         except ValueError as error:
             raise InputError(f"hook is '{self.command}': {str(error).lower()}") from None
 
-    def take(self, path: Path, step: Mapping[str, str], idle: Callable[[], object]) -> list[str]:
+    def take(self, path: Path, step: Mapping[str, str], *, idle: Callable[[], object]) -> list[str]:
         """Run the program in a group of processes of its own; see `PictureSource.take`."""
         values = {**step, "file": str(path)}
 
@@ -577,7 +577,7 @@ class _Run:
             path.parent.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             return "", (f"picture: {error.strerror or error}",)
-        trouble = self.camera.take(path, step, self._idle)
+        trouble = self.camera.take(path, step, idle=self._idle)
         if not os.path.isfile(path) or not path.stat().st_size:
             return "", (*trouble, "no picture")
         return str(path), tuple(trouble)
