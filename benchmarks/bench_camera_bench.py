@@ -17,6 +17,7 @@ from bozzini.rig.firmware import find_missing_tools
 SEEDS = 10
 
 
+@pytest.mark.timeout(3000)
 @pytest.mark.skipif(
     bool(find_missing_tools()), reason=f"missing: {', '.join(find_missing_tools())}"
 )
