@@ -35,7 +35,7 @@ MAY_IMPORT = {
     "motion": {"anatomy", "duct", "continuum"},
     "muscle": set(),
     "effector": {"muscle"},
-    "rig": {"continuum", "duct", "effector", "motion", "muscle"},
+    "rig": {"continuum", "duct", "effector", "motion", "muscle", "vision"},
     "vision": {"effector", "muscle"},
     "fabricate": {"continuum", "effector"},
 }

@@ -17,6 +17,7 @@ from ..checks import check_number
 from ..effector.design import DEFAULT_PRESET
 from ..errors import InputError
 from ..results import format_rows
+from ..rig.protocol import SETPOINT_MAX
 from ..rig.stairs import Stairs
 from .common import (
     EXIT_NEGATIVE,
@@ -36,6 +37,7 @@ from .common import (
     run_exit,
 )
 from .muscle_options import CHOICES, FIELDS, Request, one_model_options
+from .rig_camera import CameraRequest, camera_options, characterise_by_camera
 
 if TYPE_CHECKING:
     from ..effector import Effector
@@ -295,6 +297,13 @@ def selftest_command(port: str | None, board: BoardKind, answer: Answer) -> None
     default="0.05mm",
 )
 @options_of(Stairs, "stairs")
+@camera_options
+@option(
+    "--play",
+    "Half width of the backlash between pressure and contraction of the emulated muscle.",
+    "pressure",
+    default="0kPa",
+)
 @option("--hook PROGRAM", "Takes a picture at each step, see above.")
 @option("--hook-timeout TIME", "Longest time a picture may take.", "time", default="10s")
 @option("--plot FILE", "A picture of the curve.", OUTPUT)
@@ -306,6 +315,8 @@ def characterise_command(
     asked: Request,
     reading_error: float,
     stairs: Stairs,
+    seen: CameraRequest,
+    play: float,
     hook: str | None,
     hook_timeout: float,
     plot: Path | None,
@@ -322,47 +333,79 @@ def characterise_command(
     deflating, {repeat} the number of the repeat. The pictures go to a directory beside the table,
     with a manifest.csv for 'bozzini vision length'. If PROGRAM fails, the step is flagged.
 
+    With --camera it goes to the end: it measures the lengths in the pictures, fits the model (its
+    tube's modulus, its braid's angle and an offset), and writes a report with contraction,
+    hysteresis and stiffness, a file of the fit and the lengths beside the table. 'rendered' draws
+    the pictures from the emulated muscle as it truly is; the fit starts from a typical tube and
+    braid. With a real camera the options of the muscle are where the fit starts.
+
     When it is interrupted it vents and writes what was measured.
 
     Exit code 0: all steps settled; 1: some are flagged, or the board left its armed state; 2: bad
     input.
     """
+    from ..muscle.hysteresis import PrandtlIshlinskii
     from ..rig import Host, LockstepLink, SerialLink, emulate_rig
-    from ..rig.characterise import Characterisation, PictureHook, PlantGauge, characterise_muscle
+    from ..rig.characterise import (
+        Characterisation,
+        Gauge,
+        PictureHook,
+        PlantGauge,
+        characterise_muscle,
+    )
     from ..rig.plant import Chamber
 
     table = answer.target
     check_target(plot, PICTURES, force=answer.force)
-    camera, gauge = None, None
+    seen.check(port=port, hook=hook)
+    if port is not None:
+        plant = ("board", "seed", "reading_error", "play")
+        refuse_options(plant, "with --port")
+        if seen.camera is None:
+            refuse_options(("preset", "muscle_file", "settings", *CHOICES, *FIELDS), "with --port")
+    check_number("play", play, low=0.0, high=SETPOINT_MAX, unit="MPa")
+
+    @contextmanager
+    def open_host(weight: float) -> Iterator[tuple[Host, Gauge | None]]:
+        gauge: Gauge | None = None
+        if port is not None:
+            link: Link = SerialLink(port)
+        else:
+            chamber = Chamber.from_model(asked.build(pressure=stairs.highest), weight)
+            operator = PrandtlIshlinskii((play,), (1.0,)) if play > 0.0 else None
+            rig = emulate_rig(chamber, board=board, seed=seed, operator=operator)
+            link = LockstepLink(rig)
+            error = 0.0 if seen.camera is not None else reading_error
+            gauge = PlantGauge(rig.plant, stairs.muscle, deviation=error, seed=seed)
+        try:
+            host = Host(link)
+            host.connect()
+            yield host, gauge
+        finally:
+            link.close()
+
+    if seen.camera is not None:
+        refuse_options(("reading_error",), "with --camera")
+        if plot is not None:
+            raise InputError("--plot has no effect with --camera: the report has the pictures")
+        characterise_by_camera(seen, open_host, stairs, asked=asked, answer=answer, seed=seed)
+        return
+    camera = None
     if hook is not None:
         pictures = table.with_name(f"{table.stem}-pictures")
         camera = PictureHook(command=hook, folder=pictures, timeout=hook_timeout)
     elif port is not None:
-        raise InputError("--port needs --hook: nothing else measures the muscle's length")
-    if port is not None:
-        plant = ("board", "seed", "reading_error", "preset", "muscle_file", "settings")
-        refuse_options((*plant, *CHOICES, *FIELDS), "with --port")
-        link: Link = SerialLink(port)
-    else:
-        model = asked.build(pressure=stairs.highest)
-        rig = emulate_rig(Chamber.from_model(model, stairs.load), board=board, seed=seed)
-        link = LockstepLink(rig)
-        gauge = PlantGauge(rig.plant, stairs.muscle, deviation=reading_error, seed=seed)
+        raise InputError("--port needs --hook or --camera: nothing else measures the length")
 
     def save(found: Characterisation) -> None:
         found.save(table)
         if any(row.image for row in found.rows) and camera is not None:
             found.save_pictures(camera.folder / "manifest.csv")
 
-    try:
-        host = Host(link)
-        host.connect()
-        with answer.show_progress() as progress:
-            found = characterise_muscle(
-                host, stairs, gauge=gauge, hook=camera, keep=save, progress=progress
-            )
-    finally:
-        link.close()
+    with open_host(stairs.load) as (host, gauge), answer.show_progress() as progress:
+        found = characterise_muscle(
+            host, stairs, gauge=gauge, camera=camera, keep=save, progress=progress
+        )
     save(found)
     if plot is not None:
         dataclasses.replace(answer, out=plot).draw(found.plot)

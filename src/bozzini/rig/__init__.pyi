@@ -1,5 +1,12 @@
 from .board import NativeBoard
-from .characterise import Characterisation, PictureHook, PlantGauge, characterise_muscle
+from .camera_bench import BenchReport, CameraBench, RenderedCamera, VideoCamera
+from .characterise import (
+    Characterisation,
+    PictureHook,
+    PictureSource,
+    PlantGauge,
+    characterise_muscle,
+)
 from .cosimulation import ControlBoard, Cosimulation, CosimulationRecord
 from .curves import PressureCurve, read_curve, take_curve
 from .demo import CircleRun, FaultResponses, StepResponses, run_circle, run_faults, run_steps
@@ -22,7 +29,9 @@ __all__ = [
     "ATMOSPHERE",
     "FAULT_KINDS",
     "ControlBoard",
+    "BenchReport",
     "BoardStick",
+    "CameraBench",
     "Chamber",
     "Characterisation",
     "CircleRun",
@@ -45,11 +54,13 @@ __all__ = [
     "NativeBoard",
     "Orifice",
     "PictureHook",
+    "PictureSource",
     "Plant",
     "PlantDesign",
     "PlantGauge",
     "PressureCurve",
     "Replay",
+    "RenderedCamera",
     "ScriptedStick",
     "SelfTest",
     "SerialLink",
@@ -58,6 +69,7 @@ __all__ = [
     "StepResponses",
     "StickSource",
     "ToolchainError",
+    "VideoCamera",
     "characterise_muscle",
     "check_board",
     "emulate_rig",

@@ -12,6 +12,7 @@ from contextlib import contextmanager, suppress
 from typing import Literal, get_args
 
 from ..errors import InputError
+from ..muscle.hysteresis import Operator
 from ..muscle.model import MuscleModel
 from .board import NativeBoard
 from .cosimulation import Cosimulation
@@ -34,6 +35,7 @@ def emulate_rig(
     *,
     board: BoardKind = "emulated",
     seed: int = 0,
+    operator: Operator | None = None,
 ) -> Cosimulation:
     """Return a board with a plant, in lock-step.
 
@@ -47,6 +49,8 @@ def emulate_rig(
         The chip of the board, cycle by cycle, or its code compiled for this computer.
     seed : int
         Of the transducers' noise.
+    operator : Operator, optional
+        Hysteresis of the muscles, see `bozzini.rig.hysteresis.HystereticPlant`.
 
     Raises
     ------
@@ -57,7 +61,12 @@ def emulate_rig(
     """
     if board not in BOARD_KINDS:
         raise InputError(f"board is {board!r}: it must be one of {', '.join(BOARD_KINDS)}")
-    plant = Plant(muscles, design, seed=seed)
+    if operator is None:
+        plant = Plant(muscles, design, seed=seed)
+    else:
+        from .hysteresis import HystereticPlant
+
+        plant = HystereticPlant(muscles, operator, design, seed=seed)
     return Cosimulation(EmulatedBoard() if board == "emulated" else NativeBoard(), plant)
 
 
