@@ -60,6 +60,13 @@ def format_gallery() -> str:
     return "\n\n".join(format_page())
 
 
+def format_pictures() -> str:
+    """Return the table of pictures on the front page."""
+    from make_gallery import format_front
+
+    return "\n".join(format_front())
+
+
 def format_figures() -> str:
     """Return all figures of the thesis, with the values that were kept when they were drawn."""
     from make_thesis import VALUES, format_page
@@ -95,6 +102,22 @@ def format_plant() -> str:
     return PlantDesign().format_provenance()
 
 
+def format_shapes() -> str:
+    """Return a table of the kinds of shapes that a file may hold, each with its fields."""
+    from bozzini.duct import DUCT_SHAPES
+    from bozzini.duct.shape_files import make_shapes_schema
+
+    rows = []
+    for part in make_shapes_schema()["allOf"]:
+        name = part["if"]["properties"]["kind"]["const"]
+        fields = part["then"]["properties"]["shapes"]["items"]["properties"]
+        line = (DUCT_SHAPES[name].__doc__ or "").partition("\n")[0].replace("`", "")
+        rows.append(
+            f"| `{name}` | {_escape(line)} | {', '.join(f'`{field}`' for field in fields)} |"
+        )
+    return "\n".join(["| `kind` | what | fields of each shape |", "|---|---|---|", *rows])
+
+
 def format_control(table: str) -> str:
     """Return a table of what `benchmarks/rig_control.py` measured and kept."""
     kept = json.loads((DOCS.parent / "benchmarks" / "rig_control.json").read_text("utf-8"))
@@ -109,11 +132,13 @@ MAKERS: dict[str, Callable[[], str]] = {
     "overview": format_overview,
     "models": format_models,
     "gallery": format_gallery,
+    "pictures": format_pictures,
     "figures": format_figures,
     "benchmarks": format_benchmarks,
     "headlines": format_headlines,
     "peers": format_peers,
     "plant": format_plant,
+    "shapes": format_shapes,
     **{table: partial(format_control, table) for table in CONTROL},
 }
 """What writes in the place of a mark, by the mark's name."""

@@ -32,6 +32,11 @@ GROUPS = {
     "Forces": ["forces"],
     "Studies, and how sure an answer is": ["study", "indices", "contact_risk", "tip_error"],
 }  # fmt: skip
+FRONT = (
+    "plan", "depths", "breathing", "contraction", "loop_fit", "effector_workspace", "circle",
+    "rod_models", "robot_workspace", "contact", "tube_shape", "study",
+)  # fmt: skip
+"""The pictures on the front page, three in a row."""
 
 
 def list_scripts() -> list[Path]:
@@ -69,6 +74,17 @@ def format_page() -> Iterator[str]:
             yield text
             yield f"![{title}](images/gallery/{name}.png)"
             yield f"```python\n{code}\n```"
+
+
+def format_front() -> Iterator[str]:
+    """Yield the lines of the front page's table of pictures, which lead to the gallery."""
+    yield from ("| | | |", "|---|---|---|")
+    for start in range(0, len(FRONT), 3):
+        cells = []
+        for name in FRONT[start : start + 3]:
+            title = split_script(DOCS / "gallery" / f"{name}.py")[0]
+            cells.append(f"[![{title}](images/gallery/{name}.png)<br>{title}](gallery.md#{name})")
+        yield f"| {' | '.join(cells)} |"
 
 
 def main(names: list[str]) -> None:

@@ -116,17 +116,15 @@ def validate(folder: Path, images: Path) -> Section:
         for form in FORMS
     }
     head = ["form", "constants", "left out: inflating", "both", "in the fit: both"]
-    head += [f"{length:.0f} mm" for length in lengths]
     rows = []
     for form, (inflating, both) in found.items():
         assert inflating.validation is not None and both.validation is not None
         cells = [
             form.words,
             str(form.constants),
-            format_error(inflating.validation.error, 1),
-            format_error(both.validation.error, 1),
-            format_error(both.score.rmse, 1),
-            *(format_error(error, 0) for error in both.validation.errors),
+            format_error(inflating.validation.error),
+            format_error(both.validation.error),
+            format_error(both.score.rmse),
         ]
         rows.append(cells)
     draw_errors(lengths, {form: found[form][1] for form in (ANCHORED, MEAN)}, images)
@@ -169,12 +167,11 @@ def format_text(data: Measurements, lengths: list[float], fitted: RankedModel) -
     return [
         f"{len(data)} standing pressures of {len(lengths)} muscles, {min(lengths):.0f} to "
         f"{max(lengths):.0f} mm long, held at four contractions, three times, inflating and "
-        "deflating. Fitted is the force. Each length is left out in turn and nothing is fitted to "
-        "it; the constants are shared by the others. Given of it are the rest length and, in the "
-        "forms with an offset from the free length, its length without load at 620 kPa. Errors "
-        "are root mean squares over all rows [N]; the last columns have those of each length when "
-        "it is left out, both directions. Published: 17 to 23 N for laws of three constants, and "
-        "63 to 144 N for earlier laws (Bolen et al.). `none`: no answer at a length left out.",
+        "deflating. Each length is left out in turn and predicted by constants that the others "
+        "share. Given of it are the rest length and, in the forms with an offset from the free "
+        "length, its length without load at 620 kPa. Errors are root mean squares over all rows "
+        "[N]. Published: 17 to 23 N for laws of three constants, and 63 to 144 N for earlier laws "
+        "(Bolen et al.). `none`: no answer at a length left out.",
         "",
         "The last form but one predicts a length from its rest length alone. On all four lengths "
         f"it has a braid angle of {np.degrees(known['braid_angle']):.1f} deg, a modulus of "
@@ -193,17 +190,14 @@ LIMITS = (
     "it; a form that follows it misses the others. In separate fits a zero of its own for each "
     "muscle at each contraction left 6.7 N, and a free surface with 80 constants 12.8 N: much of "
     "what is left looks like shifts of some tenths of a millimetre between one mounting and the "
-    "next, which no law of the muscle predicts. The wall's law makes no difference: Mooney-Rivlin, "
-    "Ogden and thick walls come to the same errors in the fit and to larger ones outside."
+    "next, which no law of the muscle predicts."
 )
 TRUST = (
-    "How far to trust it: the forms were compared by the very errors of the table. If the form, "
-    "too, was chosen without the length left out, from 50 forms by their error on the other three, "
-    "the errors were 21.6 N inflating and 20.9 N in both directions: three lengths are too few to "
-    "choose by. For a length that is not in the table expect 10 to 18 N if it is a muscle like "
-    "three of the four, and 30 N if it is one like that of 132 mm. The free length at 620 kPa, "
-    "where it is known, helps with such a muscle (20 N) and costs a little with the others; it "
-    "should be measured to 0.1 mm."
+    "How far to trust it: the forms were compared by the very errors of the table. Chosen from 50 "
+    "forms without the length left out, they had errors of 21.6 N inflating and 20.9 N in both "
+    "directions. For another length expect 10 to 18 N if it is a muscle like three of the four, "
+    "and 30 N if it is one like that of 132 mm. The free length at 620 kPa, measured to 0.1 mm, "
+    "helps with such a muscle (20 N)."
 )
 
 
@@ -219,9 +213,9 @@ COMMANDS = (
 )
 
 
-def format_error(error: float, digits: int) -> str:
+def format_error(error: float) -> str:
     """Return an error [N], or that there is none: a row had no answer."""
-    return f"{error:.{digits}f}" if np.isfinite(error) else "none"
+    return f"{error:.1f}" if np.isfinite(error) else "none"
 
 
 def draw_errors(lengths: list[float], found: dict[Form, RankedModel], images: Path) -> None:

@@ -30,8 +30,8 @@ STEP_MM = 0.75
 """Pull of a step: not stated, an inference from where the source's scripts end."""
 LET_OUT_MM = 30.0
 """How far the tendons that are not pulled are let out, so that they are slack."""
-APART_MM, APART_TOLERANCE_MM = 22.0, 3.0
-"""Distance of the markers on their disc, and by how much a row may miss it."""
+APART_MM = 22.0
+"""Distance of the markers on their disc."""
 BASELINE_MM = 72.99
 """Distance of the cameras as the source has it."""
 BARE = ("base", "markers.b.x", "markers.b.y")
@@ -90,10 +90,7 @@ def validate(folder: Path, images: Path) -> Section:
     found = calibrate_cameras(views, board, names, options=CalibrationOptions(resamples=0))
     cameras, baseline = found.cameras.cameras, found.cameras.baseline
     steps = read_points(folder / "steps_tendon_1.csv", cameras)
-    loop = read_points(folder / "loop_tendon_1.csv", cameras)
     own = np.linalg.norm(steps[:, 0] - steps[:, 1], axis=-1)
-    apart = np.linalg.norm(loop[:, 0] - loop[:, 1], axis=-1)
-    swapped = int(np.sum(~(np.abs(apart - APART_MM) <= APART_TOLERANCE_MM)))
     rows = []
     best: RobotFit | None = None
     for turns in (1.0 / 3.0, -1.0 / 3.0):
@@ -118,10 +115,8 @@ def validate(folder: Path, images: Path) -> Section:
             f"{found.cameras.rms:.2f} px, {baseline:.2f} mm apart (the source has {BASELINE_MM} "
             f"mm, {100.0 * (baseline / BASELINE_MM - 1.0):+.1f} %). Two markers of the tip "
             f"disc are triangulated at {len(steps)} steps of one tendon; they are "
-            f"{own.min():.1f} to {own.max():.1f} mm apart in all of them. In {swapped} of "
-            f"{len(loop)} rows of the loop they are not (places exchanged, or a wrong pixel); the "
-            "loop is not fitted, as its pulls are not known. Errors are root mean square distances "
-            "[mm].",
+            f"{own.min():.1f} to {own.max():.1f} mm apart in all of them. The loop is not fitted: "
+            "its pulls are not known. Errors are root mean square distances [mm].",
             "",
             *format_rows(HEAD, rows),
             "",
@@ -129,9 +124,7 @@ def validate(folder: Path, images: Path) -> Section:
             f"source's scripts, the least error is with {pull:.2f} mm; friction, weight, and the "
             "few discs that guide the tendons in place of channels are left out of the model, and "
             "any of them could be what the factor stands for. One tendon hardly determines the "
-            "base: its position and its rotation cannot be distinguished, as the fit warns. So "
-            "this compares the form of the path of the tip disc, not its place: steps left out "
-            f"are of the same pull, and {least:.2f} mm is the error of a pull that is repeated at "
+            f"base, as the fit warns: {least:.2f} mm is the error of a pull that is repeated at "
             "its place, not of another motion or mounting.",
         ),
         bounds=(Bound(f"two markers, {len(best.estimates)} constants", best.rms, 1.0, "mm"),),

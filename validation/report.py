@@ -47,13 +47,6 @@ def format_section(section: Section) -> str:
         "",
         *section.text,
     ]
-    if section.bounds:
-        lines += ["", "| what | measured | required |", "|---|---|---|"]
-        lines += [
-            f"| {bound.what} | {bound.measured:.3g} {bound.unit} "
-            f"| at most {bound.required:g} {bound.unit} |"
-            for bound in section.bounds
-        ]
     return "\n".join(lines)
 
 

@@ -175,14 +175,10 @@ def validate(folder: Path, images: Path) -> Section:
             "as published; nothing is fitted. `RodModel(loads=…, stretches=True)` found "
             f"{good.sum()} of them. Its tip is off by {np.median(percent[good]):.3f} % of the "
             f"length in the median and by {percent[good].max():.3f} % at most; in "
-            f"{100.0 - beyond:.1f} % of the shapes by no more than 0.1 %. Axes of "
-            f"the cross-sections at all stations are off by {found.turn[good].max():.3f} deg at "
-            "most.",
-            "",
-            "How far to trust it: the data are rounded to 0.1 mm and 1e-4 rad, and the other "
-            "solver has an error of its own, so what is left is no error of one or the other. Both "
-            "are models of the same rod: a measured one has a friction, a play and a curvature at "
-            "rest besides.",
+            f"{beyond:.1f} % of the shapes by more than 0.1 %. Axes of the cross-sections at all "
+            f"stations are off by {found.turn[good].max():.3f} deg at most. The data are rounded "
+            "to 0.1 mm and 1e-4 rad, and the other solver has an error of its own. Both are models "
+            "of the same rod, not a measured one.",
         ),
         bounds=(
             Bound("tip, worst shape", float(percent.max()), 0.15, "%"),

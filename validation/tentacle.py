@@ -108,14 +108,12 @@ def validate(folder: Path, images: Path) -> Section:
         RobotSetup(make_robot(START_MPA), MARKERS), data, model="rod",
         model_options={"stretches": True},
     )  # fmt: skip
-    head = [marker.name.replace("_", " ") for marker in MARKERS]
-    rows = [_row(f"nothing, {START_MPA} MPa", 0, "-", begun.rms, begun.rms_by_marker)]
+    rows = [[f"nothing, {START_MPA} MPa", "0", "-", f"{begun.rms:.1f}"]]
     for form, fit in (*found.items(), ((*CHOSEN[:2], "no stretch or shear"), stiff)):
         assert fit.validation is not None
         words = ", ".join(f"`{name}`" if "." in name else name for name in form)
         left_out = f"{fit.validation.rms:.1f}"
-        count = len(fit.estimates)
-        rows.append(_row(words, count, left_out, fit.rms, fit.prediction.rms_by_marker))
+        rows.append([words, str(len(fit.estimates)), left_out, f"{fit.rms:.1f}"])
     best = found[CHOSEN]
     assert best.validation is not None
     draw_errors(best, images)
@@ -126,7 +124,7 @@ def validate(folder: Path, images: Path) -> Section:
         text=(
             *describe(data, best),
             "",
-            *format_rows(("fitted", "constants", "left out", "in the fit", *head), rows),
+            *format_rows(("fitted", "constants", "left out", "in the fit"), rows),
             "",
             describe_limits(data, best, found[CHOSEN[:2]]),
         ),
@@ -142,10 +140,6 @@ def validate(folder: Path, images: Path) -> Section:
             ),
         ),
     )
-
-
-def _row(words: str, count: int, left_out: str, rms: float, markers: dict[str, float]) -> list[str]:
-    return [words, str(count), left_out, f"{rms:.1f}", *(f"{x:.1f}" for x in markers.values())]
 
 
 def describe(data: RobotMeasurements, best: RobotFit) -> list[str]:

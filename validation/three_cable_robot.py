@@ -92,12 +92,11 @@ def validate(folder: Path, images: Path) -> Section:
         "Sincak et al., 2025.",
         licence="MIT.",
         text=(
-            f"{FITTED} of 5000 commands are fitted and {CHECKED} others predicted; commands do not "
-            "follow each other in time, so that rows drawn at random test a prediction. Nothing of "
-            "the robot is stated: fitted are the pose of its base, the length, and the distance of "
-            "the cables. One cable of each command is at zero, so that the mean of a command "
-            "says nothing: the cables are taken as taut. In the order of the columns they stand "
-            "clockwise. Errors are root mean square distances [mm].",
+            f"{FITTED} of 5000 commands, drawn at random, are fitted and {CHECKED} others "
+            "predicted; commands do not follow each other in time. Nothing of the robot is stated: "
+            "fitted are the pose of its base, the length, and the distance of the cables, which "
+            "are taken as taut; in the order of the columns they stand clockwise. Errors are root "
+            "mean square distances [mm].",
             "",
             *format_rows(("form", "constants", "not fitted", "in the fit"), rows),
             "",

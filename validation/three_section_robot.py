@@ -196,9 +196,7 @@ def validate(folder: Path, images: Path) -> Section:
             "",
             *describe_motions(motions),
             "",
-            describe_limits(data, found),
-            "",
-            *COMMANDS,
+            describe_limits(data),
         ),
         bounds=(
             Bound(
@@ -230,9 +228,8 @@ def describe(data: RobotMeasurements, best: RobotFit) -> list[str]:
     return [
         f"{len(data)} rows in the order of time, every tendon alone and sections together. Fitted "
         "is the tip; lengths, clocking, and the wire are the source's. Each quarter of the "
-        "recording is left out in turn and predicted by a fit to the others; a random split would "
-        "have neighbours of each row in the fit, and is refused. Errors are root mean square "
-        "distances [mm].",
+        "recording is left out in turn and predicted by a fit to the others. Errors are root mean "
+        "square distances [mm].",
         "",
         f"The form '{CHOSEN}', {len(best.estimates)} constants, on all rows: {stiffness:.1f} N/mm "
         f"for a tendon with its drive, zeros of {min(zeros):.2f} to {max(zeros):.2f} mm from base "
@@ -257,25 +254,23 @@ def describe_motions(motions: Motions) -> list[str]:
         next(each for each in fit.estimates if each.name == name)
         for fit in (motions.early, motions.late)
     )
-    count, outside = len(motions.early.estimates), motions.outside
+    count = len(motions.early.estimates)
     return [
-        "Quarters of the recording have kinds of motion in common with the rows fitted. By kind, "
-        f"each predicted by a fit of the form '{CHOSEN}' to the other kinds, the errors are "
-        f"{motions.whole:.2f} mm over all rows and {motions.by_kind[worst][1]:.2f} mm for "
-        f"{KINDS[worst]}; two sections at the same time, predicted by a fit to one tendon or "
-        f"section at a time, are missed by {motions.pairs:.2f} mm. Expect that of a motion that "
-        "was not fitted: all three sections at the same time are not in this table, and were "
-        "reported to be missed by 7.0 mm.",
+        f"By kind of motion, each predicted by a fit of the form '{CHOSEN}' to the other kinds, "
+        f"the errors are {motions.whole:.2f} mm over all rows and "
+        f"{motions.by_kind[worst][1]:.2f} mm for {KINDS[worst]}; two sections at the same time, "
+        "predicted by a fit to one tendon or section at a time, are missed by "
+        f"{motions.pairs:.2f} mm; all three at the same time, not in this table, were reported to "
+        "be missed by 7.0 mm.",
         "",
         *format_rows(("moved", "rows", "left out, fitted on the other kinds"), rows),
         "",
         f"Constants change with the motions as well. Of the first three quarters `{name}` is "
         f"{one.value:.2f} times where the fit begins, 95 % {one.low:.2f} to {one.high:.2f}; of the "
         f"last it is {two.value:.2f} ({two.low:.2f} to {two.high:.2f}). Of {count} constants "
-        f"{len(outside)} of the last quarter lie outside the intervals of the first three: "
-        f"{', '.join(f'`{each}`' for each in outside)}. The intervals count runs of rows as "
-        "independent, but hold only if the model is right: what it leaves out (friction, wear, "
-        "shear) is other in other motions, and no interval of one recording covers that.",
+        f"{len(motions.outside)} of the last quarter lie outside the intervals of the first three: "
+        "what the model leaves out (friction, wear, shear) is other in other motions, and no "
+        "interval of one recording covers that.",
     ]
 
 
@@ -296,32 +291,16 @@ def measure_scatter(data: RobotMeasurements) -> tuple[float, int]:
     return float(np.sqrt(np.mean(missed**2) / 2.0)), int(same.sum())
 
 
-def describe_limits(data: RobotMeasurements, found: dict[str, RobotFit]) -> str:
+def describe_limits(data: RobotMeasurements) -> str:
     """Return what the errors are made of."""
-    errors = [fit.validation.rms for fit in found.values() if fit.validation is not None]
-    few, many = (len(found[form].estimates) for form in (CHOSEN, list(FORMS)[-1]))
     scatter, pairs = measure_scatter(data)
     return (
         "The stiffness of a tendon is taken as that of its drive, which does not fall with its "
-        f"length. {many} constants in place of {few} change the error of rows left out by "
-        f"{errors[-1] - errors[-2]:+.2f} mm, and backlash changes it by "
-        f"{errors[-2] - errors[-3]:+.2f} mm. What limits: {pairs} rows have another one in another "
-        f"quarter with all tendons within {SAME_COMMAND_MM} mm of theirs; by such pairs one tip "
-        f"scatters by {scatter:.1f} mm rms. Forms were compared by the very errors of the "
-        "table, on one recording of one robot: on others expect more, and sooner the error of few "
-        "constants than that of many."
+        f"length. What limits: {pairs} rows have another one in another quarter with all tendons "
+        f"within {SAME_COMMAND_MM} mm of theirs; by such pairs one tip scatters by {scatter:.1f} "
+        "mm rms. Forms were compared by the very errors of the table: on other recordings expect "
+        "more."
     )
-
-
-COMMANDS = (
-    "The chosen form, with robot.yaml as above and a table whose titles are those of the command; "
-    "`fitted.yaml` has the zeros and the backlash as well, and `pose fitted.yaml` heeds them:",
-    "",
-    "    bozzini continuum fit robot.yaml recording.csv --out fitted.yaml \\",
-    "      --check other_recording.csv --free 'tendons.*.stiffness,\\",
-    "      sections.each.tendons.zero,base.position.z,base.rotation.x,tendons.*.offset,\\",
-    "      commands.backlash'",
-)
 
 
 def draw_errors(fit: RobotFit, images: Path) -> None:
