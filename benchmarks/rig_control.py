@@ -231,7 +231,7 @@ def run_stick(board, period, forward, compensate, operator, script, duration, de
     steering = Steering(
         EFFECTOR,
         BoardStick(),
-        feedforward=Feedforward(TRUE, CHAMBERS, configuration, period=period) if forward else None,
+        controller=Feedforward(TRUE, CHAMBERS, configuration, period=period) if forward else None,
         compensator=HysteresisCompensator(operator) if compensate else None,
     )
     acting = []

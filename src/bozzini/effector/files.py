@@ -140,6 +140,20 @@ def read_effector(path: str | os.PathLike[str]) -> EffectorFile:
     return load_record(path, EffectorFile, name="the effector file")
 
 
+def open_effector(name: str) -> Effector:
+    """Return the end-effector of a preset, or of a file whose name ends in .yaml, .yml or .json.
+
+    Raises
+    ------
+    InputError
+        If there is no such preset, or a value is not legal.
+    FileFormatError
+        If it is no file of an end-effector.
+    """
+    is_file = name.endswith((".yaml", ".yml", ".json"))
+    return read_effector(name).build() if is_file else Effector.from_preset(name)
+
+
 def write_effector(path: str | os.PathLike[str], effector: EffectorFile) -> Path:
     """Write the file of an end-effector that `read_effector` reads back exactly.
 

@@ -1,5 +1,6 @@
 from .board import NativeBoard
 from .characterise import Characterisation, PictureHook, PlantGauge, characterise_muscle
+from .choices import CONTROLLERS
 from .cosimulation import ControlBoard, Cosimulation, CosimulationRecord
 from .curves import PressureCurve, read_curve, take_curve
 from .demo import CircleRun, FaultResponses, StepResponses, run_circle, run_faults, run_steps
@@ -8,18 +9,20 @@ from .emulator import EmulatedBoard, EmulationError
 from .feedforward import Feedforward
 from .firmware import ToolchainError
 from .host import Host, HostRun, Replay, load_log, replay_log
-from .hysteresis import HysteresisCompensator, HystereticPlant
+from .hysteresis import HysteresisCompensator, HystereticPlant, MotionObserver
 from .identify import CurveFit, Identification, identify_fill, identify_leak
 from .link import Link, LockstepLink, SerialLink
 from .plant import FAULT_KINDS, Chamber, Fault, Plant, PlantDesign
 from .pneumatics import ATMOSPHERE, Orifice
+from .predictive import PredictiveSteering
 from .selftest import SelfTest, check_board
 from .stairs import Stairs
-from .steering import Steering
+from .steering import Steering, make_controller, open_rig_effector
 from .stick import BoardStick, GamepadStick, ScriptedStick, StickSource, make_stick
 
 __all__ = [
     "ATMOSPHERE",
+    "CONTROLLERS",
     "FAULT_KINDS",
     "ControlBoard",
     "BoardStick",
@@ -42,12 +45,14 @@ __all__ = [
     "Identification",
     "Link",
     "LockstepLink",
+    "MotionObserver",
     "NativeBoard",
     "Orifice",
     "PictureHook",
     "Plant",
     "PlantDesign",
     "PlantGauge",
+    "PredictiveSteering",
     "PressureCurve",
     "Replay",
     "ScriptedStick",
@@ -65,7 +70,9 @@ __all__ = [
     "identify_fill",
     "identify_leak",
     "load_log",
+    "make_controller",
     "make_stick",
+    "open_rig_effector",
     "read_curve",
     "replay_log",
     "run_circle",
