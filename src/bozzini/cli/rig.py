@@ -18,6 +18,7 @@ from ..effector.design import DEFAULT_PRESET
 from ..errors import InputError
 from ..results import format_rows
 from ..rig.protocol import SETPOINT_MAX
+from ..rig.choices import CONTROLLERS
 from ..rig.stairs import Stairs
 from .common import (
     EXIT_NEGATIVE,
@@ -58,7 +59,11 @@ board_option = option(
 seed_option = click.option("--seed", default=0, show_default=True, help="Of the sensors' noise.")
 duration_option = option("--duration TIME", "How long.", "time", default="10s")
 period_option = option("--period TIME", "Of the host's loop.", "time", default="10ms")
-preset_option = option("--preset NAME", "The end-effector.", default=DEFAULT_PRESET)
+preset_option = option(
+    "--preset NAME|FILE",
+    "The end-effector; or a file of 'bozzini effector fit --out', ending in .yaml or .json.",
+    default=DEFAULT_PRESET,
+)
 
 
 @click.group("rig", cls=CheckedGroup)
@@ -67,9 +72,9 @@ def command() -> None:
 
 
 def _make_effector(preset: str) -> Effector:
-    from ..effector import Effector
+    from ..rig import open_rig_effector
 
-    return Effector.from_preset(preset)
+    return open_rig_effector(preset)
 
 
 @contextmanager
@@ -82,7 +87,8 @@ def _open_link(
     if port is not None:
         link: Link = SerialLink(port)
     else:
-        link = LockstepLink(emulate_rig(effector.models, board=board, seed=seed))
+        rig = emulate_rig(effector.models, board=board, seed=seed, motion=effector.motion)
+        link = LockstepLink(rig)
     try:
         yield link
     finally:
@@ -164,9 +170,11 @@ def demo_command(board: BoardKind, seed: int, answer: Answer) -> None:
 )
 @option("--frequency FREQUENCY", "Of the circles.", "frequency", default="0.5Hz")
 @option(
-    "--feedforward",
-    "Open the valves by the model of the plant, of the constants that the emulated rig has.",
-    is_flag=True,
+    "--controller",
+    "What makes set-points of the tip's place: the static inverse; the same with valves opened by "
+    "a model of the plant, of the constants that the emulated rig has; or predictive control.",
+    CONTROLLERS,
+    default=CONTROLLERS[0],
 )
 @duration_option
 @period_option
@@ -178,27 +186,26 @@ def run_command(
     preset: str,
     stick: str,
     frequency: float,
-    feedforward: bool,
+    controller: str,
     duration: float,
     period: float,
     answer: Answer,
 ) -> None:
     """Steer the tip by a stick: stick, inverse kinematics, pressures, forward kinematics.
 
+    The predictive controller looks ahead in a model of the section in time, at 50 Hz, within the
+    board's limits of pressure and rate.
+
     Without --port the rig is an emulated one in lock-step: the same numbers every time.
     """
-    from ..rig import Chamber, Feedforward, Host, PlantDesign, Steering, make_stick
+    from ..rig import Host, Steering, make_controller, make_stick
 
     effector = _make_effector(preset)
     source = make_stick(stick, frequency=frequency, duration=duration)
     with _open_link(port, effector, board, seed) as link, answer.show_progress() as progress:
         host = Host(link, period=period)
-        found = host.connect()
-        ahead = None
-        if feedforward:
-            chambers = [Chamber.from_model(model) for model in effector.models]
-            ahead = Feedforward(PlantDesign(), chambers, found, period=period)
-        steering = Steering(effector, source, feedforward=ahead)
+        made = make_controller(controller, effector, host.connect(), period=period)
+        steering = Steering(effector, source, controller=made)
         run = host.run(steering, duration, progress=progress)
     _write_log(run, answer)
     answer.give(run, _describe_run(run))
@@ -242,7 +249,8 @@ def emulate_command(board: BoardKind, seed: int, preset: str, duration: float | 
 
     from ..rig import emulate_rig, serve
 
-    rig = emulate_rig(_make_effector(preset).models, board=board, seed=seed)
+    effector = _make_effector(preset)
+    rig = emulate_rig(effector.models, board=board, seed=seed, motion=effector.motion)
     rig.run(0.01)  # what is compiled on first use is compiled now
     stop = threading.Event()
     if duration is not None:
@@ -344,7 +352,7 @@ def characterise_command(
     Exit code 0: all steps settled; 1: some are flagged, or the board left its armed state; 2: bad
     input.
     """
-    from ..muscle.hysteresis import PrandtlIshlinskii
+    from ..effector.motion import EffectorMotion
     from ..rig import Host, LockstepLink, SerialLink, emulate_rig
     from ..rig.characterise import (
         Characterisation,
@@ -372,8 +380,8 @@ def characterise_command(
             link: Link = SerialLink(port)
         else:
             chamber = Chamber.from_model(asked.build(pressure=stairs.highest), weight)
-            operator = PrandtlIshlinskii((play,), (1.0,)) if play > 0.0 else None
-            rig = emulate_rig(chamber, board=board, seed=seed, operator=operator)
+            motion = EffectorMotion(play_radii=(play,), play_weights=(1.0,)) if play > 0.0 else None
+            rig = emulate_rig(chamber, board=board, seed=seed, motion=motion)
             link = LockstepLink(rig)
             error = 0.0 if seen.camera is not None else reading_error
             gauge = PlantGauge(rig.plant, stairs.muscle, deviation=error, seed=seed)

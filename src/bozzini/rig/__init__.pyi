@@ -7,6 +7,7 @@ from .characterise import (
     PlantGauge,
     characterise_muscle,
 )
+from .choices import CONTROLLERS
 from .cosimulation import ControlBoard, Cosimulation, CosimulationRecord
 from .curves import PressureCurve, read_curve, take_curve
 from .demo import CircleRun, FaultResponses, StepResponses, run_circle, run_faults, run_steps
@@ -15,18 +16,20 @@ from .emulator import EmulatedBoard, EmulationError
 from .feedforward import Feedforward
 from .firmware import ToolchainError
 from .host import Host, HostRun, Replay, load_log, replay_log
-from .hysteresis import HysteresisCompensator, HystereticPlant
+from .hysteresis import HysteresisCompensator, HystereticPlant, MotionObserver
 from .identify import CurveFit, Identification, identify_fill, identify_leak
 from .link import Link, LockstepLink, SerialLink
 from .plant import FAULT_KINDS, Chamber, Fault, Plant, PlantDesign
 from .pneumatics import ATMOSPHERE, Orifice
+from .predictive import PredictiveSteering
 from .selftest import SelfTest, check_board
 from .stairs import Stairs
-from .steering import Steering
+from .steering import Steering, make_controller, open_rig_effector
 from .stick import BoardStick, GamepadStick, ScriptedStick, StickSource, make_stick
 
 __all__ = [
     "ATMOSPHERE",
+    "CONTROLLERS",
     "FAULT_KINDS",
     "ControlBoard",
     "BenchReport",
@@ -51,6 +54,7 @@ __all__ = [
     "Identification",
     "Link",
     "LockstepLink",
+    "MotionObserver",
     "NativeBoard",
     "Orifice",
     "PictureHook",
@@ -58,6 +62,7 @@ __all__ = [
     "Plant",
     "PlantDesign",
     "PlantGauge",
+    "PredictiveSteering",
     "PressureCurve",
     "Replay",
     "RenderedCamera",
@@ -77,7 +82,9 @@ __all__ = [
     "identify_fill",
     "identify_leak",
     "load_log",
+    "make_controller",
     "make_stick",
+    "open_rig_effector",
     "read_curve",
     "replay_log",
     "run_circle",
