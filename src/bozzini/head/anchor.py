@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -28,12 +28,12 @@ from ..numeric.arrays import Floats
 from ..numeric.level_sets import find_level_set
 from ..numeric.polylines import carry_frames
 from ..progress import Progress, no_progress
-from ..results import Json, ReasonedResult, measured, rows_of, tabulated, take_axes, to_plain
+from ..results import Json, ReasonedResult, measured, rows_of, tabulated, take_axes
 from ..task import Task
 from ..units import parse_vector
-from .check import find_free
+from .check import ResultOfRows
 from .design import Head, PlacedEffector, SectionPoses, read_head
-from .shape import Chain, make_camera_chains, make_chains
+from .shape import Chain, make_camera_chains, make_chains, measure_gaps
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -224,7 +224,7 @@ class ReachedFrom:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class HeadReach(ReasonedResult):
+class HeadReach(ResultOfRows, ReasonedResult):
     """What of the wall a head's instruments reach at the tip of a planned scope.
 
     Attributes
@@ -263,9 +263,9 @@ class HeadReach(ReasonedResult):
     rows: tuple[ReachedFrom, ...] = rows_of(ReachedFrom)
     pressures: dict[str, float]
     miss: float | None = measured("mm")
-    vertices: Floats
-    faces: NDArray[np.int64]
-    codes: NDArray[np.int64]
+    vertices: Floats = field(repr=False)
+    faces: NDArray[np.int64] = field(repr=False)
+    codes: NDArray[np.int64] = field(repr=False)
     area_reached: float = measured("mm2")
     area_blocked: float = measured("mm2")
     free_share: float = measured("")
@@ -276,17 +276,6 @@ class HeadReach(ReasonedResult):
     def residual(self) -> float:
         """Distance of the tip from the target [mm]; 0 without one."""
         return 0.0 if self.miss is None else self.miss
-
-    def to_dict(self) -> Json:
-        """Return all but the wall as plain values."""
-        arrays = ("head", "vertices", "faces", "codes", "stand")
-        values = {name: value for name, value in super().to_dict().items() if name not in arrays}
-        return {
-            **values,
-            "origin_mm": to_plain(self.stand.origin),
-            "ahead": to_plain(self.stand.frame[:, 2]),
-            "rows": [to_plain(row) for row in self.rows],
-        }
 
     def list_columns(self) -> Json:
         """Return the target from each insertion; without one, the wall's places and their codes."""
@@ -418,12 +407,12 @@ def _trace(
     free = np.full((size, count), placed.instrument.reach)
     if duct is not None:
         others = _list_others(head, index)
-        clear = np.broadcast_to(find_free(placed, poses, others), free.shape).copy()
-        for chain in (chain for bodies in others for chain in bodies):
-            clear &= _is_clear(duct, place(chain.lines), chain.radius)
-        body, *_ = make_chains(placed, poses)
-        middles = 0.5 * (body.lines[:, 1:] + body.lines[:, :-1])
-        clear &= _is_clear(duct, place(np.concatenate([body.lines, middles], axis=1)), body.radius)
+        own = make_chains(placed, poses)
+        clear = np.broadcast_to(measure_gaps(own, others)[:, 0] >= 0.0, free.shape).copy()
+        for chain in (*others, own[0]):
+            middles = 0.5 * (chain.lines[:, 1:] + chain.lines[:, :-1])
+            points = place(np.concatenate([chain.lines, middles], axis=1))
+            clear &= (duct.signed_distance(points) <= -chain.radius).all(axis=-1)
         steps = np.linspace(0.0, placed.instrument.reach, _count_steps(placed))
         free[clear] = _find_wall_along(duct, start[clear], way[clear], steps)
         free[~clear] = -1.0
@@ -440,20 +429,14 @@ def _count_steps(placed: PlacedEffector) -> int:
     return max(2, math.ceil(placed.instrument.reach / _TRACE_STEP) + 1)
 
 
-def _list_others(head: Head, index: int) -> list[tuple[Chain, ...]]:
+def _list_others(head: Head, index: int) -> tuple[Chain, ...]:
     """Return the camera, and the other end-effectors at rest, their instruments drawn in."""
-    rest = [placed.shape(np.zeros((1, 2))) for placed in head.effectors]
     others = [
-        make_chains(placed, pose)[:1]
-        for k, (placed, pose) in enumerate(zip(head.effectors, rest, strict=True))
+        make_chains(placed, placed.shape(np.zeros((1, 2))))[0]
+        for k, placed in enumerate(head.effectors)
         if k != index
     ]
-    return [make_camera_chains(head), *others]
-
-
-def _is_clear(duct: Duct, points: Floats, radius: float) -> NDArray[np.bool_]:
-    """Return which bodies of points (..., k, 3) keep a radius from the wall."""
-    return np.asarray((duct.signed_distance(points) <= -radius).all(axis=-1))
+    return (*make_camera_chains(head), *others)
 
 
 def _find_wall_along(duct: Duct, start: Floats, way: Floats, steps: Floats) -> Floats:
@@ -505,32 +488,33 @@ def _find_nearest(
     placed = head.effectors[index]
     known = find_reach(placed.effector)
     width = math.sqrt(float(np.prod(np.ptp(poses.bends, axis=0))) / len(poses.bends))
-    turn = 0.5 * 2.0 * math.pi / _ROLLS
-    rolls, best = options.rolls, (math.inf, math.inf, 0.0, np.zeros(2), 0.0)
+    turn = math.pi / _ROLLS
+    rolls = options.rolls
+    least, roll, bend, out = math.inf, 0.0, np.zeros(2), 0.0
     for zoom in range(_ZOOMS + 1):
         lines = _trace(head, index, stand, poses, rolls, duct=duct)
         miss, along = lines.measure(goal)
         k = int(np.argmin(miss))
-        if miss[k] < best[0]:
-            best = float(miss[k]), 0.0, float(lines.rolls[k]), lines.bends[k], float(along[k])
-        if not math.isfinite(best[0]):
+        if miss[k] < least:
+            least, roll, bend, out = miss[k], lines.rolls[k], lines.bends[k], along[k]
+        if not math.isfinite(least):
             break
         half = width / 3.0**zoom
         side = half * np.linspace(-1.0, 1.0, 7)
-        near = best[3] + np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
+        near = bend + np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
         near = near[split(known.sectors, near, known.amplitudes, known.peak).reachable]
-        poses = placed.shape(np.concatenate([near, best[3][None]]))
+        poses = placed.shape(np.concatenate([near, bend[None]]))
         if options.roll is None:
-            rolls = best[2] + turn / 3.0**zoom * np.linspace(-1.0, 1.0, 5)
+            rolls = roll + turn / 3.0**zoom * np.linspace(-1.0, 1.0, 5)
     return ReachedFrom(
         insertion=stand.insertion,
-        miss=math.inf if duct is None else best[0],
-        miss_of_poses=best[0],
+        miss=math.inf if duct is None else float(least),
+        miss_of_poses=float(least),
         effector=index + 1,
-        roll=math.remainder(best[2], math.tau),
-        deflection_x=float(best[3][0]),
-        deflection_y=float(best[3][1]),
-        out=best[4],
+        roll=math.remainder(roll, math.tau),
+        deflection_x=float(bend[0]),
+        deflection_y=float(bend[1]),
+        out=float(out),
     )
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -17,6 +16,7 @@ from ..results import (
     ClosedForm,
     Json,
     ReasonedResult,
+    Result,
     format_rows,
     measured,
     rows_of,
@@ -25,20 +25,8 @@ from ..results import (
     to_plain,
 )
 from ..task import Task
-from .design import FITS, Head, PlacedEffector, SectionPoses, read_head
-from .shape import (
-    Chain,
-    is_hidden,
-    is_in_cone,
-    is_in_focus,
-    list_bodies,
-    list_pairs,
-    make_camera_chains,
-    make_chains,
-    make_screens,
-    measure_gaps,
-    name_effector,
-)
+from .design import FITS, Head, PlacedEffector, read_head
+from .shape import list_bodies, list_pairs, measure_gaps, name_effector, see_tips
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -56,6 +44,18 @@ def _number_field() -> int:
     return quantity(  # type: ignore[no-any-return]
         help="Which end-effector, from 1.", default=1, low=1, high=3, whole=True
     )
+
+
+class ResultOfRows(Result):
+    """A result with `rows`, which stand in its dictionary with their units."""
+
+    rows: tuple[object, ...]
+
+    def to_dict(self) -> Json:
+        """Return the result as plain values, a dictionary for each row."""
+        columns = self.list_columns() if self.rows else {}
+        rows = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+        return {**super().to_dict(), "rows": to_plain(rows)}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,7 +87,7 @@ class InstrumentRow:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class HeadLayout(ClosedForm):
+class HeadLayout(ResultOfRows, ClosedForm):
     """Sizes of a head, and what its end-effectors do with each fit of their instruments.
 
     Attributes
@@ -115,11 +115,6 @@ class HeadLayout(ClosedForm):
     arm_strain: float = measured("")
     cap_pull: float = measured("N")
     rows: tuple[InstrumentRow, ...] = rows_of(InstrumentRow)
-
-    def to_dict(self) -> Json:
-        """Return the numbers and rows as plain values."""
-        values = super().to_dict()
-        return {**values, "rows": [to_plain(row) for row in self.rows]}
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the head from the side, and return the axes."""
@@ -230,7 +225,7 @@ class GapRow:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class HeadCheck(ReasonedResult):
+class HeadCheck(ResultOfRows, ReasonedResult):
     """What of a head collides.
 
     Attributes
@@ -253,10 +248,6 @@ class HeadCheck(ReasonedResult):
     def residual(self) -> float:
         """By how much bodies overlap under the cap or at rest [mm]."""
         return max(0.0, -self.least_gap)
-
-    def to_dict(self) -> Json:
-        """Return numbers and rows as plain values."""
-        return {**super().to_dict(), "rows": [to_plain(row) for row in self.rows]}
 
 
 def check_head(head: Head, *, samples: int = 400) -> HeadCheck:
@@ -399,11 +390,6 @@ class HeadView(ClosedForm):
     share_used: float = measured("")
     farthest: float = measured("mm")
 
-    def to_dict(self) -> Json:
-        """Return the shares as plain values; the places are in the table."""
-        arrays = ("tip_mm", "in_cone", "in_focus", "hidden", "free", "head")
-        return {name: value for name, value in super().to_dict().items() if name not in arrays}
-
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the places as the camera's picture shows them, and return the axes."""
         axes = take_axes(ax, x="picture, to the right [px]", y="picture, down [px]", equal=True)
@@ -443,44 +429,26 @@ def view_head(head: Head, *, number: int = 1, samples: int = 1000) -> HeadView:
     moved = head.get_effector(number)
     samples = check_integer("samples", samples, low=10, high=100_000)
     poses = moved.shape(moved.list_bends(samples))
-    camera, (_, housing) = head.camera, head.lay_arm()
-    arm = make_camera_chains(head)
-    others = [
-        make_chains(placed, placed.shape(np.zeros((1, 2))))
-        for k, placed in enumerate(head.effectors)
-        if k != number - 1
-    ]
-    return _count_seen(head, poses, {
-        "in_cone": is_in_cone(camera, housing, poses.tip),
-        "in_focus": is_in_focus(camera, housing, poses.tip),
-        "hidden": is_hidden(
-            housing[1], poses.tip, (arm[0], *make_screens(moved, poses), *sum(others, ()))
-        ),
-        "free": find_free(moved, poses, (arm, *others)),
-    })  # fmt: skip
-
-
-def find_free(
-    moved: PlacedEffector, poses: SectionPoses, others: Sequence[tuple[Chain, ...]]
-) -> NDArray[np.bool_]:
-    """Return in which poses (n,) of an end-effector it touches none of some other bodies."""
-    chains = make_chains(moved, poses)
-    gaps = [measure_gaps(chains, other)[:, 0] for other in others]
-    return np.asarray(np.min(gaps, axis=0) >= 0.0)
-
-
-def _count_seen(head: Head, poses: SectionPoses, flags: dict[str, NDArray[np.bool_]]) -> HeadView:
+    every = [placed.shape(np.zeros((1, 2))) for placed in head.effectors]
+    every[number - 1] = poses
+    in_cone, in_focus, hidden = see_tips(head, number - 1, every)
+    named = list_bodies(head, every)
+    own = named.pop(name_effector(number - 1))
+    free = np.min([measure_gaps(own, other)[:, 0] for other in named.values()], axis=0) >= 0.0
+    seen = in_cone & in_focus & ~hidden
     _, (back, lens) = head.lay_arm()
-    seen = flags["in_cone"] & flags["in_focus"] & ~flags["hidden"]
     return HeadView(
         head=head,
         tip=poses.tip,
-        **flags,
-        share_in_cone=float(flags["in_cone"].mean()),
-        share_in_focus=float(flags["in_focus"].mean()),
-        share_hidden=float(flags["hidden"].mean()),
+        in_cone=in_cone,
+        in_focus=in_focus,
+        hidden=hidden,
+        free=free,
+        share_in_cone=float(in_cone.mean()),
+        share_in_focus=float(in_focus.mean()),
+        share_hidden=float(hidden.mean()),
         share_seen=float(seen.mean()),
-        share_used=float((seen & flags["free"]).mean()),
+        share_used=float((seen & free).mean()),
         farthest=float(((poses.tip - lens) @ (lens - back)).max() / head.camera.length),
     )
 

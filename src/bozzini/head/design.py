@@ -16,12 +16,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..checks import check_fields, check_integer, check_kind, check_points, quantity
 from ..effector import EFFECTOR_PRESETS, Effector
 from ..effector.design import DEFAULT_PRESET
-from ..effector.inverse import EffectorInverse, find_reach, solve_inverse
+from ..effector.inverse import EffectorInverse, solve_inverse
 from ..effector.linkage import find_peak
 from ..effector.section import shape_sections
 from ..effector.study import change_design
@@ -117,11 +117,6 @@ class SectionPoses:
     def holder_tip(self) -> Floats:
         """End of the holder (n, 3)."""
         return self.body[:, -1]
-
-    def take(self, index: NDArray[np.bool_] | NDArray[np.int64]) -> SectionPoses:
-        """Return some of the poses."""
-        parts = (self.bends, self.body, self.direction, self.tip)
-        return SectionPoses(**dict(zip(vars(self), (part[index] for part in parts), strict=True)))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -511,17 +506,6 @@ class Head:
         from .shape import pose_head
 
         return pose_head(self, pressures)
-
-    def reach_of(self, number: int) -> Floats:
-        """Return how far sideways each muscle alone takes the instrument's tip (m,) [mm].
-
-        At the pressure limit, in the order of the design.
-        """
-        placed = self.get_effector(number)
-        known, angles = find_reach(placed.effector), placed.effector.design.angles
-        alone = known.amplitudes[:, None] * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
-        tips = placed.shape(alone).tip - placed.place
-        return np.asarray(np.hypot(tips[:, 0], tips[:, 1]))
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw it from the side, under the cap and free, and return the axes."""

@@ -29,17 +29,20 @@ class Chain(NamedTuple):
     radius: float
 
 
-def make_chains(placed: PlacedEffector, poses: SectionPoses) -> tuple[Chain, ...]:
-    """Return section and instrument in poses; their round ends reach no further than they do."""
+def make_chains(
+    placed: PlacedEffector, poses: SectionPoses, *, short: float = 1.0
+) -> tuple[Chain, ...]:
+    """Return section and instrument in poses; their round ends reach no further than they do.
+
+    The instrument is short of its tip by so many of its radii.
+    """
     tool, ways = placed.instrument, poses.direction
-    short = min(placed.radius, placed.effector.design.holder_length)
     body = poses.body.copy()
-    body[:, -1] -= short * ways
-    chains = [Chain(body, placed.radius)]
-    if tool.reach > 0.0:
-        end = poses.tip - min(0.5 * tool.diameter, tool.reach) * ways
-        chains.append(Chain(np.stack([poses.holder_tip, end], axis=1), 0.5 * tool.diameter))
-    return tuple(chains)
+    body[:, -1] -= min(placed.radius, placed.effector.design.holder_length) * ways
+    radius = 0.5 * tool.diameter
+    end = poses.tip - min(short * radius, tool.reach) * ways
+    rod = Chain(np.stack([poses.holder_tip, end], axis=1), radius)
+    return (Chain(body, placed.radius), rod)[: 2 if tool.reach > 0.0 else 1]
 
 
 def make_camera_chains(head: Head) -> tuple[Chain, ...]:
@@ -87,46 +90,39 @@ def _measure_segments(a: Floats, u: Floats, c: Floats, v: Floats) -> Floats:
     return np.asarray(np.linalg.norm(apart + s[..., None] * u - t[..., None] * v, axis=-1))
 
 
-def is_in_cone(camera: HeadCamera, housing: Floats, points: ArrayLike) -> NDArray[np.bool_]:
-    """Return which points (..., 3) lie in the camera's cone of view."""
-    away, axis = _look_at(housing, points)
-    return np.asarray((away @ axis) >= np.cos(0.5 * camera.view) * np.linalg.norm(away, axis=-1))
+def see_places(camera: HeadCamera, housing: Floats, places: ArrayLike) -> NDArray[np.bool_]:
+    """Return whether places (..., 3) lie in a camera's cone and in its depth of view: (2, ...)."""
+    ahead = (housing[1] - housing[0]) / np.linalg.norm(housing[1] - housing[0])
+    away = check_points("places", places) - housing[1]
+    depth = away @ ahead
+    in_cone = depth >= np.cos(0.5 * camera.view) * np.linalg.norm(away, axis=-1)
+    return np.stack([in_cone, (depth >= camera.near) & (depth <= camera.far)])
 
 
-def is_in_focus(camera: HeadCamera, housing: Floats, points: ArrayLike) -> NDArray[np.bool_]:
-    """Return which points (..., 3) lie in the camera's depth of view, along its axis."""
-    away, axis = _look_at(housing, points)
-    return np.asarray((away @ axis >= camera.near) & (away @ axis <= camera.far))
-
-
-def _look_at(housing: Floats, points: ArrayLike) -> tuple[Floats, Floats]:
-    ahead = housing[1] - housing[0]
-    return check_points("points", points) - housing[1], ahead / np.linalg.norm(ahead)
-
-
-def is_hidden(lens: Floats, tips: Floats, bodies: tuple[Chain, ...]) -> NDArray[np.bool_]:
+def is_hidden(lens: Floats, tips: Floats, bodies: Sequence[Chain]) -> NDArray[np.bool_]:
     """Return which tips (n, 3) bodies of the same n poses, or of one, stand before."""
-    lines = np.stack([np.broadcast_to(lens, tips.shape), tips], axis=1)
     hidden = np.zeros(len(tips), dtype=np.bool_)
     for body in bodies:
-        a, b = lines[:, :1], lines[:, 1:]
-        c, d = body.lines[:, :-1], body.lines[:, 1:]
-        hidden |= _measure_segments(a, b - a, c, d - c).min(axis=1) < body.radius
+        start, end = body.lines[:, :-1], body.lines[:, 1:]
+        apart = _measure_segments(lens, (tips - lens)[:, None], start, end - start)
+        hidden |= apart.min(axis=1) < body.radius
     return hidden
 
 
-def make_screens(placed: PlacedEffector, poses: SectionPoses) -> tuple[Chain, ...]:
-    """Return what of an end-effector may stand before its own instrument's tip.
+def see_tips(head: Head, index: int, poses: Sequence[SectionPoses]) -> NDArray[np.bool_]:
+    """Return whether tips of an end-effector are in the cone, in the depth, and hidden: (3, n).
 
-    Without the last of the instrument, as long as it is thick: seen within 30 degrees of its own
-    line from behind, a tip is hidden by it, and otherwise not.
+    The other end-effectors have as many poses, or one. An instrument is taken without its last end,
+    as long as it is thick: a tip is hidden by its own instrument if it is seen from behind within
+    30 degrees of its line.
     """
-    body, *tools = make_chains(placed, poses)
-    tool = placed.instrument
-    if not tools or tool.reach <= tool.diameter:
-        return (body,)
-    end = poses.tip - tool.diameter * poses.direction
-    return body, Chain(np.stack([poses.holder_tip, end], axis=1), 0.5 * tool.diameter)
+    _, housing = head.lay_arm()
+    screens = [make_camera_chains(head)[0]]
+    for k, (placed, pose) in enumerate(zip(head.effectors, poses, strict=True)):
+        screens += make_chains(placed, pose, short=2.0 if k == index else 1.0)
+    tips = poses[index].tip
+    seen = see_places(head.camera, housing, tips)
+    return np.concatenate([seen, is_hidden(housing[1], tips, screens)[None]])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -196,7 +192,7 @@ def pose_head(head: Head, pressures: Sequence[ArrayLike | Mapping[str, ArrayLike
     }
     closest = min(gaps, key=gaps.__getitem__)
     tips = np.concatenate([pose.tip for pose in poses])
-    seen = np.concatenate([see_tips(head, k, poses) for k in range(len(poses))])
+    seen = np.concatenate([see_tips(head, k, poses) for k in range(len(poses))], axis=1)
     gap = gaps[closest]
     return HeadPose(
         head=head,
@@ -204,7 +200,7 @@ def pose_head(head: Head, pressures: Sequence[ArrayLike | Mapping[str, ArrayLike
         tip=tips,
         direction=np.concatenate([pose.direction for pose in poses]),
         bodies=tuple(pose.body[0] for pose in poses),
-        in_view=seen,
+        in_view=seen[0] & seen[1] & ~seen[2],
         gap=gap,
         reason=f"{closest} overlap by {-gap:.2f} mm" if gap < 0.0 else "",
     )
@@ -216,21 +212,6 @@ def shape_effectors(head: Head, pressures: Sequence[Floats]) -> list[SectionPose
         placed.shape(find_bends(placed.effector, one[None]))
         for placed, one in zip(head.effectors, pressures, strict=True)
     ]
-
-
-def see_tips(head: Head, number: int, poses: Sequence[SectionPoses]) -> NDArray[np.bool_]:
-    """Return which tips (n,) of one end-effector, from 0, the camera sees in poses of all.
-
-    The others have as many poses, or one.
-    """
-    camera, (_, housing) = head.camera, head.lay_arm()
-    tips = poses[number].tip
-    screens = [make_camera_chains(head)[0]]
-    for k, (placed, pose) in enumerate(zip(head.effectors, poses, strict=True)):
-        make = make_screens if k == number else make_chains
-        screens += make(placed, pose)
-    seen = is_in_cone(camera, housing, tips) & is_in_focus(camera, housing, tips)
-    return np.asarray(seen & ~is_hidden(housing[1], tips, tuple(screens)))
 
 
 def list_bodies(head: Head, poses: Sequence[SectionPoses]) -> dict[str, tuple[Chain, ...]]:
