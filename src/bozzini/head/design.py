@@ -321,7 +321,9 @@ class HeadCamera:
     azimuth: float = quantity(
         "angle", "Where the arm stands.", default=math.radians(90.0), low=-7.0, high=7.0
     )
-    thickness: float = quantity("length", "Of the arm.", default=0.4, low=1e-3, high=10.0)
+    thickness: float = quantity(
+        "length", "Of the arm.", default=0.4, low=1e-3, high=lambda item: item.diameter
+    )
     rise_length: float = quantity("length", "Of the first part.", default=28.0, low=0.1, high=1e3)
     rise_angle: float = quantity(
         "angle", "Bend of the first part.", default=math.radians(60.0), low=0.0, high=math.pi
