@@ -24,7 +24,7 @@ from bozzini.head import (
     view_head,
     write_head,
 )
-from bozzini.head.shape import Chain, measure_gaps, see_places
+from bozzini.head.shape import Capsules, measure_gaps, see_places
 
 SLIM = {
     "muscle.outer_radius": 0.4, "muscle.inner_radius": 0.2, "offset": 1.9, "holder_diameter": 4.6,
@@ -219,7 +219,7 @@ def test_half_a_turn_carries_two_end_effectors_into_each_other() -> None:
 def test_gaps_are_those_of_dense_points() -> None:
     rng = np.random.default_rng(0)
     one, other = rng.normal(size=(4, 5, 3)), rng.normal(size=(3, 4, 3)) + 1.0
-    gaps = measure_gaps((Chain(one, 0.1),), (Chain(other, 0.2),))
+    gaps = measure_gaps((Capsules(one, 0.1),), (Capsules(other, 0.2),))
 
     def fill(lines):
         share = np.linspace(0.0, 1.0, 200)[:, None]
@@ -230,7 +230,7 @@ def test_gaps_are_those_of_dense_points() -> None:
     away = np.linalg.norm(dense[:, None, :, None] - second[None, :, None], axis=-1)
     np.testing.assert_allclose(gaps, away.min(axis=(2, 3)) - 0.3, atol=0.02)
     line = np.array([[[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]]])
-    apart = measure_gaps((Chain(line, 0.0),), (Chain(line + [0.0, 3.0, 5.0], 0.0),))
+    apart = measure_gaps((Capsules(line, 0.0),), (Capsules(line + [0.0, 3.0, 5.0], 0.0),))
     assert apart[0, 0] == pytest.approx(5.0)  # side by side, one after the other
 
 

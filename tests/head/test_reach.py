@@ -26,6 +26,7 @@ from bozzini.head import (
     write_head,
 )
 from bozzini.motion import Plan
+from bozzini.motion.plan import TractInput
 from bozzini.numeric.level_sets import find_level_set
 
 LENGTH = 200.0
@@ -78,10 +79,9 @@ def sample_tips(placed: PlacedEffector, count: int) -> np.ndarray:
 @pytest.mark.parametrize("goal", [(18.0, -12.0, 170.0), (-30.0, 4.0, 165.0), (5.0, 30.0, 130.0)])
 def test_the_miss_is_that_of_dense_pressures(goal: tuple[float, float, float]) -> None:
     duct, plan = make_tube(radius=150.0)  # no wall near
-    found = find_reached(
-        Head(), plan, duct, at=100.0, target=place(TURNS["none"], *goal),
-        options=ReachOptions(roll=0.0),
-    )  # fmt: skip
+    target, options = place(TURNS["none"], *goal), ReachOptions(roll=0.0)
+    stand = stand_head(plan, 100.0)
+    found = find_reached(Head(), stand, duct=duct, target=target, options=options)
     tips = sample_tips(Head().effectors[0], 41)
     brute = float(np.linalg.norm(tips - (np.array(goal) - [0.0, 0.0, 100.0]), axis=1).min())
     (row,) = found.rows
@@ -94,7 +94,7 @@ def test_pressures_bring_the_tip_to_the_target() -> None:
     duct, plan = make_tube()
     goal = place(TURNS["none"], 20.0, -33.0, 158.0)
     head = Head()
-    found = find_reached(head, plan, duct, at=100.0, target=goal)
+    found = find_reached(head, stand_head(plan, 100.0), duct=duct, target=goal)
     assert found.converged
     (row,) = found.rows
     slid = Head(effectors=(replace(head.effectors[0], instrument=Instrument(out=row.out)),))
@@ -111,10 +111,9 @@ def test_turning_tract_and_plan_turns_the_answer(name: str) -> None:
     answers = []
     for turn in (TURNS["none"], TURNS[name]):
         duct, plan = make_tube(turn=turn)
-        answers.append(
-            find_reached(Head(), plan, duct, at=[90.0, 100.0], target=place(turn, *goal),
-                         options=options)
-        )  # fmt: skip
+        stands = [stand_head(plan, at) for at in (90.0, 100.0)]
+        target = place(turn, *goal)
+        answers.append(find_reached(Head(), stands, duct=duct, target=target, options=options))
     one, other = answers
     assert other.stand.frame[:, 2] == pytest.approx(TURNS[name] @ one.stand.frame[:, 2])
     if name == "axes":  # the frame turns with the tract: nothing else may change
@@ -130,7 +129,7 @@ def test_turning_tract_and_plan_turns_the_answer(name: str) -> None:
 
 def test_at_a_free_roll_a_round_tube_is_reached_all_round() -> None:
     duct, plan = make_tube()
-    found = find_reached(Head(), plan, duct, at=100.0)
+    found = find_reached(Head(), stand_head(plan, 100.0), duct=duct)
     seen = (found.vertices - found.stand.origin) @ found.stand.frame
     around = np.arctan2(seen[:, 1], seen[:, 0])
     reached = found.codes == 2
@@ -138,7 +137,7 @@ def test_at_a_free_roll_a_round_tube_is_reached_all_round() -> None:
         np.ptp(seen[reached & (np.abs(around - angle) < 0.2), 2]) for angle in (-2.0, 0.0, 1.0, 2.5)
     ]
     assert np.ptp(counts) <= 4.0  # two cells of the grid
-    given = find_reached(Head(), plan, duct, at=100.0, options=ReachOptions(roll=0.5))
+    given = find_reached(Head(), stand_head(plan, 100.0), duct=duct, options=ReachOptions(roll=0.5))
     assert 0.0 < given.area_reached < found.area_reached
     assert np.all(np.hypot(seen[reached, 0], seen[reached, 1]) == pytest.approx(40.0, abs=0.5))
 
@@ -146,7 +145,7 @@ def test_at_a_free_roll_a_round_tube_is_reached_all_round() -> None:
 def test_every_reached_place_is_near_a_tip_of_dense_pressures() -> None:
     duct, plan = make_tube()
     options = ReachOptions(roll=0.0, samples=1000)
-    found = find_reached(Head(), plan, duct, at=100.0, options=options)
+    found = find_reached(Head(), stand_head(plan, 100.0), duct=duct, options=options)
     seen = (found.vertices - found.stand.origin) @ found.stand.frame
     tips = sample_tips(Head().effectors[0], 41)
     away = np.array([np.linalg.norm(tips - each, axis=1).min() for each in seen[found.codes == 2]])
@@ -161,29 +160,38 @@ def test_every_reached_place_is_near_a_tip_of_dense_pressures() -> None:
 def test_a_wall_is_in_the_way() -> None:
     goal = place(TURNS["none"], 0.0, -30.0, 160.0)
     wide, plan = make_tube()
-    assert find_reached(Head(), plan, wide, at=100.0, target=goal).converged
+    assert find_reached(Head(), stand_head(plan, 100.0), duct=wide, target=goal).converged
     narrow, plan = make_tube(radius=26.0)  # the camera has space, the target is beyond the wall
-    found = find_reached(Head(), plan, narrow, at=100.0, target=goal)
+    found = find_reached(Head(), stand_head(plan, 100.0), duct=narrow, target=goal)
     assert "something" not in found.reason
     assert "in the way: without touching it the tip comes to" in found.reason
     assert found.rows[0].miss > 1.5 >= found.rows[0].miss_of_poses
     tight, plan = make_tube(radius=8.0)
-    found = find_reached(Head(), plan, tight, at=100.0, target=goal)
+    found = find_reached(Head(), stand_head(plan, 100.0), duct=tight, target=goal)
     assert (found.free_share, found.area_reached) == (0.0, 0.0)
     assert found.area_blocked > 0.0
     assert found.reason.endswith("nowhere")
-    assert find_reached(Head(), plan, tight, at=100.0, options=FAST).converged  # nothing was asked
+    assert find_reached(
+        Head(), stand_head(plan, 100.0), duct=tight, options=FAST
+    ).converged  # nothing was asked
 
 
 def test_the_best_insertion_bends_least() -> None:
     duct, plan = make_tube()
     goal = place(TURNS["none"], 0.0, -38.0, 160.0)
-    found = find_reached(Head(), plan, duct, at=[60.0, 95.0, 100.0, 105.0, 150.0], target=goal)
+    found = find_reached(
+        Head(),
+        [stand_head(plan, at) for at in [60.0, 95.0, 100.0, 105.0, 150.0]],
+        duct=duct,
+        target=goal,
+    )
     reached = [row for row in found.rows if row.miss <= 1.5]
     assert len(reached) >= 2
     best = next(row for row in found.rows if row.insertion == found.insertion)
     assert best.deflection == min(row.deflection for row in reached)
-    far = find_reached(Head(), plan, duct, at=[0.0, 20.0], target=goal, options=FAST)
+    far = find_reached(
+        Head(), [stand_head(plan, at) for at in [0.0, 20.0]], duct=duct, target=goal, options=FAST
+    )
     assert far.insertion == 20.0
     assert far.reason.startswith("the target is out of reach")
 
@@ -198,11 +206,11 @@ def test_two_end_effectors_reach_what_either_does() -> None:
         for x, turn in ((3.2, 0.0), (-3.2, math.pi))
     ]
     both = find_reached(
-        Head(diameter=14.0, effectors=tuple(pair)), plan, duct, at=100.0, options=FAST
+        Head(diameter=14.0, effectors=tuple(pair)), stand_head(plan, 100.0), duct=duct, options=FAST
     )
     for one in pair:
         alone = find_reached(
-            Head(diameter=14.0, effectors=(one,)), plan, duct, at=100.0, options=FAST
+            Head(diameter=14.0, effectors=(one,)), stand_head(plan, 100.0), duct=duct, options=FAST
         )
         assert 0.0 < alone.area_reached < both.area_reached
         assert not ((alone.codes == 2) & (both.codes == 0)).any()
@@ -235,6 +243,7 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
         mesh = trimesh.Trimesh(low + 3.0 * vertices, faces)
         moved = mesh.vertices + ([60.0, 0.0, 0.0] if name == "other" else 0.0)
         trimesh.Trimesh(moved, mesh.faces).export(folder / f"{name}.stl")
+        plan = replace(plan, input=TractInput(voxel=4.0))
         plan.save(folder / f"{name}.npz")
     write_head(folder / "head.yaml", Head())
     return folder
@@ -289,7 +298,7 @@ def test_another_tract_is_refused(files, capsys) -> None:
 def test_wall_and_head_are_shown(files, tmp_path) -> None:
     duct, plan = make_tube()
     goal = place(TURNS["none"], 20.0, -32.0, 158.0)
-    found = find_reached(Head(), plan, duct, at=100.0, target=goal, options=FAST)
+    found = find_reached(Head(), stand_head(plan, 100.0), duct=duct, target=goal, options=FAST)
     view = found.show().view
     assert sum(len(item.faces) for item in view.surfaces) == len(found.faces)
     assert {item.name for item in view.bodies} == {"camera", "end-effector 1"}

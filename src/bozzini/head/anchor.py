@@ -33,7 +33,7 @@ from ..task import Task
 from ..units import parse_vector
 from .check import ResultOfRows
 from .design import Head, PlacedEffector, SectionPoses, read_head
-from .shape import Chain, make_camera_chains, make_chains, measure_gaps
+from .shape import Capsules, make_camera_chains, make_chains, measure_gaps
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -306,15 +306,14 @@ class HeadReach(ResultOfRows, ReasonedResult):
 
 def find_reached(
     head: Head,
-    plan: Plan,
-    duct: Duct,
+    stands: Stand | Sequence[Stand],
     *,
-    at: float | Sequence[float] | None = None,
+    duct: Duct,
     target: ArrayLike | None = None,
     options: ReachOptions | None = None,
     progress: Progress = no_progress,
 ) -> HeadReach:
-    """Find what of the wall a head's instruments reach at the tip of a planned scope.
+    """Find what of the wall a head's instruments reach from where it stands.
 
     A place is reached if a legal pressure of the muscles brings the instrument's line to it, its
     tip meets no wall before, and neither the end-effector nor the camera touch the wall, or each
@@ -324,11 +323,11 @@ def find_reached(
     Parameters
     ----------
     head : Head
-    plan : Plan
+    stands : Stand or sequence of Stand
+        Where it may stand: the target is looked at from all, the wall from the best. See
+        `stand_head`.
     duct : Duct
         The lumen.
-    at : float or sequence of float, optional
-        Insertion, or several to choose from [mm]; the farthest by default.
     target : array_like, shape (3,), optional
         A place in the world [mm].
     options : ReachOptions, optional
@@ -337,7 +336,7 @@ def find_reached(
     Raises
     ------
     InputError
-        If there is no such insertion, or the target is not three finite numbers.
+        If there is no stand, or the target is not three finite numbers.
     """
     check_kind("head", head, Head)
     check_kind("duct", duct, Duct)
@@ -346,17 +345,19 @@ def find_reached(
     goal = None if target is None else check_points("target", target)
     if goal is not None and goal.shape != (3,):
         raise InputError(f"target has shape {goal.shape}: it must be (3,)")
-    depths = list(at) if isinstance(at, Sequence) else [at]
-    stands = [stand_head(plan, depth) for depth in depths]
+    places = [stands] if isinstance(stands, Stand) else list(stands)
+    if not places:
+        raise InputError("there is no stand: give one or more")
     poses = [placed.shape(placed.list_bends(known.samples)) for placed in head.effectors]
     rows = []
     if goal is not None:
-        for k, stand in enumerate(stands):
-            rows.append(_reach_target(head, stand, duct, goal, poses, known))
-            progress("insertions", (k + 1) / len(stands))
+        for k, stand in enumerate(places):
+            rows.append(_reach_target(_Search(head, stand, duct), goal, poses, known))
+            progress("insertions", (k + 1) / len(places))
     best = _choose_best(rows, known.tolerance)
-    stand = stands[best]
-    lines = [_trace(head, k, stand, pose, known.rolls, duct=duct) for k, pose in enumerate(poses)]
+    stand = places[best]
+    search = _Search(head, stand, duct)
+    lines = [search.trace(k, pose, known.rolls) for k, pose in enumerate(poses)]
     vertices, faces = _find_wall(stand, duct, head.length, known.spacing)
     codes = _color_wall(vertices, head, lines, known.tolerance)
     share = codes[faces]
@@ -379,57 +380,93 @@ def find_reached(
         area_reached=float((areas * (share == REACHED).mean(axis=1)).sum()),
         area_blocked=float((areas * (share == BLOCKED).mean(axis=1)).sum()),
         free_share=float(free.mean()),
-        notes=_list_notes(head, plan),
+        notes=(),
         reason="" if row is None or reached else _explain(row, known),
     )
 
 
-def _trace(
-    head: Head,
-    index: int,
-    stand: Stand,
-    poses: SectionPoses,
-    rolls: Floats,
-    *,
-    duct: Duct | None,
-) -> _Lines:
-    """Return the instrument's lines of all poses at all rolls; without a duct, as if free."""
-    placed = head.effectors[index]
-    count, size = len(poses.bends), len(rolls)
-    frames = np.stack([stand.roll(angle) for angle in rolls])
+@dataclass(frozen=True, eq=False)
+class _Search:
+    """A head on a stand, in a lumen; without one, as if there were no walls."""
 
-    def place(points: Floats) -> Floats:
-        """Return points (n, k, 3) of the head's frame in the world (r, n, k, 3)."""
-        return np.asarray(stand.origin + np.einsum("rij,nkj->rnki", frames, points))
+    head: Head
+    stand: Stand
+    duct: Duct | None
 
-    start = place(poses.holder_tip[:, None])[:, :, 0]
-    way = np.einsum("rij,nj->rni", frames, poses.direction)
-    free = np.full((size, count), placed.instrument.reach)
-    if duct is not None:
-        others = _list_others(head, index)
-        own = make_chains(placed, poses)
-        clear = np.broadcast_to(measure_gaps(own, others)[:, 0] >= 0.0, free.shape).copy()
-        for chain in (*others, own[0]):
-            middles = 0.5 * (chain.lines[:, 1:] + chain.lines[:, :-1])
-            points = place(np.concatenate([chain.lines, middles], axis=1))
-            clear &= (duct.signed_distance(points) <= -chain.radius).all(axis=-1)
-        steps = np.linspace(0.0, placed.instrument.reach, _count_steps(placed))
-        free[clear] = _find_wall_along(duct, start[clear], way[clear], steps)
-        free[~clear] = -1.0
-    return _Lines(
-        start=start.reshape(-1, 3),
-        way=way.reshape(-1, 3),
-        free=free.ravel(),
-        bends=np.tile(poses.bends, (size, 1)),
-        rolls=np.repeat(rolls, count),
-    )
+    def trace(self, index: int, poses: SectionPoses, rolls: Floats) -> _Lines:
+        """Return an instrument's lines of all poses at all rolls."""
+        placed = self.head.effectors[index]
+        count, size = len(poses.bends), len(rolls)
+        frames = np.stack([self.stand.roll(angle) for angle in rolls])
+
+        def place(points: Floats) -> Floats:
+            """Return points (n, k, 3) of the head's frame in the world (r, n, k, 3)."""
+            return np.asarray(self.stand.origin + np.einsum("rij,nkj->rnki", frames, points))
+
+        start = place(poses.holder_tip[:, None])[:, :, 0]
+        way = np.einsum("rij,nj->rni", frames, poses.direction)
+        free = np.full((size, count), placed.instrument.reach)
+        if self.duct is not None:
+            others = _list_others(self.head, index)
+            own = make_chains(placed, poses)
+            clear = np.broadcast_to(measure_gaps(own, others)[:, 0] >= 0.0, free.shape).copy()
+            for chain in (*others, own[0]):
+                middles = 0.5 * (chain.lines[:, 1:] + chain.lines[:, :-1])
+                points = place(np.concatenate([chain.lines, middles], axis=1))
+                clear &= (self.duct.signed_distance(points) <= -chain.radius).all(axis=-1)
+            steps = np.linspace(0.0, placed.instrument.reach, _count_steps(placed))
+            free[clear] = _find_wall_along(self.duct, start[clear], way[clear], steps)
+            free[~clear] = -1.0
+        return _Lines(
+            start=start.reshape(-1, 3),
+            way=way.reshape(-1, 3),
+            free=free.ravel(),
+            bends=np.tile(poses.bends, (size, 1)),
+            rolls=np.repeat(rolls, count),
+        )
+
+    def find_nearest(
+        self, index: int, poses: SectionPoses, goal: Floats, options: ReachOptions
+    ) -> ReachedFrom:
+        """Return the pose whose tip comes nearest to a place: first of all, then beside it."""
+        placed = self.head.effectors[index]
+        known = find_reach(placed.effector)
+        width = math.sqrt(float(np.prod(np.ptp(poses.bends, axis=0))) / len(poses.bends))
+        turn = math.pi / _ROLLS
+        rolls = options.rolls
+        least, roll, bend, out = math.inf, 0.0, np.zeros(2), 0.0
+        for zoom in range(_ZOOMS + 1):
+            lines = self.trace(index, poses, rolls)
+            miss, along = lines.measure(goal)
+            k = int(np.argmin(miss))
+            if miss[k] < least:
+                least, roll, bend, out = miss[k], lines.rolls[k], lines.bends[k], along[k]
+            if not math.isfinite(least):
+                break
+            half = width / 3.0**zoom
+            side = half * np.linspace(-1.0, 1.0, 7)
+            near = bend + np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
+            near = near[split(known.sectors, near, known.amplitudes, known.peak).reachable]
+            poses = placed.shape(np.concatenate([near, bend[None]]))
+            if options.roll is None:
+                rolls = roll + turn / 3.0**zoom * np.linspace(-1.0, 1.0, 5)
+        return ReachedFrom(
+            insertion=self.stand.insertion,
+            miss=math.inf if self.duct is None else float(least),
+            miss_of_poses=float(least),
+            effector=index + 1,
+            roll=math.remainder(roll, math.tau),
+            deflection_x=float(bend[0]),
+            deflection_y=float(bend[1]),
+            out=float(out),
+        )
 
 
 def _count_steps(placed: PlacedEffector) -> int:
     return max(2, math.ceil(placed.instrument.reach / _TRACE_STEP) + 1)
 
 
-def _list_others(head: Head, index: int) -> tuple[Chain, ...]:
+def _list_others(head: Head, index: int) -> tuple[Capsules, ...]:
     """Return the camera, and the other end-effectors at rest, their instruments drawn in."""
     others = [
         make_chains(placed, placed.shape(np.zeros((1, 2))))[0]
@@ -455,67 +492,17 @@ def _find_wall_along(duct: Duct, start: Floats, way: Floats, steps: Floats) -> F
 
 
 def _reach_target(
-    head: Head,
-    stand: Stand,
-    duct: Duct,
-    goal: Floats,
-    poses: Sequence[SectionPoses],
-    options: ReachOptions,
+    search: _Search, goal: Floats, poses: Sequence[SectionPoses], options: ReachOptions
 ) -> ReachedFrom:
     """Return how near a place all end-effectors come from one stand."""
     found = []
     for k, own in enumerate(poses):
-        alone = _find_nearest(head, k, stand, own, goal, options, None)
-        if alone.miss_of_poses <= options.tolerance:
-            walled = _find_nearest(head, k, stand, own, goal, options, duct)
-            least = min(alone.miss_of_poses, walled.miss)
-            found.append(replace(walled, miss_of_poses=least))
-        else:
-            found.append(alone)
+        row = replace(search, duct=None).find_nearest(k, own, goal, options)
+        if row.miss_of_poses <= options.tolerance:
+            walled = search.find_nearest(k, own, goal, options)
+            row = replace(walled, miss_of_poses=min(row.miss_of_poses, walled.miss))
+        found.append(row)
     return min(found, key=lambda row: (row.miss, row.miss_of_poses))
-
-
-def _find_nearest(
-    head: Head,
-    index: int,
-    stand: Stand,
-    poses: SectionPoses,
-    goal: Floats,
-    options: ReachOptions,
-    duct: Duct | None,
-) -> ReachedFrom:
-    """Return the pose whose tip comes nearest to a place, first of all, then of those beside it."""
-    placed = head.effectors[index]
-    known = find_reach(placed.effector)
-    width = math.sqrt(float(np.prod(np.ptp(poses.bends, axis=0))) / len(poses.bends))
-    turn = math.pi / _ROLLS
-    rolls = options.rolls
-    least, roll, bend, out = math.inf, 0.0, np.zeros(2), 0.0
-    for zoom in range(_ZOOMS + 1):
-        lines = _trace(head, index, stand, poses, rolls, duct=duct)
-        miss, along = lines.measure(goal)
-        k = int(np.argmin(miss))
-        if miss[k] < least:
-            least, roll, bend, out = miss[k], lines.rolls[k], lines.bends[k], along[k]
-        if not math.isfinite(least):
-            break
-        half = width / 3.0**zoom
-        side = half * np.linspace(-1.0, 1.0, 7)
-        near = bend + np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
-        near = near[split(known.sectors, near, known.amplitudes, known.peak).reachable]
-        poses = placed.shape(np.concatenate([near, bend[None]]))
-        if options.roll is None:
-            rolls = roll + turn / 3.0**zoom * np.linspace(-1.0, 1.0, 5)
-    return ReachedFrom(
-        insertion=stand.insertion,
-        miss=math.inf if duct is None else float(least),
-        miss_of_poses=float(least),
-        effector=index + 1,
-        roll=math.remainder(roll, math.tau),
-        deflection_x=float(bend[0]),
-        deflection_y=float(bend[1]),
-        out=float(out),
-    )
 
 
 def _choose_best(rows: Sequence[ReachedFrom], tolerance: float) -> int:
@@ -632,7 +619,7 @@ class HeadReaching(Task):
         head, plan = read_head(self.head), Plan.load(self.plan)
         if is_made_from(plan, self.tract) is False:
             raise InputError(f"{self.tract} is not the file that the plan was made from")
-        stand_head(plan, self.at)  # before the tract is read
+        stands = [stand_head(plan, at) for at in self._list_insertions(plan)]
         tract = read_input(plan, self.tract)
         duct = rebuild_field(plan, tract, progress=progress)
         outside = float(duct.signed_distance(plan.path).max())
@@ -641,13 +628,16 @@ class HeadReaching(Task):
                 f"{self.tract} is not what the plan was made from: its path leaves the lumen by "
                 f"{outside:.1f} mm"
             )
-        at: float | list[float] | None = self.at
-        if at is None and goal is not None:
-            low, high = float(plan.head_arc_length[0]), plan.inserted
-            at = [*np.arange(low, high, self.step).tolist(), high]
-        return find_reached(
-            head, plan, duct, at=at, target=goal, options=self.options, progress=progress
+        found = find_reached(
+            head, stands, duct=duct, target=goal, options=self.options, progress=progress
         )
+        return replace(found, notes=_list_notes(head, plan))
+
+    def _list_insertions(self, plan: Plan) -> list[float | None]:
+        if self.at is not None or self.target is None:
+            return [self.at]
+        low, high = float(plan.head_arc_length[0]), plan.inserted
+        return [*np.arange(low, high, self.step).tolist(), high]
 
     def describe(self, found: HeadReach) -> str:
         """Return what is reached, and how."""

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 _PAIRS = 4_000_000  # of segments, at once
 
 
-class Chain(NamedTuple):
+class Capsules(NamedTuple):
     """A body as capsules along polylines (n, k, 3) of one radius [mm], n poses of it."""
 
     lines: Floats
@@ -31,7 +31,7 @@ class Chain(NamedTuple):
 
 def make_chains(
     placed: PlacedEffector, poses: SectionPoses, *, short: float = 1.0
-) -> tuple[Chain, ...]:
+) -> tuple[Capsules, ...]:
     """Return section and instrument in poses; their round ends reach no further than they do.
 
     The instrument is short of its tip by so many of its radii.
@@ -41,20 +41,20 @@ def make_chains(
     body[:, -1] -= min(placed.radius, placed.effector.design.holder_length) * ways
     radius = 0.5 * tool.diameter
     end = poses.tip - min(short * radius, tool.reach) * ways
-    rod = Chain(np.stack([poses.holder_tip, end], axis=1), radius)
-    return (Chain(body, placed.radius), rod)[: 2 if tool.reach > 0.0 else 1]
+    rod = Capsules(np.stack([poses.holder_tip, end], axis=1), radius)
+    return (Capsules(body, placed.radius), rod)[: 2 if tool.reach > 0.0 else 1]
 
 
-def make_camera_chains(head: Head) -> tuple[Chain, ...]:
+def make_camera_chains(head: Head) -> tuple[Capsules, ...]:
     """Return the arm, as it is free, and the camera's housing."""
     arm, housing = head.lay_arm()
     radius = 0.5 * head.camera.diameter
     trim = min(radius / head.camera.length, 0.5)
     ends = housing[0] + np.array([[trim], [1.0 - trim]]) * (housing[1] - housing[0])
-    return Chain(arm[None], 0.5 * head.camera.thickness), Chain(ends[None], radius)
+    return Capsules(arm[None], 0.5 * head.camera.thickness), Capsules(ends[None], radius)
 
 
-def measure_gaps(one: tuple[Chain, ...], other: tuple[Chain, ...]) -> Floats:
+def measure_gaps(one: tuple[Capsules, ...], other: tuple[Capsules, ...]) -> Floats:
     """Return the least gaps (n, m) between n poses of a body and m of another [mm].
 
     Negative where they overlap.
@@ -99,7 +99,7 @@ def see_places(camera: HeadCamera, housing: Floats, places: ArrayLike) -> NDArra
     return np.stack([in_cone, (depth >= camera.near) & (depth <= camera.far)])
 
 
-def is_hidden(lens: Floats, tips: Floats, bodies: Sequence[Chain]) -> NDArray[np.bool_]:
+def is_hidden(lens: Floats, tips: Floats, bodies: Sequence[Capsules]) -> NDArray[np.bool_]:
     """Return which tips (n, 3) bodies of the same n poses, or of one, stand before."""
     hidden = np.zeros(len(tips), dtype=np.bool_)
     for body in bodies:
@@ -214,7 +214,7 @@ def shape_effectors(head: Head, pressures: Sequence[Floats]) -> list[SectionPose
     ]
 
 
-def list_bodies(head: Head, poses: Sequence[SectionPoses]) -> dict[str, tuple[Chain, ...]]:
+def list_bodies(head: Head, poses: Sequence[SectionPoses]) -> dict[str, tuple[Capsules, ...]]:
     """Return the bodies of a head, free, by name."""
     bodies = {"camera": make_camera_chains(head)}
     for k, (placed, pose) in enumerate(zip(head.effectors, poses, strict=True)):

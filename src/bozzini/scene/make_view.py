@@ -20,7 +20,7 @@ from ..effector.workspace import Workspace
 from ..errors import GeometryError, InputError
 from ..head.anchor import BLOCKED, OUT_OF_REACH, REACHED, HeadReach
 from ..head.design import Head
-from ..head.shape import Chain, HeadPose, list_bodies
+from ..head.shape import Capsules, HeadPose, list_bodies
 from ..motion.actuate.actuation import Actuation
 from ..motion.plan import Plan
 from ..motion.scope import Introducer
@@ -404,7 +404,7 @@ def _view_head(thing: Head | HeadPose, place: Floats | None = None) -> View:
     def move(points: Floats) -> Floats:
         return np.asarray(points @ where[:3, :3].T + where[:3, 3])
 
-    def draw(chain: Chain, name: str) -> Body:
+    def draw(chain: Capsules, name: str) -> Body:
         color = _LINE if name == "camera" else "#4f7cac"
         return Body(joints=move(chain.lines[:, ::-1]), radius=chain.radius, name=name, color=color)
 
