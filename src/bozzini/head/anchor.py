@@ -31,7 +31,7 @@ from ..progress import Progress, no_progress
 from ..results import Json, ReasonedResult, measured, rows_of, tabulated, take_axes
 from ..task import Task
 from ..units import parse_vector
-from .check import ResultOfRows
+from .check import ResultOfRows, head_field
 from .design import Head, PlacedEffector, SectionPoses, read_head
 from .shape import Capsules, make_camera_chains, make_chains, measure_gaps
 
@@ -597,10 +597,7 @@ class HeadReaching(Task):
 
     plan: str = quantity("file", "A plan (.npz).")
     tract: str = quantity("file", "The file that it was made from.")
-    head: str | None = quantity(
-        "file", "The head (.yaml, .json); without it that of the thesis's concept.", default=None,
-        example="head.yaml",
-    )  # fmt: skip
+    head: str | None = head_field()
     at: float | None = quantity(
         "length", "How far the scope is inserted; its farthest without a target.", default=None,
         low=0.0, high=1e6, example="412 mm",

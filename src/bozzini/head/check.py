@@ -35,15 +35,10 @@ _ROUND_OFF = 1e-9
 _PAIR_SAMPLES = 80  # poses of each of two end-effectors that are looked at together
 
 
-def _head_field() -> str:
+def head_field() -> str:
+    """Return the input of a head's file."""
     help = "The head (.yaml, .json); without it that of the thesis's concept."
     return quantity("file", help, default=None, example="head.yaml")  # type: ignore[no-any-return]
-
-
-def _number_field() -> int:
-    return quantity(  # type: ignore[no-any-return]
-        help="Which end-effector, from 1.", default=1, low=1, high=3, whole=True
-    )
 
 
 class ResultOfRows(Result):
@@ -174,7 +169,7 @@ class HeadShow(Task):
     group = "head"
     result = HeadLayout
 
-    head: str | None = _head_field()
+    head: str | None = head_field()
 
     def run(self, progress: Progress = no_progress) -> HeadLayout:
         """Return sizes and reach."""
@@ -334,7 +329,7 @@ class HeadChecking(Task):
     group = "head"
     result = HeadCheck
 
-    head: str | None = _head_field()
+    head: str | None = head_field()
     samples: int = quantity(
         help="Poses of each end-effector.", default=400, low=10, high=100_000, whole=True
     )
@@ -468,12 +463,15 @@ class HeadViewing(Task):
     group = "head"
     result = HeadView
 
-    head: str | None = _head_field()
-    effector: int = _number_field()
+    head: str | None = head_field()
+    effector: int = quantity(help="Which, from 1.", default=1, low=1, high=3, whole=True)
     rise_angle: float | None = quantity(
-        "angle", "Bend of the arm outwards, in place of the head's.", default=None, low=0.0,
-        high=math.pi,
-    )  # fmt: skip
+        "angle",
+        "Bend of the arm outwards, in place of the head's.",
+        default=None,
+        low=0.0,
+        high=3.0,
+    )
     fall_angle: float | None = quantity(
         "angle", "Bend of the arm back, in place of the head's.", default=None, low=0.0, high=4.0
     )

@@ -69,14 +69,10 @@ class Instrument:
     """
 
     fit: str = quantity("text", "How it is in the bore.", default="separate", words=FITS)
-    diameter: float = quantity(
-        "length", "Diameter.", default=2.5, low=0.0, low_open=True, high=100.0
-    )
+    diameter: float = quantity("length", "Diameter.", default=2.5, low=1e-3, high=100.0)
     out: float = quantity("length", "Reach beyond the holder.", default=20.0, low=0.0, high=1000.0)
     rigidity: float = quantity("rigidity", "Flexural rigidity.", default=323.0, low=0.0, high=1e9)
-    core_rigidity: float = quantity(
-        "rigidity", "Of its cables alone.", default=6.0, low=0.0, high=1e9
-    )
+    core_rigidity: float = quantity("rigidity", "Of its cables.", default=6.0, low=0.0, high=1e9)
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -149,9 +145,7 @@ class PlacedEffector:
     changes: Mapping[str, float] = field(default_factory=dict)
     x: float = quantity("length", "Place in the face.", default=0.0, low=-1e3, high=1e3)
     y: float = quantity("length", "Place in the face.", default=-0.9, low=-1e3, high=1e3)
-    turn: float = quantity(
-        "angle", "Turn about its axis.", default=math.radians(-57.0), low=-7.0, high=7.0
-    )
+    turn: float = quantity("angle", "Turn.", default=math.radians(-57.0), low=-7.0, high=7.0)
     instrument: Instrument = field(default_factory=Instrument)
 
     def __post_init__(self) -> None:
@@ -311,30 +305,18 @@ class HeadCamera:
 
     diameter: float = quantity("length", "Of the housing.", default=1.8, low=0.1, high=100.0)
     length: float = quantity("length", "Of the housing.", default=6.0, low=0.1, high=100.0)
-    view: float = quantity(
-        "angle", "Full angle of view.", default=math.radians(120.0), low=0.01, high=3.1
-    )
+    view: float = quantity("angle", "Of view.", default=math.radians(120.0), low=0.01, high=3.1)
     near: float = quantity("length", "Depth of view from.", default=0.0, low=0.0, high=1e4)
-    far: float = quantity(
-        "length", "Depth of view to.", default=90.0, low=lambda item: item.near, high=1e4
-    )
-    azimuth: float = quantity(
-        "angle", "Where the arm stands.", default=math.radians(90.0), low=-7.0, high=7.0
-    )
+    far: float = quantity("length", "To.", default=90.0, low=lambda item: item.near, high=1e4)
+    azimuth: float = quantity("angle", "Of the arm.", default=0.5 * math.pi, low=-7.0, high=7.0)
     thickness: float = quantity(
         "length", "Of the arm.", default=0.4, low=1e-3, high=lambda item: item.diameter
     )
     rise_length: float = quantity("length", "Of the first part.", default=28.0, low=0.1, high=1e3)
-    rise_angle: float = quantity(
-        "angle", "Bend of the first part.", default=math.radians(60.0), low=0.0, high=math.pi
-    )
+    rise_angle: float = quantity("angle", "Its bend.", default=math.pi / 3.0, low=0.0, high=3.0)
     fall_length: float = quantity("length", "Of the second part.", default=20.0, low=0.1, high=1e3)
-    fall_angle: float = quantity(
-        "angle", "Bend of the second part, back.", default=math.radians(90.0), low=0.0, high=4.0
-    )
-    strain_limit: float = quantity(
-        help="Elastic strain of the arm.", default=0.06, low=1e-6, high=1.0
-    )
+    fall_angle: float = quantity("angle", "Its bend.", default=0.5 * math.pi, low=0.0, high=4.0)
+    strain_limit: float = quantity(help="Elastic strain.", default=0.06, low=1e-6, high=1.0)
 
     def __post_init__(self) -> None:
         check_fields(self)
