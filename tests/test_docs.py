@@ -253,7 +253,7 @@ GUIDE = [page for page in DOCS if page.parent.name == "guide"]
 
 def test_the_guide_is_short() -> None:
     assert len(GUIDE) > 15
-    assert _count_words("guide") <= 15_595
+    assert _count_words("guide") <= 15_604
 
 
 def test_the_theory_is_short() -> None:
@@ -261,7 +261,7 @@ def test_the_theory_is_short() -> None:
 
 
 def test_all_that_is_written_by_hand_is_short() -> None:
-    assert 50_000 < _count_words("**") <= 68_595
+    assert 50_000 < _count_words("**") <= 68_604
 
 
 def _count_words(folder: str) -> int:
