@@ -38,6 +38,7 @@ MAY_IMPORT = {
     "rig": {"continuum", "duct", "effector", "motion", "muscle", "vision"},
     "vision": {"effector", "muscle"},
     "fabricate": {"continuum", "effector"},
+    "head": {"duct", "effector", "motion", "muscle", "vision"},
 }
 MAY_IMPORT["plot"] = set(MAY_IMPORT)
 MAY_IMPORT["scene"] = set(MAY_IMPORT)

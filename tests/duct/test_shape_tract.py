@@ -9,8 +9,8 @@ import pytest
 
 from bozzini.cli.main import main
 from bozzini.duct import Circles, ConvexPolyhedra, PointCloud, RoundCones, build_field, save
-from bozzini.duct.shape_tract import make_shape_tract, open_tract
 from bozzini.duct.shape_files import ShapesFile
+from bozzini.duct.shape_tract import make_shape_tract, open_tract
 from bozzini.errors import InputError
 
 

@@ -52,6 +52,7 @@ COMMANDS = {
     "continuum": "Bend a tendon robot: pose, reach, compare models, workspace.",
     "rig": "Drive the pneumatic rig, emulated or on the bench.",
     "effector": "Bend a catheter tip by pneumatic muscles: pose, reach, trace.",
+    "head": "Look down on a catheter tip: a distal head's view and reach.",
     "study": "Compute many rows from one file: sweeps, tolerances, maps.",
     "uncertainty": "State how sure a plan or a study is, and what that comes of.",
     "vision": "Measure lengths, shapes and points in pictures; calibrate.",

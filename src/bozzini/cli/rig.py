@@ -17,8 +17,8 @@ from ..checks import check_number
 from ..effector.design import DEFAULT_PRESET
 from ..errors import InputError
 from ..results import format_rows
-from ..rig.protocol import SETPOINT_MAX
 from ..rig.choices import CONTROLLERS
+from ..rig.protocol import SETPOINT_MAX
 from ..rig.stairs import Stairs
 from .common import (
     EXIT_NEGATIVE,
