@@ -194,7 +194,8 @@ class ChainTask(Task):
 
     def _move_inside(self, duct: Duct, path: Floats, progress: Progress) -> ChainMotion:
         from ..duct.centreline import Centreline
-        from .planner import PlannerOptions, plan_insertion
+        from .planner import plan_insertion
+        from .planners import PlannerOptions
         from .scope import Scope
 
         line = Centreline.from_points(path, duct)
