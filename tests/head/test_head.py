@@ -283,7 +283,7 @@ def test_the_default_fits_as_the_command_says(tmp_path, capsys) -> None:
     assert main(["head", "view", "--samples", "50", "--fall-angle", "80deg", "--json"]) == 0
     assert 0.0 < json.loads(capsys.readouterr().out)["share_seen"] < 1.0
     assert main(["head", "view", "--effector", "2"]) == 2
-    assert "number is 2: it must lie in [1, 1]" in capsys.readouterr().err
+    assert "end-effector is 2: it must lie in [1, 1]" in capsys.readouterr().err
 
 
 def test_changes_are_those_of_a_design() -> None:

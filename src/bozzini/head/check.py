@@ -303,7 +303,7 @@ def _check_stowed(head: Head) -> list[GapRow]:
     discs = {"camera": (arm[0], 0.5 * head.camera.diameter, head.camera.straight_length)}
     for k, placed in enumerate(head.effectors):
         discs[name_effector(k)] = placed.place, placed.radius, placed.length
-    gaps = {"cap and face, pulled back": -head.cap.find_front(free=True)}
+    gaps = {"cap and face, pulled back": head.cap.stroke - head.cap.length}
     for name, (place, radius, length) in discs.items():
         gaps[f"cap and {name}"] = head.inner_radius - radius - float(np.hypot(*place[:2]))
         gaps[f"cap's front and {name}"] = head.cap.find_front(free=False) - length

@@ -477,7 +477,9 @@ class Head:
         InputError
             If there is none of that number.
         """
-        return self.effectors[check_integer("number", number, low=1, high=len(self.effectors)) - 1]
+        return self.effectors[
+            check_integer("end-effector", number, low=1, high=len(self.effectors)) - 1
+        ]
 
     def forward(self, pressures: Sequence[ArrayLike | Mapping[str, ArrayLike]]) -> HeadPose:
         """Return the pose under pressures [MPa] for each end-effector, in order.

@@ -14,10 +14,11 @@ from ..effector.section import find_bends
 from ..errors import InputError
 from ..numeric.arrays import Floats
 from ..results import ReasonedResult, measured, tabulated, take_axes
-from .design import Head, HeadCamera, PlacedEffector, SectionPoses
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+    from .design import Head, HeadCamera, PlacedEffector, SectionPoses
 
 _PAIRS = 4_000_000  # of segments, at once
 
