@@ -1,4 +1,4 @@
-"""Shapes of 12 tubes or more in rendered pictures of each kind, against the curves that were rendered."""
+"""Shapes of 12 tubes or more in rendered pictures of each kind, against the true curves."""
 
 from __future__ import annotations
 

@@ -106,6 +106,10 @@ class LazyGroup(click.Group):
         """Write the table of commands without importing any of them."""
         with formatter.section("Commands"):
             formatter.write_dl(list({**COMMANDS, **_list_tasks()}.items()))
+        for point in entry_points(group="bozzini.tasks"):
+            if point.name in COMMANDS:
+                reason = f"left out, as a command of Bozzini is called '{point.name}'"
+                formatter.write_text(f"The task of {point.value} is {reason}.")
 
 
 def _list_tasks() -> dict[str, str]:
