@@ -106,6 +106,7 @@ async def fill_form(name: str, values: Mapping[str, str]) -> Json:
     finally:
         if process.returncode is None:
             process.kill()
+            await process.wait()
     try:
         found = json.loads(answer)
     except ValueError:
