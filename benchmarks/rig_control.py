@@ -238,7 +238,7 @@ def run_stick(
     steering = Steering(
         model,
         BoardStick(),
-        controller=make_controller(name, model, configuration, period=period),
+        controller=make_controller(name, model, board=configuration, period=period),
         compensator=HysteresisCompensator(operator) if compensate else None,
     )
     acting = []

@@ -150,6 +150,25 @@ def test_two_windows_are_in_step_and_the_head_plays(visit, address) -> None:
 
 
 @pytest.mark.slow
+def test_controller_is_chosen_on_the_page_while_disarmed(visit, address) -> None:
+    page = visit(address)
+    wait_for(page, PLANNED)
+    wait_until(page, lambda state: state["rig"] == "DISARMED")
+    chosen = page.get_by_label("Controller")
+    assert chosen.input_value() == "static"
+    chosen.select_option("predictive")
+    wait_until(page, lambda state: state["controller"] == "predictive")
+    page.get_by_role("button", name="Arm", exact=True).click()
+    wait_until(page, lambda state: state["rig"] == "ARMED")
+    wait_for(page, "() => document.querySelector('.drive select').disabled")
+    page.keyboard.press("Escape")
+    wait_until(page, lambda state: state["rig"] == "DISARMED")
+    wait_for(page, "() => !document.querySelector('.drive select').disabled")
+    chosen.select_option("static")
+    wait_until(page, lambda state: state["controller"] == "static")
+
+
+@pytest.mark.slow
 def test_stick_of_the_page_drives_the_rig(visit, address) -> None:
     page = visit(address)
     wait_for(page, PLANNED)

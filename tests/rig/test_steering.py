@@ -60,7 +60,7 @@ def run_circle(
         steering = Steering(
             effector,
             BoardStick(),
-            controller=make_controller(controller, effector, host.connect(), period=period),
+            controller=make_controller(controller, effector, board=host.connect(), period=period),
             compensator=HysteresisCompensator(operator) if compensated else None,
         )
         acting = []
@@ -128,7 +128,7 @@ def test_predictive_set_points_keep_to_the_limits_whatever_the_stick_does(toolch
     with NativeBoard() as board:
         host = Host(LockstepLink(Cosimulation(board, Plant(CHAMBERS))), period=0.01)
         known = host.connect()
-        made = make_controller("predictive", effector, known, period=0.01)
+        made = make_controller("predictive", effector, board=known, period=0.01)
         run = host.run(Steering(effector, jumps, controller=made), 0.9)
     assert run.converged, run.reason
     sent = run.to_frame()[[f"setpoint_{k}_MPa" for k in (1, 2, 3)]].to_numpy()
@@ -153,7 +153,7 @@ def test_effectors_that_no_rig_can_have_are_refused(toolchain, tmp_path):
     with pytest.raises(InputError, match="has 2 muscles: a board has 3"):
         open_rig_effector(str(write_effector(tmp_path / "two.yaml", two)))
     with pytest.raises(InputError, match="choose one of static, feedforward, predictive"):
-        make_controller("mpc", EFFECTOR, None, period=0.01)
+        make_controller("mpc", EFFECTOR, board=None, period=0.01)
 
 
 @pytest.mark.slow

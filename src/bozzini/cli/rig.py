@@ -204,7 +204,7 @@ def run_command(
     source = make_stick(stick, frequency=frequency, duration=duration)
     with _open_link(port, effector, board, seed) as link, answer.show_progress() as progress:
         host = Host(link, period=period)
-        made = make_controller(controller, effector, host.connect(), period=period)
+        made = make_controller(controller, effector, board=host.connect(), period=period)
         steering = Steering(effector, source, controller=made)
         run = host.run(steering, duration, progress=progress)
     _write_log(run, answer)

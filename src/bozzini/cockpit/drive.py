@@ -211,7 +211,7 @@ class RigDrive(EffectorDrive):
 
     def _take_controller(self, name: str) -> None:
         """Make a controller anew."""
-        self._made = make_controller(name, self.effector, self._board, period=PERIOD)
+        self._made = make_controller(name, self.effector, board=self._board, period=PERIOD)
         self.controller = name
         rig = "emulated rig" if isinstance(self.host.link, LockstepLink) else "rig on the bench"
         self.name = rig if name == CONTROLLERS[0] else f"{rig}, {name}"

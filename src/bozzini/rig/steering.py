@@ -30,7 +30,7 @@ Controller = Feedforward | PredictiveSteering | None
 
 
 def make_controller(
-    name: str, effector: Effector, board: Configuration, *, period: float
+    name: str, effector: Effector, *, board: Configuration, period: float
 ) -> Controller:
     """Return a controller by its name, for one run.
 
