@@ -17,10 +17,11 @@ import shutil
 import tempfile
 from dataclasses import replace
 from pathlib import Path
+from time import thread_time
 
 import numpy as np
 
-from bozzini.effector import Effector, effector_preset
+from bozzini.effector import Effector, EffectorMotion, effector_preset
 from bozzini.muscle.hysteresis import MaxwellSlip
 from bozzini.rig import (
     BoardStick,
@@ -37,6 +38,7 @@ from bozzini.rig import (
     PlantDesign,
     ScriptedStick,
     Steering,
+    make_controller,
 )
 from bozzini.rig.demo import VOLTS_PER_COUNT, judge_step
 from bozzini.rig.firmware import find_sources
@@ -46,7 +48,7 @@ KEPT = Path(__file__).with_suffix(".json")
 TABLES = {}
 """What was measured: rows of cells by the name of their table, its head first."""
 
-PARTS = ("steps", "plants", "slews", "stick")
+PARTS = ("steps", "plants", "slews", "stick", "controllers")
 BOARDS = {"native": NativeBoard, "emulated": EmulatedBoard}
 STEPS = ((0.6, 0.3, 0.1), (0.1, 0.6, 0.827))  # [MPa], one second each
 FAST, SLOW = 0.002, 0.01  # periods of the host [s]
@@ -68,6 +70,8 @@ PLANTS = {
     "all that make it slower": replace(TRUE, **NARROW, dead_volume=123.0, valve_dead_zone=0.33),
 }
 FRICTION = MaxwellSlip((0.3, 0.2, 0.2), (0.01, 0.01, 0.01)).to_plays()  # [MPa]: loops of 60 kPa
+RUBBING = EffectorMotion(play_radii=FRICTION.thresholds[1:], play_weights=FRICTION.weights[1:])
+NAMES = {"static": "board alone", "feedforward": "feed-forward", "predictive": "predictive"}
 EFFECTOR = Effector(effector_preset("prototype"))
 CHAMBERS = [Chamber.from_model(model) for model in EFFECTOR.models]
 
@@ -222,16 +226,19 @@ def add_runaway(name, board, design, command):
     add("runaway", name, f"{rise:.1f}", f"{1e3 * pressures.max():.0f}", end)
 
 
-def run_stick(board, period, forward, compensate, operator, script, duration, design=TRUE):
-    """Return the run, the true tip (n, 2) [mm] and the effective pressures."""
-    plant = Plant(CHAMBERS, design) if operator is None else HystereticPlant(
-        CHAMBERS, operator, design
-    )  # fmt: skip
+def run_stick(
+    board, period, name, compensate, operator, script, duration, *, effector=EFFECTOR, spent=None
+):
+    """Return the run, the true tip (n, 2) [mm] and the link; add what steps take [s] to spent."""
+    chambers = [Chamber.from_model(model) for model in effector.models]
+    plant = Plant(chambers) if operator is None else HystereticPlant(chambers, operator)
     host, link, configuration = connect(board, plant, period)
+    rubs = operator is not None and name == "predictive"
+    model = replace(effector, motion=RUBBING) if rubs else effector
     steering = Steering(
-        EFFECTOR,
+        model,
         BoardStick(),
-        feedforward=Feedforward(TRUE, CHAMBERS, configuration, period=period) if forward else None,
+        controller=make_controller(name, model, configuration, period=period),
         compensator=HysteresisCompensator(operator) if compensate else None,
     )
     acting = []
@@ -239,10 +246,14 @@ def run_stick(board, period, forward, compensate, operator, script, duration, de
     def control(time, telemetry):
         plant.stick_voltages = script.read(time, script.readings[0]) * VOLTS_PER_COUNT
         acting.append(getattr(plant, "effective_pressures", plant.pressures))
-        return steering(time, telemetry)
+        begin = thread_time()
+        answer = steering(time, telemetry)
+        if spent is not None:
+            spent.append(thread_time() - begin)
+        return answer
 
     run = host.run(control, duration)
-    tip = EFFECTOR.forward(np.clip(acting, 0.0, EFFECTOR.design.pressure_limit)).lateral_vector
+    tip = effector.forward(np.clip(acting, 0.0, effector.design.pressure_limit)).lateral_vector
     return run, np.asarray(tip), link
 
 
@@ -253,21 +264,45 @@ def compare_circles(make):
     script = ScriptedStick.circle(0.5, 6.5)
     for operator, words in ((None, ""), (FRICTION, "hysteresis, ")):
         for period in (FAST, SLOW):
-            for forward in (False, True):
+            for name in ("static", "feedforward"):
                 for compensate in (False, True) if operator else (False,):
                     with make() as board:
                         run, tip, _ = run_stick(
-                            board, period, forward, compensate, operator, script, 6.5
+                            board, period, name, compensate, operator, script, 6.5
                         )
-                    table = run.to_frame()
-                    after = table["time_s"].to_numpy() > 0.6  # at the circle
-                    target = table[["target_x_mm", "target_y_mm"]].to_numpy()
-                    error = np.hypot(*(tip - target)[after].T)
-                    name = words + ("feed-forward" if forward else "board alone")
-                    name += ", compensated" if compensate else ""
-                    rms, seen = (np.sqrt(np.mean(e**2)) for e in (error, run.tip_errors[after]))
-                    figures = f"{rms:.2f}", f"{error.max():.2f}", f"{seen:.2f}"
-                    add("circle", name, f"{1e3 * period:g}", *figures)
+                    error, seen = measure_circle(run, tip)
+                    title = words + NAMES[name] + (", compensated" if compensate else "")
+                    rms, by_sensors = (np.sqrt(np.mean(e**2)) for e in (error, seen))
+                    figures = f"{rms:.2f}", f"{error.max():.2f}", f"{by_sensors:.2f}"
+                    add("circle", title, f"{1e3 * period:g}", *figures)
+
+
+def measure_circle(run, tip):
+    """Return the distances of the true tip, and of that of the transducers, on the circle [mm]."""
+    table = run.to_frame()
+    after = table["time_s"].to_numpy() > 0.6  # at the circle
+    target = table[["target_x_mm", "target_y_mm"]].to_numpy()
+    return np.hypot(*(tip - target)[after].T), run.tip_errors[after]
+
+
+def compare_controllers():
+    """The three controllers of ``bozzini rig run``, on the default end-effector."""
+    effector = Effector.from_preset("measured")
+    cases = ((0.1, None), (0.5, None), (1.0, None), (0.5, FRICTION))
+    head = [f"{f:g} Hz" + (", hysteresis" if operator else "") for f, operator in cases]
+    begin("controllers", "error rms [mm]", *head, "period: median [ms]", "p99 [ms]")
+    for name, shown in NAMES.items():
+        found, spent = [], []
+        for frequency, operator in cases:
+            duration = 0.5 + 1.5 / frequency
+            script = ScriptedStick.circle(frequency, duration)
+            with NativeBoard() as board:
+                case = SLOW, name, False, operator, script, duration
+                run, tip, _ = run_stick(board, *case, effector=effector, spent=spent)
+            error, _ = measure_circle(run, tip)
+            found.append(f"{np.sqrt(np.mean(error**2)):.2f}")
+        median, late = 1e3 * np.percentile(spent[10:], [50.0, 99.0])
+        add("controllers", shown, *found, f"{median:.1f}", f"{late:.1f}")
 
 
 def time_stick_step(make):
@@ -277,13 +312,13 @@ def time_stick_step(make):
         [0.0, 0.3, 0.3001, 1.0], [[512, 512], [512, 512], [1023, 512], [1023, 512]]
     )
     for period in (FAST, SLOW):
-        for forward in (False, True):
+        for controller in ("static", "feedforward"):
+            name = NAMES[controller]
             with make() as board:
-                run, _, link = run_stick(board, period, forward, False, None, script, 0.6)
+                run, _, link = run_stick(board, period, controller, False, None, script, 0.6)
             time, pressures = link.list_pressures()
             time = time - run.link_start
             risen = time[np.argmax((pressures > 0.01).any(axis=1) & (time > 0.3))]
-            name = "feed-forward" if forward else "board alone"
             add("stick", name, f"{1e3 * period:g}", f"{1e3 * (risen - 0.3):.0f}")
 
 
@@ -305,6 +340,8 @@ def main():
     if "stick" in given.parts:
         compare_circles(make)
         time_stick_step(make)
+    if "controllers" in given.parts:
+        compare_controllers()
     if given.keep:
         kept = json.loads(KEPT.read_text("utf-8")) | TABLES
         rows = {

@@ -125,7 +125,9 @@ def format_control(table: str) -> str:
     return "\n".join([head, "|---" * len(kept[table][0]) + "|", *rows])
 
 
-CONTROL = ("steps", "plants_fast", "plants_slow", "slews", "runaway", "circle", "stick")
+CONTROL = (
+    "steps", "plants_fast", "plants_slow", "slews", "runaway", "circle", "stick", "controllers",
+)  # fmt: skip
 
 MAKERS: dict[str, Callable[[], str]] = {
     "commands": format_commands,

@@ -35,9 +35,10 @@ MAY_IMPORT = {
     "motion": {"anatomy", "duct", "continuum"},
     "muscle": set(),
     "effector": {"muscle"},
-    "rig": {"continuum", "duct", "effector", "motion", "muscle"},
+    "rig": {"continuum", "duct", "effector", "motion", "muscle", "vision"},
     "vision": {"effector", "muscle"},
     "fabricate": {"continuum", "effector"},
+    "head": {"duct", "effector", "motion", "muscle", "vision"},
 }
 MAY_IMPORT["plot"] = set(MAY_IMPORT)
 MAY_IMPORT["scene"] = set(MAY_IMPORT)

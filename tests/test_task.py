@@ -173,6 +173,20 @@ def test_a_form_answers_whatever_is_filled_in(arc, tmp_path, capfd) -> None:
     assert found["error"]["message"] == "the command wrote something else than its answer"
 
 
+def test_a_form_that_takes_too_long_is_ended(arc, monkeypatch) -> None:
+    monkeypatch.setattr("bozzini.cockpit.forms.TIME_LIMIT", 0.01)
+    found = asyncio.run(fill_form("arc", {"length": "1cm"}))["answer"]
+    assert "the command was ended after" in found["error"]["message"]
+
+
+def test_a_task_that_is_named_like_a_command_is_told(arc, tmp_path, capsys) -> None:
+    points = "[bozzini.tasks]\nplan = arcs:ArcTask\n"
+    (tmp_path / "site/arcs-1.0.dist-info/entry_points.txt").write_text(points, encoding="utf-8")
+    assert main(["--help"]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "The task of arcs:ArcTask is left out, as a command of Bozzini is called 'plan'" in said
+
+
 def test_a_task_that_cannot_be_a_command_is_refused_alone(arc, tmp_path) -> None:
     points = "[bozzini.tasks]\narc = arcs:ArcTask\nbow = arcs:ArcTask\nno = none:No\n"
     points += "routing = ways:RoutingTask\n"

@@ -6,7 +6,6 @@ import math
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 from section import Bound, Section, draw_axes, format_rows
 
 from bozzini.effector import (
@@ -60,8 +59,7 @@ NOISE_MM = 2.0
 
 def read_runs(folder: Path) -> EffectorMeasurements:
     """Return all runs."""
-    table = pd.read_csv(folder / "runs.csv.gz")
-    return read_effector_measurements(table, per_volt=MPA_PER_VOLT)
+    return read_effector_measurements(folder / "runs.csv.gz", per_volt=MPA_PER_VOLT)
 
 
 def make_arm(radii: tuple[float, ...] = RADII_MPA) -> Effector:
@@ -359,12 +357,12 @@ def _count_rest(fit: EffectorFit) -> int:
 
 
 COMMANDS = (
-    "With `runs.csv` unpacked:",
+    "By the command line:",
     "",
-    "    bozzini effector fit runs.csv --hold val01,val02 --pulls --per-volt 100kPa \\",
+    "    bozzini effector fit runs.csv.gz --hold val01,val02 --pulls --per-volt 100kPa \\",
     "      --plays 10kPa,80kPa,300kPa --angles 1=-120deg,2=120deg,3=0deg \\",
     "      --backbone-length 340mm --offset 20mm --rigidity 0.1Nm^2 \\",
     "      --set board.distance=340mm --rest polynomial --out arm.yaml --figure arm.png",
-    "    bozzini effector simulate arm.yaml runs.csv --out tips.csv",
+    "    bozzini effector simulate arm.yaml runs.csv.gz --out tips.csv",
     "    bozzini effector track arm.yaml --radius 8mm --plants 10",
 )

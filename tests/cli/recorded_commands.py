@@ -72,6 +72,10 @@ effector trace line --from 0,0 --to 9mm,3mm --points 5 --cubic-from 250kPa
 effector study sweep --vary offset=2.75mm:4mm:3 --vary segments=12,15 --deflection 12mm
 effector study least-pressure --between offset=2.75mm:3.5mm --deflection 12mm
 effector study sweep --vary muscle.gap=0mm,9mm
+head show
+head check --samples 40
+head view --samples 40
+head view --effector 2
 demo --voxel 4mm --seed -1 --out demo
 plan tube.nii.gz --diameter 5mm --link 8mm --head-step 1mm --organ colon --out way
 plan tube.stl --diameter 5mm --link 8mm --head-step 1mm --organ colon --method tube --out way

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import bz2
 import csv
+import gzip
 import json
+import lzma
 import math
 
 import numpy as np
@@ -85,12 +88,80 @@ def test_a_recording_is_fitted_and_simulated(run, tmp_path):
     assert np.sqrt(np.mean(np.square(off))) < 0.05
 
 
+def test_a_rest_goes_on_with_the_file(run, tmp_path):
+    times = np.arange(0.0, 12.0, 0.1)
+    rows = ["run,time_s,command_A_V,command_B_V,command_C_V,dot_x_mm,dot_y_mm"]
+    for name, shift in (("one", 0.0), ("two", 1.0)):
+        speeds = (0.7, 1.1, 1.7)
+        volts = np.stack([3.0 + 2.0 * np.sin(w * times + shift) for w in speeds], axis=1)
+        dot = 0.4 * volts @ np.exp(2j * math.pi * np.arange(3) / 3.0)
+        dot += 0.05 * volts[:, 0] * volts[:, 1]  # which is nothing of the model
+        rows += [
+            f"{name},{t:.2f},{v[0]:.6f},{v[1]:.6f},{v[2]:.6f},{z.real:.9f},{z.imag:.9f}"
+            for t, v, z in zip(times, volts, dot, strict=True)
+        ]
+    (tmp_path / "runs.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
+    fit = ("fit", "runs.csv", *PULLS, "--together", "--free", "muscles.each.area,board.x,board.y")
+    _, out, _ = run(*fit, "--rest", "polynomial", "--out", "arm.yaml", "--json")
+    errors = json.loads(out)["fitted"]["errors_mm"]["two"]
+    assert errors["fit and rest"] < 0.5 * errors["fit"]
+    code, out, err = run("simulate", "arm.yaml", "runs.csv", "--out", "tips.csv")
+    assert (code, err) == (0, "") and "not in it: what the rest adds to spot x, spot y" in out
+    table = list(csv.DictReader((tmp_path / "tips.csv").open(encoding="utf-8")))
+    seen = list(csv.DictReader((tmp_path / "runs.csv").open(encoding="utf-8")))
+    half = len(seen) // 2
+
+    def miss(share):
+        off = [
+            [float(a[f"spot_{k}_mm"]) + share * float(a[f"rest of spot {k}"])
+             - float(b[f"dot_{k}_mm"]) for k in "xy"]
+            for a, b in zip(table[half:], seen[half:], strict=True)
+        ]  # fmt: skip
+        return math.sqrt(np.square(off).sum(axis=1).mean())
+
+    assert miss(0.0) == pytest.approx(errors["fit"], rel=1e-5)
+    assert miss(1.0) == pytest.approx(errors["fit and rest"], rel=1e-4)
+    code, out, _ = run("track", "arm.yaml", "--radius", "0.1mm", "--frequency", "5Hz", "--plants",
+                       "0", "--json")  # fmt: skip
+    assert code == 0 and "rest that the fit has learned" in json.loads(out)["notes"][0]
+    text = (tmp_path / "arm.yaml").read_text(encoding="utf-8")
+    (tmp_path / "arm.yaml").write_text(text.replace("products:", "product:"), encoding="utf-8")
+    code, _, err = run("simulate", "arm.yaml", "runs.csv")
+    assert (code, err.count("\n")) == (2, 1) and "the rest has not delays" in err
+
+
+@pytest.mark.parametrize(("module", "suffix"), [(gzip, "gz"), (bz2, "bz2"), (lzma, "xz")])
+def test_packed_tables_are_read_and_damaged_ones_refused_in_one_line(run, tmp_path, module, suffix):
+    (tmp_path / "t.csv").write_text(TABLE, encoding="utf-8")
+    packed = module.compress(TABLE.encode())
+    path = tmp_path / f"t.csv.{suffix}"
+    path.write_bytes(packed)
+    _, plain, _ = run("fit", "t.csv", *FIT, "--json", "--quiet")
+    code, out, err = run("fit", path.name, *FIT, "--json", "--quiet")
+    assert (code, err) == (0, "")
+    assert json.loads(out)["estimates"] == json.loads(plain)["estimates"]
+    wrong = bytearray(packed)
+    wrong[len(wrong) // 2] ^= 0xFF
+    for damaged in (packed[:-9], bytes(wrong), TABLE.encode(), b"PK" + packed):
+        path.write_bytes(damaged)
+        code, out, err = run("fit", path.name, *FIT, "--out", "mine.yaml")
+        assert (code, out, err.count("\n")) == (2, "", 1)
+        assert f"t.csv.{suffix} is damaged and cannot be unpacked: " in err
+    assert not (tmp_path / "mine.yaml").exists()
+
+
 @pytest.mark.parametrize(
     ("rows", "more", "said"),
     [
         (["time_s,command_A_V,dot_x_cm", "0,1,1", "1,1,2"], (), "say how much pressure a volt is"),
         (["time_s,command_A_V,dot_x_cm", "0,9,1", "1,1,2"], PULLS,
-         "pressure of muscle A is 0.9 MPa: it must lie in [0, 0.827] MPa"),
+         "row 1 of the data: the pressure of muscle A is 0.9 MPa: it must lie in [0, 0.827] MPa"),
+        (["time_s,command_A_V,dot_x_cm", "0,1,1", "1,-1,2"], PULLS,
+         "row 2 of the data: the pressure of muscle A is -0.1 MPa"),
+        (["time_s,command_A_V,dot_x_cm", "0,1,1", "2,1,1", "1,1,2"], PULLS,
+         "time runs backwards or stands at row 3 of the data"),
+        (["run,time_s,command_A_V,dot_x_cm", "a,0,1,1", ",1,1,2"], PULLS, "the run has no name"),
+        (["time_s,command_A_V,dot_x_cm", "0,1,1", "1,nan,2"], PULLS, "must be a finite number"),
         (["time_s,command_A_V,dot_x_cm", "0,1,1", "1,1,2", "0,1,1"], PULLS, "name the runs"),
         (["time_s,command_A_V,dot_x_cm", "0,1,1", "1,1,2"], PULLS, "are too few for"),
         (["time_s,command_A_V,dot_x_cm", "0,1,", "1,1,nan"], PULLS, "nothing was seen"),

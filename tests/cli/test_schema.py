@@ -46,7 +46,7 @@ def test_a_schema_is_one_and_is_written(
     assert json.loads((tmp_path / "schema.json").read_text(encoding="utf-8")) == schema
 
 
-@pytest.mark.parametrize("kind", ["plan", "muscle", "robot", "study"])
+@pytest.mark.parametrize("kind", ["plan", "muscle", "robot", "head", "study"])
 def test_new_files_keep_the_schema(kind: str, tmp_path: Path) -> None:
     path = tmp_path / "new.yaml"
     assert main(["new", kind, "--out", str(path)]) == 0

@@ -147,7 +147,7 @@ def test_everything_with_a_shape_goes_on_one_page(call, tmp_path):
 @pytest.mark.parametrize(
     ("name", "text", "words"),
     [
-        ("a.yaml", "name: x\n", "has no 'shapes', 'sections' or 'muscle'"),
+        ("a.yaml", "name: x\n", "has no 'shapes', 'sections', 'muscle' or 'camera'"),
         ("a.json", "[1", "a.json"),
         ("a.csv", "u,v\n1,2\n", "it needs x, y and z"),
         ("a.csv", "name: x\nsections: # of a robot\n- {a: 1, b: 2}\n", "it needs x, y and z"),

@@ -71,6 +71,7 @@ def test_port_in_use_is_one_line(capsys) -> None:
         (("--host", "no.such.host.invalid"), "no.such.host.invalid"),
         (("--host", "192.0.2.1"), "192.0.2.1"),
         (("--rig", "usb"), "demo, or serial"),
+        (("--controller", "predictive"), "--controller has no effect without --rig"),
         (("--operator", "square"), "square"),
         (("--moving", "none.npz"), "breathing, peristalsis"),
         (("none.stl",), "no such file"),

@@ -83,6 +83,27 @@ def test_without_a_token_the_rig_stays_disarmed(session, rig) -> None:
     assert rig.state.name == "DISARMED"
 
 
+def test_controller_is_chosen_while_disarmed(session, rig) -> None:
+    window = session.open()
+    assert session.describe()["controller"] == "static"
+    session.take(window, RigCommand(what="predictive"))
+    _keep_on(session, lambda: session.describe()["controller"] == "predictive")
+    session.take(window, RigCommand(what="arm"))
+    _keep_on(session, lambda: rig.state.name == "ARMED")
+    session.take(window, StickMove(x=0.6, y=0.0))
+    _keep_on(session, lambda: rig.state.target[0] < -1.0)
+    _keep_on(session, lambda: np.hypot(*(rig.state.tip - rig.state.target)) < 0.5)
+    assert rig.state.setpoints.min() > 0.05  # muscles are kept where they begin to pull
+    session.take(window, RigCommand(what="static"))
+    _keep_on(session, lambda: "disarm the rig before" in rig.state.note)
+    assert rig.controller == "predictive" and rig.name == "emulated rig, predictive"
+    session.take(window, RigCommand(what="disarm"))
+    _keep_on(session, lambda: rig.state.name == "DISARMED")
+    session.take(window, RigCommand(what="feedforward"))
+    _keep_on(session, lambda: rig.controller == "feedforward")
+    assert not rig.state.note
+
+
 def test_session_that_hangs_lets_the_stick_go(session, rig) -> None:
     window = session.open()
     session.take(window, RigCommand(what="arm"))

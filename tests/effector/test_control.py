@@ -205,6 +205,30 @@ def make_file(**intervals: tuple[float, ...]) -> EffectorFile:
     )  # fmt: skip
 
 
+@pytest.mark.parametrize("plays", [(), (0.3,)])
+def test_models_of_muscles_are_controlled_from_their_dead_band_on(plays):
+    """Without pressure no muscle bends the section: there is no slope to begin with."""
+    motion = EffectorMotion(fill_lag=0.03, bleed_lag=0.03, play_radii=(0.03,)[: len(plays)],
+                            play_weights=plays)  # fmt: skip
+    arm = dataclasses.replace(Effector.from_preset("prototype"), motion=motion)
+    assert not arm.forward([0.05, 0.0, 0.0]).lateral
+    wanted = circle(8.0, 100)
+    wanted[:25] = wanted[25]
+    off = {}
+    for kind in (StaticInverse, PredictiveControl):
+        controller = kind(effector=arm)
+        state, tips = controller.begin(), []
+        for k in range(1, 101):
+            command, state = controller.step(state, wanted[k : k + 20])
+            tips.append(state.tip)
+            assert controller.highest >= command.max() and command.min() >= 0.0
+        off[kind] = rms((np.array(tips) - wanted[1:])[30:])
+    assert 2.0 * off[PredictiveControl] < off[StaticInverse] < 3.0
+    controller = StaticInverse(effector=arm)
+    place = np.array([4.0, -3.0])
+    assert controller.rest_at(place) == pytest.approx(arm.inverse(place).pressures, abs=1e-12)
+
+
 def test_plants_are_off_by_the_standard_errors_of_the_fit():
     half = 1.96 * 0.1
     names = [f"muscles.each.area[{name}]" for name in "ABC"]
@@ -227,7 +251,7 @@ def test_plants_are_off_by_the_standard_errors_of_the_fit():
 
 def test_refusals():
     with pytest.raises(InputError, match="no pulls of its own"):
-        StaticInverse(effector=Effector.from_preset("measured"))
+        InverseInTime(effector=Effector.from_preset("measured"))
     controller = StaticInverse(effector=make_arm())
     with pytest.raises(InputError, match="wanted 90 mm from the axis: it must be 70 mm"):
         controller.step(controller.begin(), [[90.0, 0.0]])

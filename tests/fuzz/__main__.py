@@ -75,6 +75,7 @@ FILES = {
     "saltelli": ("saltelli.yaml", "study.yaml"),
     "results": ("results",),
     "arm": ("arm.yaml",),
+    "head": ("head.yaml",),
     "commands": ("commands.csv",),
     "deflections": ("deflections.csv",),
 }
@@ -130,6 +131,7 @@ LEGAL: dict[str, tuple[int, str]] = {
     "new plan": (1, "--out >.yaml"),
     "new muscle": (1, "--out >.yaml"),
     "new robot": (2, "--sections 2 --tendons 3 --out >.yaml"),
+    "new head": (1, "--out >.yaml"),
     "new study": (1, "--out >.yaml"),
     "new task": (1, "plan-setup --out >.yaml"),
     "continuum pose": (8, "<robot --displacement T1=1mm"),
@@ -148,6 +150,10 @@ LEGAL: dict[str, tuple[int, str]] = {
     "effector simulate": (3, "<arm <commands --out >.csv"),
     "effector track": (3, "<arm --radius 4mm --frequency 2Hz --plants 1 --out >.png"),
     "effector fabricate": (2, "--holder-diameter 11mm --out >"),
+    "head show": (2, "--head <head --out >.png"),
+    "head check": (2, "--head <head --samples 20 --out >.csv"),
+    "head view": (2, "--head <head --samples 20 --out >.png"),
+    "head reach": (3, "<plan <plan's_tract --head <head --samples 20 --spacing 6mm --out >.png"),
     "live": (2, "<tract --diameter 4mm --link 8mm --duration 0.1s --inserted 0.8"),
     "study run": (4, "<study --workers 1 --out >"),
     "study resume": (2, "<results --workers 1"),
@@ -197,7 +203,7 @@ CHOSEN: dict[str, Sequence[str]] = {
 """Values of options that are text with a form of its own."""
 FILE_OPTIONS = {
     "--robot": "robot", "--over": "tract", "--drives": "drives", "--obstacle": "obstacle",
-    "--check": "rows",
+    "--check": "rows", "--head": "head",
 }  # fmt: skip
 PAIRS = ("T1=2mm", "T1=2mm,T2=-1mm", "H1=1mm", "R=300kPa", "R=0.5,G=0.1", "A=0deg,B=90deg",
          "offset=3mm:5mm:3", "segments=12,15", "modulus=0.1MPa:2MPa", "pressure=kPa")  # fmt: skip
@@ -316,6 +322,7 @@ def make_originals(folder: Path) -> None:
     from skimage.measure import marching_cubes
 
     from bozzini.cli.main import main
+    from bozzini.head import Head, write_head
     from bozzini.muscle import EndEffects, MuscleFile, preset, write_muscle
     from bozzini.muscle.loops import fit_loop, read_loop, save_loop_model
     from bozzini.vision import CameraSet, CharucoBoard, PairLayout, StripBoard
@@ -378,6 +385,7 @@ def make_originals(folder: Path) -> None:
         "time [s],A pressure [kPa],B pressure [kPa],C pressure [kPa]\n0,0,0,0\n0.5,300,100,0\n"
     )
     (folder / "arm.yaml").write_text(ARM)
+    write_head(folder / "head.yaml", Head())
     (folder / "rows.csv").write_text("\n".join([",".join(titles), *pulls]) + "\n")
     seen = np.hstack([each.project(np.linspace([0, 0, 10], [9, 5, 30], 9)) for each in pair])
     rows = [",".join(f"{value:.2f}" for value in row) for row in seen]

@@ -430,14 +430,20 @@ def test_labels_are_followed_by_the_bound_alone(rest):
     assert all(frame.status == "held" for frame in frames)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["breathing", "peristalsis", "recorded"])
-def test_a_human_tract_that_moves(upper_gi_dir, name):
+@pytest.fixture(scope="module")
+def human(upper_gi_dir):
     surface = read_tract(upper_gi_dir / "upper_gi_mc1mm.stl")
     field = build_field(surface, voxel=1.0)
     line = find_centreline(field)
     scope = Scope(diameter=6.0, link_length=12.0)
-    plan = insert(field, line, scope=scope, method="tube", head_step=1.0)
+    return surface, field, line, insert(field, line, scope=scope, method="tube", head_step=1.0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["breathing", "peristalsis", "recorded"])
+def test_a_human_tract_that_moves(human, name):
+    surface, field, line, plan = human
+    scope = plan.scope
     sway = Breathing(amplitude=6.0, wavelength=200.0, direction=(1.0, 0.0, 0.0))
     motion = {
         "breathing": sway,
@@ -457,8 +463,8 @@ def test_a_human_tract_that_moves(upper_gi_dir, name):
     assert samples >= 40_000
     # and planned again as a whole, from the introducer
     moving, last = MovingField(field, surface), motion.at(0.0)
-    for number in range(1, 9):
-        now = motion.at(number * motion.period / 8)
+    for number in range(1, 6):
+        now = motion.at(number * motion.period / 6)
         path = carry_tissue(plan.path, last, now=now)
         bounds = {"gradient_bound": now.gradient_bound, "second_bound": now.second_bound}
         lumen = moving.update(now, path=path, radius=scope.radius, **bounds)

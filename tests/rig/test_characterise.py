@@ -148,7 +148,7 @@ def test_pictures_are_listed_as_the_measurement_of_lengths_takes_them(host, tmp_
         command=f"{COPY} {{file}} '{{pressure}} {{direction}} {{repeat}}'",
         folder=tmp_path / "with blanks",
     )
-    found = characterise_muscle(host, SHORT, hook=hook)
+    found = characterise_muscle(host, SHORT, camera=hook)
     assert found.converged, found.reason
     assert not found.has_contraction and "contraction [mm]" not in found.to_frame()
     listed = pd.read_csv(found.save_pictures(tmp_path / "manifest.csv"))
@@ -160,7 +160,7 @@ def test_pictures_are_listed_as_the_measurement_of_lengths_takes_them(host, tmp_
     with pytest.raises(InputError, match="no contraction"):
         found.to_measurements()
     with pytest.raises(OutputError, match="not empty"):
-        characterise_muscle(host, SHORT, hook=hook)
+        characterise_muscle(host, SHORT, camera=hook)
 
 
 @pytest.mark.slow  # pictures are rendered and measured
@@ -178,7 +178,7 @@ def test_pictures_of_a_hook_become_lengths_and_measurements(host, tmp_path):
         vision.write_picture(vision.render_picture(scene, camera), tmp_path / f"{name}.png")
     hook = PictureHook(command=f"cp '{tmp_path}/{{pressure}}.png' {{file}}", folder=tmp_path / "p")
     stairs = Stairs(highest=0.3, steps=1, repeats=2, hold=0.4, load=LOAD)
-    table = characterise_muscle(host, stairs, hook=hook)
+    table = characterise_muscle(host, stairs, camera=hook)
     assert table.converged, table.reason
     path = table.save_pictures(tmp_path / "p" / "manifest.csv")
     series = vision.measure_series(
@@ -210,7 +210,7 @@ def test_a_hook_that_fails_flags_the_step(host, tmp_path, words, flag):
     hook = PictureHook(
         command=f"{sys.executable} -S -c '{words}' {{file}}", folder=tmp_path / "p", timeout=0.1
     )
-    found = characterise_muscle(host, SHORT, hook=hook, gauge=PlantGauge(plant_of(host)))
+    found = characterise_muscle(host, SHORT, camera=hook, gauge=PlantGauge(plant_of(host)))
     assert len(found.rows) == found.flagged == 3
     assert all(flag in "; ".join(row.flags) for row in found.rows)
     assert np.isfinite(found.to_measurements().contraction).all()
@@ -220,7 +220,7 @@ def test_what_a_hook_has_started_ends_with_it(host, tmp_path):
     alive = tmp_path / "alive"
     words = f"sh -c '(sleep 0.4; touch {alive}) & wait' {{file}}"
     hook = PictureHook(command=words, folder=tmp_path / "p", timeout=0.1)
-    characterise_muscle(host, SHORT, hook=hook)
+    characterise_muscle(host, SHORT, camera=hook)
     time.sleep(0.4)
     assert not alive.exists()
 

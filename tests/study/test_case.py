@@ -93,13 +93,10 @@ def judge_in_study(seed: int, scope: Scope) -> tuple[int, float]:
 
 
 @pytest.mark.slow(60)
-@pytest.mark.parametrize("seeds", [(0, 2)], ids=str)  # 0 to 39 agree, too
-def test_all_routes_have_one_answer(seeds, monkeypatch) -> None:
+def test_all_routes_have_one_answer(monkeypatch) -> None:
     # What would fit is not compared here, and to seek it takes most of the time.
     monkeypatch.setattr(insertion, "find_advice", lambda job, refusal, *, progress: refusal)
-    met = set()
-    for seed in seeds:
-        met |= check_agreement(seed)
+    met = check_agreement(seed=2)  # 0 to 39 agree, too
     assert "" in met and len(met) > 1
 
 
@@ -125,11 +122,12 @@ def check_agreement(seed: int) -> set[str]:
         plan = run_insertion(tract, scope, options=options).plan
         known = answer(plan)
         assert answer(case.plan(scope).plan) == known
-        assert answer(case.judge(scope).plan)[::2] == known[::2]
+        judged = case.judge(scope)
+        assert answer(judged.plan)[::2] == known[::2]
         assert answer(plan_in_cockpit(bench, scope)) == known
         code, clearance = judge_in_study(seed, scope)
         assert (code == 0) == (known[0] == "complete" and known[2] is not None)
-        assert code in (0, 2, 3) and (code != 2 or diameter > 2.0 * case.judge(scope).passage.bound)
+        assert code in (0, 2, 3) and (code != 2 or diameter > 2.0 * judged.passage.bound)
         if code == 0:
             assert clearance == pytest.approx(known[2], abs=1e-6)
         codes.add(known[1])

@@ -102,6 +102,16 @@ def test_a_straight_tube_is_the_same_from_two_points_or_many():
     assert first == pytest.approx(second, abs=2e-3)
 
 
+def test_a_picture_is_the_same_whatever_was_rendered_before():
+    camera, board = _camera(), StripBoard()
+    scenes = [HungMuscle(length=length).make_scene(board) for length in (20.0, 24.0)]
+    for scene in (*scenes, dataclasses.replace(scenes[0], background=0.3)):
+        found = render_picture(scene, camera, sensor=CLEAN).values
+        fresh = dataclasses.replace(scene, board=dataclasses.replace(board))
+        anew = render_picture(fresh, dataclasses.replace(camera), sensor=CLEAN).values
+        assert np.array_equal(found, anew)
+
+
 @pytest.mark.parametrize("lean", [0.0, 0.2])
 @pytest.mark.parametrize("samples", [1, 2])
 def test_edges_of_bands_cover_their_share_of_a_pixel(samples, lean):

@@ -152,11 +152,6 @@ def read_tract(
             raise InputError(f"{path} is a surface: it has no labels to select")
         return read_surface(path, part=part, unit=unit, frame=frame, repair=repair)
     known = ", ".join(LABEL_SUFFIXES + SURFACE_SUFFIXES)
-    if has_suffix(path, (".json", ".yaml", ".yml")):
-        raise FileFormatError(
-            f"{path} is no label volume and no surface ({known}): shapes are composed and planned "
-            "in from Python, by bozzini.duct.load and bozzini.plan_insertion"
-        )
     raise FileFormatError(f"{path}: cannot tell its kind from the name; known are {known}")
 
 

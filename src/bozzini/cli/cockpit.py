@@ -9,6 +9,7 @@ import click
 
 from ..effector.design import DEFAULT_PRESET
 from ..errors import InputError
+from ..rig.choices import CONTROLLERS
 from ..study.options import PathOptions, ReadOptions
 from ._tract_options import MovingBody, list_given, tract_options
 from .common import (
@@ -37,7 +38,17 @@ __all__ = ["command"]
 )
 @option("--rig RIG", "Drive a rig: demo (an emulated one), or serial:PORT.")
 @option("--board", "Of the emulated rig.", ("emulated", "native"), default="emulated")
-@option("--effector NAME", "The end-effector.", default=DEFAULT_PRESET)
+@option(
+    "--controller",
+    "Of the rig: see 'bozzini rig run'; the page has the choice too.",
+    CONTROLLERS,
+    default=CONTROLLERS[0],
+)
+@option(
+    "--effector NAME|FILE",
+    "The end-effector; or a file of 'bozzini effector fit --out', ending in .yaml or .json.",
+    default=DEFAULT_PRESET,
+)
 @option(
     "--host ADDRESS",
     "Listen there, such as 0.0.0.0; others than this computer need the token.",
@@ -70,6 +81,7 @@ def command(
     moving: str | None,
     rig: str | None,
     board: str,
+    controller: str,
     effector: str,
     host: str,
     port: int,
@@ -95,6 +107,8 @@ def command(
         from ..cockpit.run import Cockpit, CockpitOptions
 
         check_rig(rig)
+        if rig is None and controller != "static":
+            raise InputError("--controller has no effect without --rig")
         if source is None and list_given(reading):
             raise InputError(f"--{list_given(reading)[0]} has no effect without an INPUT")
         if source is not None and not os.path.exists(source):
@@ -120,6 +134,7 @@ def command(
             rig=rig,
             board=board,
             effector=effector,
+            controller=controller,
             operator=operator,  # type: ignore[arg-type]
             is_shown=not no_browser,
         )

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..checks import ceil_mm, floor_mm
+from ..motion.chain_task import ChainTask
 from ..results import Json
 from ..study.options import FITTED_KINDS, PathOptions, ReadOptions, TractFitOptions
 from ._tract_options import (
@@ -30,6 +31,7 @@ from .common import (
     options_of,
     run_exit,
 )
+from .task import make_command
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -320,3 +322,6 @@ def _describe_sections(study: SectionStudy, out: Path | None) -> str:
     if out is not None:
         lines.append(str(out))
     return "\n".join(lines)
+
+
+command.add_command(make_command(ChainTask))

@@ -222,7 +222,7 @@ def make_fit(effector_options: Callable[[Command], Command]) -> click.Command:
         --pulls and without --free all laws of pull, angles and lags are.
 
         Runs are left out in turn and predicted from their commands alone. Beside a fit in time
-        stand a constant and polynomials of two past samples.
+        stand a constant and polynomials of two past samples. The file of --out holds a rest too.
 
         Exit code 0: fitted; 1: not converged, not determined, or poor: off by more than 5 % of the
         range; 2: bad input.
@@ -230,8 +230,11 @@ def make_fit(effector_options: Callable[[Command], Command]) -> click.Command:
         from ..effector.files import EffectorFile, write_effector
         from ..effector.fit import fit_effector, format_errors
         from ..effector.measured import read_effector_measurements
+        from ..effector.rest import is_storable
 
         check_target(figure, PICTURES, force=answer.force)
+        if answer.out is not None and options.rest and not is_storable(options.rest):
+            raise InputError(f"the rest '{options.rest}' cannot be written: leave --out or it out")
         titles = _parse_columns(columns)
         whole = read_effector_measurements(table, per_volt=per_volt, columns=titles)
         data, checked = whole, {}
@@ -270,6 +273,7 @@ def make_fit(effector_options: Callable[[Command], Command]) -> click.Command:
                 model=asked.model_name if of_model else "energy",
                 choices=asked.choices if of_model else {},
                 per_volt=per_volt,
+                rest=options.rest,
             )
             write_effector(answer.out, file)
         if figure is not None:

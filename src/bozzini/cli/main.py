@@ -52,6 +52,7 @@ COMMANDS = {
     "continuum": "Bend a tendon robot: pose, reach, compare models, workspace.",
     "rig": "Drive the pneumatic rig, emulated or on the bench.",
     "effector": "Bend a catheter tip by pneumatic muscles: pose, reach, trace.",
+    "head": "Look down on a catheter tip: a distal head's view and reach.",
     "study": "Compute many rows from one file: sweeps, tolerances, maps.",
     "uncertainty": "State how sure a plan or a study is, and what that comes of.",
     "vision": "Measure lengths, shapes and points in pictures; calibrate.",
@@ -105,6 +106,10 @@ class LazyGroup(click.Group):
         """Write the table of commands without importing any of them."""
         with formatter.section("Commands"):
             formatter.write_dl(list({**COMMANDS, **_list_tasks()}.items()))
+        for point in entry_points(group="bozzini.tasks"):
+            if point.name in COMMANDS:
+                reason = f"left out, as a command of Bozzini is called '{point.name}'"
+                formatter.write_text(f"The task of {point.value} is {reason}.")
 
 
 def _list_tasks() -> dict[str, str]:

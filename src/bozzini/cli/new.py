@@ -84,6 +84,12 @@ constraints: # what a row must keep to be feasible: at_least, at_most, or both
 """
 
 
+HEAD_HEAD = """\
+# A distal head; one to three end-effectors, each with a preset, changes in its design, and an
+# instrument: separate, integrated or none. Each field, with its range: bozzini schema head
+"""
+
+
 @click.group("new", cls=CheckedGroup)
 def command() -> None:
     """Write a file to start from, with comments, that runs as it is."""
@@ -149,6 +155,18 @@ def robot_command(sections: int, tendons: int, answer: Answer) -> None:
     text = write_template(sections=sections, tendons=tendons, file="{file}")
     line = f"bozzini continuum pose {{file}} {suggest_option(tendons)}"
     _write(answer, text, line, sections=sections, tendons=sections * tendons)
+
+
+@command.command("head")
+@_file_options("head.yaml")
+def head_command(answer: Answer) -> None:
+    """Write a distal head: camera, cap, and an end-effector with its instrument."""
+    from ..head.design import Head
+    from ..io.records import format_yaml, write_record
+
+    head = Head()
+    text = format_yaml({"kind": head.kind, **write_record(head, with_units=True)})
+    _write(answer, HEAD_HEAD + text, "bozzini head check --head {file}")
 
 
 @command.command("study")

@@ -17,6 +17,8 @@ from ..checks import check_number
 from ..effector.design import DEFAULT_PRESET
 from ..errors import InputError
 from ..results import format_rows
+from ..rig.choices import CONTROLLERS
+from ..rig.protocol import SETPOINT_MAX
 from ..rig.stairs import Stairs
 from .common import (
     EXIT_NEGATIVE,
@@ -36,6 +38,7 @@ from .common import (
     run_exit,
 )
 from .muscle_options import CHOICES, FIELDS, Request, one_model_options
+from .rig_camera import CameraRequest, camera_options, characterise_by_camera
 
 if TYPE_CHECKING:
     from ..effector import Effector
@@ -56,7 +59,11 @@ board_option = option(
 seed_option = click.option("--seed", default=0, show_default=True, help="Of the sensors' noise.")
 duration_option = option("--duration TIME", "How long.", "time", default="10s")
 period_option = option("--period TIME", "Of the host's loop.", "time", default="10ms")
-preset_option = option("--preset NAME", "The end-effector.", default=DEFAULT_PRESET)
+preset_option = option(
+    "--preset NAME|FILE",
+    "The end-effector; or a file of 'bozzini effector fit --out', ending in .yaml or .json.",
+    default=DEFAULT_PRESET,
+)
 
 
 @click.group("rig", cls=CheckedGroup)
@@ -65,9 +72,9 @@ def command() -> None:
 
 
 def _make_effector(preset: str) -> Effector:
-    from ..effector import Effector
+    from ..rig import open_rig_effector
 
-    return Effector.from_preset(preset)
+    return open_rig_effector(preset)
 
 
 @contextmanager
@@ -80,7 +87,8 @@ def _open_link(
     if port is not None:
         link: Link = SerialLink(port)
     else:
-        link = LockstepLink(emulate_rig(effector.models, board=board, seed=seed))
+        rig = emulate_rig(effector.models, board=board, seed=seed, motion=effector.motion)
+        link = LockstepLink(rig)
     try:
         yield link
     finally:
@@ -162,9 +170,11 @@ def demo_command(board: BoardKind, seed: int, answer: Answer) -> None:
 )
 @option("--frequency FREQUENCY", "Of the circles.", "frequency", default="0.5Hz")
 @option(
-    "--feedforward",
-    "Open the valves by the model of the plant, of the constants that the emulated rig has.",
-    is_flag=True,
+    "--controller",
+    "What makes set-points of the tip's place: the static inverse; the same with valves opened by "
+    "a model of the plant, of the constants that the emulated rig has; or predictive control.",
+    CONTROLLERS,
+    default=CONTROLLERS[0],
 )
 @duration_option
 @period_option
@@ -176,27 +186,26 @@ def run_command(
     preset: str,
     stick: str,
     frequency: float,
-    feedforward: bool,
+    controller: str,
     duration: float,
     period: float,
     answer: Answer,
 ) -> None:
     """Steer the tip by a stick: stick, inverse kinematics, pressures, forward kinematics.
 
+    The predictive controller looks ahead in a model of the section in time, at 50 Hz, within the
+    board's limits of pressure and rate.
+
     Without --port the rig is an emulated one in lock-step: the same numbers every time.
     """
-    from ..rig import Chamber, Feedforward, Host, PlantDesign, Steering, make_stick
+    from ..rig import Host, Steering, make_controller, make_stick
 
     effector = _make_effector(preset)
     source = make_stick(stick, frequency=frequency, duration=duration)
     with _open_link(port, effector, board, seed) as link, answer.show_progress() as progress:
         host = Host(link, period=period)
-        found = host.connect()
-        ahead = None
-        if feedforward:
-            chambers = [Chamber.from_model(model) for model in effector.models]
-            ahead = Feedforward(PlantDesign(), chambers, found, period=period)
-        steering = Steering(effector, source, feedforward=ahead)
+        made = make_controller(controller, effector, host.connect(), period=period)
+        steering = Steering(effector, source, controller=made)
         run = host.run(steering, duration, progress=progress)
     _write_log(run, answer)
     answer.give(run, _describe_run(run))
@@ -240,7 +249,8 @@ def emulate_command(board: BoardKind, seed: int, preset: str, duration: float | 
 
     from ..rig import emulate_rig, serve
 
-    rig = emulate_rig(_make_effector(preset).models, board=board, seed=seed)
+    effector = _make_effector(preset)
+    rig = emulate_rig(effector.models, board=board, seed=seed, motion=effector.motion)
     rig.run(0.01)  # what is compiled on first use is compiled now
     stop = threading.Event()
     if duration is not None:
@@ -295,6 +305,13 @@ def selftest_command(port: str | None, board: BoardKind, answer: Answer) -> None
     default="0.05mm",
 )
 @options_of(Stairs, "stairs")
+@camera_options
+@option(
+    "--play",
+    "Half width of the backlash between pressure and contraction of the emulated muscle.",
+    "pressure",
+    default="0kPa",
+)
 @option("--hook PROGRAM", "Takes a picture at each step, see above.")
 @option("--hook-timeout TIME", "Longest time a picture may take.", "time", default="10s")
 @option("--plot FILE", "A picture of the curve.", OUTPUT)
@@ -306,6 +323,8 @@ def characterise_command(
     asked: Request,
     reading_error: float,
     stairs: Stairs,
+    seen: CameraRequest,
+    play: float,
     hook: str | None,
     hook_timeout: float,
     plot: Path | None,
@@ -322,47 +341,79 @@ def characterise_command(
     deflating, {repeat} the number of the repeat. The pictures go to a directory beside the table,
     with a manifest.csv for 'bozzini vision length'. If PROGRAM fails, the step is flagged.
 
+    With --camera it goes to the end: it measures the lengths in the pictures, fits the model (its
+    tube's modulus, its braid's angle and an offset), and writes a report with contraction,
+    hysteresis and stiffness, a file of the fit and the lengths beside the table. 'rendered' draws
+    the pictures from the emulated muscle as it truly is; the fit starts from a typical tube and
+    braid. With a real camera the options of the muscle are where the fit starts.
+
     When it is interrupted it vents and writes what was measured.
 
     Exit code 0: all steps settled; 1: some are flagged, or the board left its armed state; 2: bad
     input.
     """
+    from ..effector.motion import EffectorMotion
     from ..rig import Host, LockstepLink, SerialLink, emulate_rig
-    from ..rig.characterise import Characterisation, PictureHook, PlantGauge, characterise_muscle
+    from ..rig.characterise import (
+        Characterisation,
+        Gauge,
+        PictureHook,
+        PlantGauge,
+        characterise_muscle,
+    )
     from ..rig.plant import Chamber
 
     table = answer.target
     check_target(plot, PICTURES, force=answer.force)
-    camera, gauge = None, None
+    seen.check(port=port, hook=hook)
+    if port is not None:
+        plant = ("board", "seed", "reading_error", "play")
+        refuse_options(plant, "with --port")
+        if seen.camera is None:
+            refuse_options(("preset", "muscle_file", "settings", *CHOICES, *FIELDS), "with --port")
+    check_number("play", play, low=0.0, high=SETPOINT_MAX, unit="MPa")
+
+    @contextmanager
+    def open_host(weight: float) -> Iterator[tuple[Host, Gauge | None]]:
+        gauge: Gauge | None = None
+        if port is not None:
+            link: Link = SerialLink(port)
+        else:
+            chamber = Chamber.from_model(asked.build(pressure=stairs.highest), weight)
+            motion = EffectorMotion(play_radii=(play,), play_weights=(1.0,)) if play > 0.0 else None
+            rig = emulate_rig(chamber, board=board, seed=seed, motion=motion)
+            link = LockstepLink(rig)
+            error = 0.0 if seen.camera is not None else reading_error
+            gauge = PlantGauge(rig.plant, stairs.muscle, deviation=error, seed=seed)
+        try:
+            host = Host(link)
+            host.connect()
+            yield host, gauge
+        finally:
+            link.close()
+
+    if seen.camera is not None:
+        refuse_options(("reading_error",), "with --camera")
+        if plot is not None:
+            raise InputError("--plot has no effect with --camera: the report has the pictures")
+        characterise_by_camera(seen, open_host, stairs, asked=asked, answer=answer, seed=seed)
+        return
+    camera = None
     if hook is not None:
         pictures = table.with_name(f"{table.stem}-pictures")
         camera = PictureHook(command=hook, folder=pictures, timeout=hook_timeout)
     elif port is not None:
-        raise InputError("--port needs --hook: nothing else measures the muscle's length")
-    if port is not None:
-        plant = ("board", "seed", "reading_error", "preset", "muscle_file", "settings")
-        refuse_options((*plant, *CHOICES, *FIELDS), "with --port")
-        link: Link = SerialLink(port)
-    else:
-        model = asked.build(pressure=stairs.highest)
-        rig = emulate_rig(Chamber.from_model(model, stairs.load), board=board, seed=seed)
-        link = LockstepLink(rig)
-        gauge = PlantGauge(rig.plant, stairs.muscle, deviation=reading_error, seed=seed)
+        raise InputError("--port needs --hook or --camera: nothing else measures the length")
 
     def save(found: Characterisation) -> None:
         found.save(table)
         if any(row.image for row in found.rows) and camera is not None:
             found.save_pictures(camera.folder / "manifest.csv")
 
-    try:
-        host = Host(link)
-        host.connect()
-        with answer.show_progress() as progress:
-            found = characterise_muscle(
-                host, stairs, gauge=gauge, hook=camera, keep=save, progress=progress
-            )
-    finally:
-        link.close()
+    with open_host(stairs.load) as (host, gauge), answer.show_progress() as progress:
+        found = characterise_muscle(
+            host, stairs, gauge=gauge, camera=camera, keep=save, progress=progress
+        )
     save(found)
     if plot is not None:
         dataclasses.replace(answer, out=plot).draw(found.plot)

@@ -98,11 +98,19 @@ def _describe_study() -> Json:
     return schema
 
 
+def _describe_head() -> Json:
+    from ..head.design import Head
+    from ..io.schema import make_schema
+
+    return make_schema(Head, "Bozzini head")
+
+
 SCHEMAS: dict[str, Callable[[], Json]] = {
     "plan": _describe_plan,
     "options": _describe_options,
     "robot": _describe_robot,
     "muscle": _describe_muscle,
+    "head": _describe_head,
     "shapes": _describe_shapes,
     "study": _describe_study,
 }

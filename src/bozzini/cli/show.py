@@ -45,10 +45,10 @@ def command(sources: tuple[Path, ...], reading: ReadOptions, opened: bool, answe
     """Show plans, tracts, shapes, robots, muscles and points in 3-D, on one page.
 
     A FILE is a plan or a robot's motion along one (.npz), a label volume or a surface as for
-    'bozzini plan', shapes, a robot or a muscle (.yaml, .json; a muscle is shown as the three of an
-    end-effector), or points (.csv with x_mm, y_mm and z_mm, as the tips of a workspace). A plan and
-    the file that it was made from are shown together. The page turns, plays, measures, and shows
-    what a camera at the tip sees.
+    'bozzini plan', shapes, a robot, a muscle or a distal head (.yaml, .json; a muscle is shown as
+    the three of an end-effector), or points (.csv with x_mm, y_mm and z_mm, as the tips of a
+    workspace). A plan and the file that it was made from are shown together. The page turns, plays,
+    measures, and shows what a camera at the tip sees.
     """
     if list_given(reading) and not any(map(_is_tract, sources)):
         raise InputError("there is no tract among the files: leave out how one is read")
@@ -134,7 +134,7 @@ def _is_same(one: LabelTract | SurfaceTract, other: LabelTract | SurfaceTract) -
 
 
 def _read_data(path: Path) -> Shown:
-    """Return the shapes, the robot or the end-effector of a file of plain data."""
+    """Return the shapes, the robot, the end-effector or the head of a file of plain data."""
     from ..io.records import load_data
 
     data = load_data(path)
@@ -147,6 +147,10 @@ def _read_data(path: Path) -> Shown:
         from ..continuum import ContinuumRobot
 
         return ContinuumRobot.from_yaml(path)
+    if "camera" in keys:
+        from ..head.design import read_head
+
+        return read_head(path)
     if "muscle" in keys:
         from ..effector import Effector
         from ..effector.design import DEFAULT_PRESET, effector_preset
@@ -157,7 +161,8 @@ def _read_data(path: Path) -> Shown:
         muscles = tuple(replace(each, muscle=muscle) for each in design.muscles)
         return Effector(design.replace(muscles=muscles, backbone_length=muscle.length))
     raise FileFormatError(
-        f"{path} has no 'shapes', 'sections' or 'muscle': it must hold shapes, a robot or a muscle"
+        f"{path} has no 'shapes', 'sections', 'muscle' or 'camera': it must hold shapes, a robot, "
+        "a muscle or a head"
     )
 
 

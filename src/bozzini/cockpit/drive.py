@@ -13,9 +13,12 @@ import numpy as np
 from ..effector import Effector, EffectorInverse, Stick, find_stick_scale, steer
 from ..errors import BozziniError, InputError
 from ..numeric.arrays import Floats
+from ..rig.choices import CONTROLLERS
 from ..rig.host import SILENCE_LIMIT, Host, describe_faults
+from ..rig.hysteresis import MotionObserver
 from ..rig.link import Link, LockstepLink
-from ..rig.protocol import SETPOINT_MAX, SetPoint, State
+from ..rig.protocol import SETPOINT_MAX, State
+from ..rig.steering import find_set_points, make_controller, open_rig_effector
 
 PERIOD = 0.01
 """Of the loop that drives the rig [s]."""
@@ -94,6 +97,8 @@ class EffectorDrive:
     has_rig = False
     name = "model without a rig"
     """What is driven, for people."""
+    controller = ""
+    """Name of the controller of a rig, one of `bozzini.rig.CONTROLLERS`."""
 
     def __init__(self, effector: Effector) -> None:
         if len(effector.design.muscles) != 3:
@@ -113,9 +118,16 @@ class EffectorDrive:
         raw = unit.centre + unit.span * wanted * np.array([1.0, -1.0])  # y of a stick goes down
         return steer(self.effector, raw, stick=unit, scale=self.scale)
 
-    def find_state(self, found: EffectorInverse, measured: Floats) -> DriveState:
-        """Return the state under measured pressures [MPa], without what only a board knows."""
-        posed = self.effector.forward(np.clip(measured, 0.0, self.limit))
+    def find_state(
+        self, found: EffectorInverse, measured: Floats, *, acting: Floats | None = None
+    ) -> DriveState:
+        """Return the state under measured pressures [MPa], without what only a board knows.
+
+        The muscles contract by those `acting`, by default the measured ones.
+        """
+        posed = self.effector.forward(
+            np.clip(measured if acting is None else acting, 0.0, self.limit)
+        )
         setpoints = np.clip(found.pressures, 0.0, SETPOINT_MAX)
         return DriveState(
             reason=str(found.reason),
@@ -139,7 +151,7 @@ class EffectorDrive:
             listen(replace(self.state, time=time.monotonic()))
 
     def command(self, what: str) -> None:
-        """Arm or disarm the rig, or clear its fault.
+        """Arm or disarm the rig, clear its fault, or choose its controller by name.
 
         Raises
         ------
@@ -162,20 +174,23 @@ class RigDrive(EffectorDrive):
     effector : Effector
     link : Link
         To a board on the bench, or to an emulated rig in lock-step, which is run in real time.
+    controller : str
+        One of `bozzini.rig.CONTROLLERS`, to begin with.
 
     Raises
     ------
     InputError
-        If no board answers.
+        If no board answers, or the effector's model cannot serve the controller.
     """
 
     has_rig = True
 
-    def __init__(self, effector: Effector, link: Link) -> None:
+    def __init__(self, effector: Effector, link: Link, *, controller: str = "static") -> None:
         super().__init__(effector)
-        self.name = "emulated rig" if isinstance(link, LockstepLink) else "rig on the bench"
         self.host = Host(link, period=PERIOD)
-        self.host.connect()
+        self._board = self.host.connect()
+        self._take_controller(controller)
+        self._observer, self._observed_at = MotionObserver(effector.motion), link.now
         self.note = ""
         self._held_at = time.monotonic()
         self._commands: queue.SimpleQueue[str] = queue.SimpleQueue()
@@ -191,8 +206,19 @@ class RigDrive(EffectorDrive):
         self.travel, self._held_at = travel, time.monotonic()
 
     def command(self, what: str) -> None:
-        """Let the thread arm or disarm the rig, or clear its fault."""
+        """Let the thread arm or disarm the rig, clear its fault, or choose its controller."""
         self._commands.put(what)
+
+    def _take_controller(self, name: str) -> None:
+        """Make a controller anew."""
+        self._made = make_controller(name, self.effector, self._board, period=PERIOD)
+        self.controller = name
+        rig = "emulated rig" if isinstance(self.host.link, LockstepLink) else "rig on the bench"
+        self.name = rig if name == CONTROLLERS[0] else f"{rig}, {name}"
+
+    def _arm(self) -> None:
+        self._take_controller(self.controller)  # one serves one run
+        self.host.arm()
 
     def close(self) -> None:
         """Vent the muscles and end the connection."""
@@ -236,11 +262,18 @@ class RigDrive(EffectorDrive):
         return ahead
 
     def _obey(self) -> None:
-        """Give the board the commands of the windows."""
+        """Do what the windows command."""
+        host = self.host
+        acts = {"arm": self._arm, "disarm": host.disarm, "clear": host.clear}
         while not self._commands.empty():
             what = self._commands.get()
             try:
-                {"arm": self.host.arm, "disarm": self.host.disarm, "clear": self.host.clear}[what]()
+                if what in acts:
+                    acts[what]()
+                elif host.state is State.ARMED:
+                    raise InputError("disarm the rig before its controller is changed")
+                else:
+                    self._take_controller(what)
                 self.note = ""
             except InputError as error:
                 self.note = str(error)
@@ -257,9 +290,16 @@ class RigDrive(EffectorDrive):
         if time.monotonic() - self._held_at > HOLD_LIMIT:
             self.travel = np.zeros(2)
         found = self.solve(self.travel if is_armed else np.zeros(2))
-        state = self.find_state(found, np.array(board.pressures, dtype=np.float64))
+        measured = np.array(board.pressures, dtype=np.float64)
+        acting = self._observer.observe(now - self._observed_at, measured)
+        self._observed_at = now
+        state = self.find_state(found, measured, acting=acting)
         if is_armed:
-            host.send(SetPoint(tuple(state.setpoints.tolist())))
+            sent = find_set_points(
+                self._made, now, place=found.delivered, pressures=found.pressures, board=board
+            )
+            host.send(sent)
+            state = replace(state, setpoints=np.array(sent.pressures))
         note = describe_faults(host.faults) or self.note
         name = host.state.name
         if now - self._heard_at > SILENCE_LIMIT:
@@ -271,35 +311,42 @@ class RigDrive(EffectorDrive):
 
 
 def open_drive(
-    effector_name: str, *, rig: str | None = None, board: str = "emulated"
+    effector_name: str,
+    *,
+    rig: str | None = None,
+    board: str = "emulated",
+    controller: str = "static",
 ) -> EffectorDrive:
-    """Return the drive of a preset of the end-effector.
+    """Return the drive of an end-effector.
 
     Parameters
     ----------
     effector_name : str
-        One of `bozzini.effector.EFFECTOR_PRESETS`.
+        One of `bozzini.effector.EFFECTOR_PRESETS`, or a file of a fitted one.
     rig : str, optional
         ``"demo"`` for an emulated one, ``"serial:PORT"`` for a board on the bench; None: none.
     board : {"emulated", "native"}
         See `bozzini.rig.emulate_rig`.
+    controller : str
+        Of a rig: see `bozzini.rig.make_controller`.
 
     Raises
     ------
     InputError
-        If the name or the rig is none, or no board answers.
+        If the name or the rig is none, the effector is none for a rig, or no board answers.
     """
     from ..rig import SerialLink, emulate_rig
 
     check_rig(rig)
-    effector = Effector.from_preset(effector_name)
+    effector = open_rig_effector(effector_name)
     if rig is None:
         return EffectorDrive(effector)
     if rig == "demo":
-        link: Link = LockstepLink(emulate_rig(effector.models, board=board))  # type: ignore[arg-type]
+        emulated = emulate_rig(effector.models, board=board, motion=effector.motion)  # type: ignore[arg-type]
+        link: Link = LockstepLink(emulated)
     else:
         link = SerialLink(rig.removeprefix("serial:"))
-    return RigDrive(effector, link)
+    return RigDrive(effector, link, controller=controller)
 
 
 def check_rig(rig: str | None) -> None:

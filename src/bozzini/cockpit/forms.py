@@ -78,6 +78,10 @@ def list_words(name: str, values: Mapping[str, str]) -> list[str]:
     return [*kind.command.split(), *options, *(["--", *files] if files else [])]
 
 
+TIME_LIMIT = 1800.0
+"""Time that the command of a form may take [s]."""
+
+
 async def fill_form(name: str, values: Mapping[str, str]) -> Json:
     """Return what the command of a form answers, and the command itself.
 
@@ -94,10 +98,15 @@ async def fill_form(name: str, values: Mapping[str, str]) -> Json:
         stderr=asyncio.subprocess.DEVNULL,
     )
     try:
-        answer, _ = await process.communicate()
+        answer, _ = await asyncio.wait_for(process.communicate(), TIME_LIMIT)
+    except TimeoutError:
+        message = f"the command was ended after {TIME_LIMIT / 60.0:g} minutes: run it in a terminal"
+        found = {"error": {"message": message}}
+        return {"command": shlex.join(["bozzini", *words]), "answer": found}
     finally:
         if process.returncode is None:
             process.kill()
+            await process.wait()
     try:
         found = json.loads(answer)
     except ValueError:

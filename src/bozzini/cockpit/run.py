@@ -44,7 +44,9 @@ class CockpitOptions:
     board : {"emulated", "native"}
         Of the emulated rig.
     effector : str
-        Preset of the end-effector.
+        Preset of the end-effector, or file of a fitted one.
+    controller : str
+        Of the rig to begin with, one of `bozzini.rig.CONTROLLERS`.
     operator : {"line", "circle"} or None
         What a scripted operator draws; the cockpit ends after it.
     is_shown : bool
@@ -57,6 +59,7 @@ class CockpitOptions:
     rig: str | None = None
     board: str = "emulated"
     effector: str = DEFAULT_PRESET
+    controller: str = "static"
     operator: FigureKind | None = None
     is_shown: bool = True
 
@@ -173,7 +176,10 @@ class Cockpit:
     def _open_drive(self) -> EffectorDrive:
         from .drive import open_drive
 
-        drive = open_drive(self.options.effector, rig=self.options.rig, board=self.options.board)
+        options = self.options
+        drive = open_drive(
+            options.effector, rig=options.rig, board=options.board, controller=options.controller
+        )
         if self._has_ended:
             drive.close()
         return drive

@@ -458,6 +458,7 @@ class Session:
         return {
             "kind": "status",
             "rig": None if state is None else state.name,
+            "controller": None if drive is None else drive.controller,
             "note": (state.note if state is not None and state.note else self.note),
             "reason": "" if state is None else state.reason,
             "reservoir_MPa": None

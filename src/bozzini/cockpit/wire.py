@@ -25,6 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..checks import check_fields, check_number, quantity
 from ..errors import InputError
 from ..io.records import check_depth
+from ..rig.choices import CONTROLLERS
 
 MAGIC = 0x315A4342
 """The first four bytes of a frame of the body, ``BCZ1``."""
@@ -164,9 +165,9 @@ class Play:
 
 @dataclass(frozen=True, kw_only=True)
 class RigCommand:
-    """Arm or disarm the rig, or clear its fault."""
+    """Arm or disarm the rig, clear its fault, or choose its controller."""
 
-    what: str = quantity("text", words=("arm", "disarm", "clear"))
+    what: str = quantity("text", words=("arm", "disarm", "clear", *CONTROLLERS))
 
     def __post_init__(self) -> None:
         check_fields(self, "rig ")

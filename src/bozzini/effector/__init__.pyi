@@ -16,7 +16,7 @@ from .design import (
 )
 from .effector import Effector
 from .equilibrium import BALANCE_METHODS, Balance, balance
-from .files import EffectorFile, read_effector, write_effector
+from .files import EffectorFile, open_effector, read_effector, write_effector
 from .fit import EffectorFit, EffectorFitOptions, EffectorPrediction, FittedNumber, fit_effector
 from .inverse import (
     INVERSE_OUTCOMES,
@@ -133,6 +133,7 @@ __all__ = [
     "passive_stiffness",
     "place_curve",
     "place_tips",
+    "open_effector",
     "pose",
     "effector_preset",
     "project_inverse",

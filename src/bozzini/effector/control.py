@@ -35,6 +35,8 @@ _FARTHEST = 0.7
 """Largest lateral place of the tip that has an inverse, in lengths of the backbone."""
 _SWING = 0.007
 """Share of the largest command over which slopes of the tip are taken: plays have kinks."""
+_ONSET, _ONSET_STEPS = 0.01, 201
+"""Share of its largest bend from which on a muscle counts as bending, and pressures tried."""
 _SHARES = (0.0, 0.25, 0.5, 1.0)
 """Shares of a change of plan that are tried."""
 
@@ -66,7 +68,7 @@ class ControlState:
 
 @dataclass(frozen=True, kw_only=True)
 class Controller(ABC):
-    """Commands, within limits of pressure and rate, for an end-effector with pulls of its own.
+    """Commands, within limits of pressure and rate, for an end-effector.
 
     Parameters
     ----------
@@ -82,7 +84,7 @@ class Controller(ABC):
     Raises
     ------
     InputError
-        If it has no pulls, or a value is not legal.
+        If a value is not legal.
     """
 
     effector: Effector
@@ -95,11 +97,11 @@ class Controller(ABC):
     def __post_init__(self) -> None:
         check_kind("effector", self.effector, Effector)
         check_fields(self)
-        if self.effector.pulls is None:
-            raise InputError(
-                "this end-effector has no pulls of its own: control in time takes one that has, "
-                "such as of 'bozzini effector fit --pulls'"
-            )
+
+    @property
+    def farthest(self) -> float:
+        """Largest distance from the axis at which the tip may be wanted [mm]."""
+        return _FARTHEST * self.effector.design.backbone_length
 
     @property
     def highest(self) -> float:
@@ -153,11 +155,11 @@ class Controller(ABC):
         return command, ControlState(motion, command, tips[0, 1], miss, plan)
 
     def _check_reach(self, places: Floats) -> None:
-        most = _FARTHEST * self.effector.design.backbone_length
-        size = np.hypot(*places.T)
-        if not size.max() <= most:
+        size = np.hypot(*places.T).max()
+        if not size <= self.farthest:
             raise InputError(
-                f"the tip is wanted {size.max():g} mm from the axis: it must be {most:g} mm at most"
+                f"the tip is wanted {size:g} mm from the axis: it must be {self.farthest:g} mm at "
+                "most"
             )
 
     @abstractmethod
@@ -177,6 +179,8 @@ class Controller(ABC):
 
     def _settle(self, wanted: Floats, start: Floats) -> Floats:
         """Return pressures (m,) that bring the tip to a place (2,) at rest, without hysteresis."""
+        if self.effector.pulls is None:
+            return np.clip(self.effector.inverse(wanted).pressures, 0.0, self.highest)
         bend = _bend_to(self.effector, wanted)
         ends = np.zeros(len(start)), np.full(len(start), self.highest)
         return find_pressures(self.effector, bend, ends, start)
@@ -213,7 +217,20 @@ class InverseInTime(Controller):
 
     Of the pressures that can act at the next sample, those are chosen that bend the section as it
     must, the smallest if there are several; creep, plays and lag give the command.
+
+    Raises
+    ------
+    InputError
+        If the end-effector has no pulls of its own, or a value is not legal.
     """
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.effector.pulls is None:
+            raise InputError(
+                "this end-effector has no pulls of its own: the inverse in time takes one that "
+                "has, such as of 'bozzini effector fit --pulls'"
+            )
 
     def _choose(self, state: ControlState, wanted: Floats) -> tuple[Floats, Floats | None]:
         effector, motion = self.effector, self.effector.motion
@@ -279,6 +296,30 @@ class PredictiveControl(Controller):
             raise InputError(f"knots are {self.knots}: they must begin at 0 and increase")
 
     @cached_property
+    def _onset(self) -> Floats:
+        """Acting pressures (m,) from which on a muscle bends the section [MPa]; 0 of pulls."""
+        count = len(self.effector.design.names)
+        if self.effector.pulls is not None:
+            return np.zeros(count)
+        over = np.linspace(0.0, self.highest, _ONSET_STEPS)
+        alone = over[None, :, None] * np.eye(count)[:, None]
+        bends = find_bends(self.effector, alone.reshape(-1, count)).reshape(count, -1, 2)
+        size = np.linalg.norm(bends, axis=-1)
+        return np.asarray(over[np.argmax(size > _ONSET * size[:, -1:], axis=1)])
+
+    def find_lowest(self, state: MotionState) -> Floats:
+        """Return the smallest commands (m,) of a plan [MPa]: where muscles begin to bend.
+
+        Below, the tip has no slope by which a plan could find out of there.
+        """
+        operator = self.effector.motion.operator
+        if operator is None or not self._onset.any():
+            return self._onset
+        return operator.invert_history(
+            self._onset[None, :, None], between=(0.0, self.highest), initial=state.plays, clip=True
+        )[0, :, 0]
+
+    @cached_property
     def _spread(self) -> Floats:
         """Commands (n,) at samples from now on, from those at the knots (k,)."""
         return self._interpolate(np.arange(self.knots[-1] + 1.0))
@@ -314,6 +355,9 @@ class PredictiveControl(Controller):
         swing = _SWING * self.highest
         trials = swing * np.concatenate([changes, -changes])
         share = np.sqrt(np.diff(self.knots, prepend=-1.0))[:, None]
+        later = self.period * (np.array(self.knots)[:, None] + 1.0)
+        low = np.minimum(self.find_lowest(state.motion), state.command + self.rate * later)
+        plan = np.maximum(plan, low)
         for _ in range(self.rounds if state.plan is not None else max(self.rounds, 5)):
             tips = self._predict(state, np.concatenate([plan[None], plan + trials]))
             half = len(changes)
@@ -329,7 +373,7 @@ class PredictiveControl(Controller):
                 (goal - tips[0]).ravel(), -(level * plan).ravel(), -(smooth * speed).ravel()
             ])  # fmt: skip
             floors = np.concatenate([
-                -plan.ravel(),
+                (low - plan).ravel(),
                 plan.ravel() - self.highest,
                 -self.rate - speed.ravel(),
                 speed.ravel() - self.rate,

@@ -17,6 +17,7 @@ from .design import EffectorDesign, PlacedMuscle
 from .effector import Effector
 from .fit import EffectorFit
 from .motion import EffectorMotion
+from .rest import RESTS, Rest
 from .section import MusclePull
 from .view import TipView
 
@@ -56,6 +57,13 @@ class EffectorFile:
         Root mean square distance of what was fitted [mm].
     source : str
         Name of the table that was fitted.
+    rest : str
+        Name of the rule of `bozzini.effector.rest.RESTS` that learned what the fit leaves over;
+        empty for none.
+    rest_channels : tuple of str
+        What was seen where it learned.
+    rest_numbers : mapping of str to tuple
+        The rule, as of its `pack`.
     """
 
     kind: Literal["bozzini-effector"] = field(default_factory=lambda: "bozzini-effector")
@@ -73,6 +81,19 @@ class EffectorFile:
     band: tuple[float, ...] = ()
     rms: float = 0.0
     source: str = ""
+    rest: str = ""
+    rest_channels: tuple[str, ...] = ()
+    rest_numbers: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+
+    def build_rest(self) -> Rest | None:
+        """Return the rule for what the fit leaves over, or None.
+
+        Raises
+        ------
+        InputError
+            If there is no such rule, or its numbers are none of it.
+        """
+        return RESTS.choose(self.rest).unpack(self.rest_numbers) if self.rest else None
 
     def build(self) -> Effector:
         """Return the end-effector.
@@ -101,8 +122,15 @@ class EffectorFile:
         model: str = "energy",
         choices: Mapping[str, str] | None = None,
         per_volt: float | None = None,
+        rest: str = "",
     ) -> EffectorFile:
-        """Return what the file of a fit holds."""
+        """Return what the file of a fit holds; `rest` is the name of its rule, if it has one.
+
+        Raises
+        ------
+        InputError
+            If the rule is one that cannot be written.
+        """
         effector = fit.effector
         design = effector.design
         return cls(
@@ -126,6 +154,9 @@ class EffectorFile:
             band=() if fit.band is None else tuple(fit.band.tolist()),
             rms=fit.rms,
             source=fit.prediction.data.source,
+            rest=rest,
+            rest_channels=fit.prediction.data.channels if rest else (),
+            rest_numbers=fit.rest.pack() if rest and fit.rest is not None else {},
         )
 
 
@@ -138,6 +169,20 @@ def read_effector(path: str | os.PathLike[str]) -> EffectorFile:
         If it is not such a file; the message names the file and the field.
     """
     return load_record(path, EffectorFile, name="the effector file")
+
+
+def open_effector(name: str) -> Effector:
+    """Return the end-effector of a preset, or of a file whose name ends in .yaml, .yml or .json.
+
+    Raises
+    ------
+    InputError
+        If there is no such preset, or a value is not legal.
+    FileFormatError
+        If it is no file of an end-effector.
+    """
+    is_file = name.endswith((".yaml", ".yml", ".json"))
+    return read_effector(name).build() if is_file else Effector.from_preset(name)
 
 
 def write_effector(path: str | os.PathLike[str], effector: EffectorFile) -> Path:

@@ -332,7 +332,21 @@ class _Observer:
         for name in self.data.muscles:
             design.index(name)
         if self.data.command == "pressure":
-            self.start.effector.take_pressures(self.commands)
+            self._check_range(design.pressure_limit)
+
+    def _check_range(self, limit: float) -> None:
+        data = self.data
+        legal = (data.commands >= 0.0) & (
+            data.commands <= limit * (1.0 + 1e-12)
+        )  # round-off of a unit
+        outside = np.argwhere(~legal)
+        if outside.size:
+            row, muscle = (int(place) for place in outside[0])
+            raise InputError(
+                f"{data.source or 'the table'}: row {row + 1} of the data: the pressure of muscle "
+                f"{data.muscles[muscle]} is {data.commands[row, muscle]:g} MPa: it must lie in "
+                f"[0, {limit:g}] MPa, the limit of the design"
+            )
 
     @property
     def commands(self) -> Floats:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import combinations_with_replacement
@@ -43,6 +43,21 @@ class Rest(ABC):
     @abstractmethod
     def predict(self, times: Floats, states: Floats) -> Floats:
         """Return what a run is off by, (n, q)."""
+
+    def pack(self) -> Mapping[str, tuple[float, ...]]:
+        """Return the numbers by name that `unpack` makes the rule of again, for files.
+
+        Raises
+        ------
+        InputError
+            If this rule has none: it cannot be written.
+        """
+        raise InputError(f"a {type(self).__name__} has no numbers that a file could hold")
+
+    @classmethod
+    def unpack(cls, numbers: Mapping[str, tuple[float, ...]]) -> Rest:
+        """Return the rule of numbers, as `pack` gives them."""
+        raise InputError(f"a {cls.__name__} is not read from files")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -101,6 +116,34 @@ class PolynomialRest(Rest):
             raise InputError("the rest has learned nothing yet")
         return np.asarray(self._list_products(times, states) @ self.weights)
 
+    def pack(self) -> Mapping[str, tuple[float, ...]]:
+        """Return the numbers by name; see `Rest`."""
+        if self.weights is None:
+            raise InputError("the rest has learned nothing yet")
+        return {
+            "delays": tuple(self.delays),
+            "degree": (float(self.degree),),
+            "ridge": (float(self.ridge),),
+            "products": (float(len(self.weights)),),
+            "weights": tuple(self.weights.ravel().tolist()),
+        }
+
+    @classmethod
+    def unpack(cls, numbers: Mapping[str, tuple[float, ...]]) -> PolynomialRest:
+        """Return the rule of numbers; see `Rest`."""
+        try:
+            weights = np.array(numbers["weights"]).reshape(int(numbers["products"][0]), -1)
+            return cls(
+                delays=tuple(numbers["delays"]),
+                degree=int(numbers["degree"][0]),
+                weights=weights,
+                ridge=numbers["ridge"][0],
+            )
+        except (KeyError, IndexError, ValueError):
+            raise InputError(
+                "the rest has not delays, degree, ridge, products, and weights of these"
+            ) from None
+
     def _list_products(self, times: Floats, states: Floats) -> Floats:
         columns = [
             np.interp(times - delay, times, column) for delay in self.delays for column in states.T
@@ -125,6 +168,11 @@ RESTS: Registry[Rest] = Registry(
     "bozzini.rests", _find_base, lambda: {"polynomial": PolynomialRest}, noun="rest"
 )
 """Rules for what a fit leaves over, by name."""
+
+
+def is_storable(name: str) -> bool:
+    """Return whether a rule of `RESTS` can be written to a file."""
+    return RESTS.choose(name).pack is not Rest.pack
 
 
 @dataclass(frozen=True, eq=False)

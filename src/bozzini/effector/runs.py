@@ -40,6 +40,10 @@ class SimulatedRuns(ReasonedResult):
         Angle between the end's direction and the axis [rad].
     spot : ndarray, shape (n, 2)
         Reading of a pointer on the board of the fit [mm].
+    channels : tuple of str
+        What the rest of the fit is of; none without a rest.
+    rest : ndarray, shape (n, q)
+        What the rest adds to those, and is not in the others [mm, rad].
     largest_lateral : float
         Largest lateral deflection of the tip [mm].
     """
@@ -49,6 +53,8 @@ class SimulatedRuns(ReasonedResult):
     tip: Floats = tabulated("mm", "tip_{}")
     bend: Floats = tabulated("rad")
     spot: Floats
+    channels: tuple[str, ...] = ()
+    rest: Floats
     largest_lateral: float = measured("mm")
 
     reason = ""
@@ -57,7 +63,8 @@ class SimulatedRuns(ReasonedResult):
     def list_columns(self) -> Mapping[str, object]:
         """Return the columns of `to_frame`, a row for each time."""
         spots = {f"spot_{axis}_mm": self.spot[:, k] for k, axis in enumerate("xy")}
-        return {**super().list_columns(), **spots}
+        rests = {f"rest of {name}": self.rest[:, k] for k, name in enumerate(self.channels)}
+        return {**super().list_columns(), **spots, **rests}
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw both lateral coordinates of the tip over time, and return the axes."""
@@ -76,7 +83,8 @@ class EffectorSimulation(Task):
 
     COMMANDS has 'time [s]', and 'R pressure [kPa]' or 'command R [V]' of each muscle; runs are
     named in 'run'. A command holds from its time to the next. Each run begins with its first
-    commands, held long before.
+    commands, held long before. What a rest adds that the fit has learned (--rest) stands in columns
+    of its own.
 
     Exit code 0: done; 2: bad input.
     """
@@ -102,11 +110,14 @@ class EffectorSimulation(Task):
         effector = file.build()
         columns = dict(zip(data.muscles, file.scale * data.commands.T, strict=True))
         tip, bend = np.empty((len(data), 3)), np.empty(len(data))
-        spot = np.empty((len(data), 2))
+        spot, rest = np.empty((len(data), 2)), file.build_rest()
+        added = np.zeros((len(data), len(file.rest_channels)))
         for part in data.parts:
             own = {name: column[part] for name, column in columns.items()}
             track = effector.simulate(data.times[part], own)
             seen = file.view.observe(effector, track.bends, channels=CHANNELS)
+            if rest is not None:
+                added[part] = rest.predict(track.times - track.times[0], track.effective)
             tip[part], bend[part], spot[part] = seen[:, :3], seen[:, 3], seen[:, 4:]
         return SimulatedRuns(
             runs=data.runs,
@@ -114,6 +125,8 @@ class EffectorSimulation(Task):
             tip=tip,
             bend=bend,
             spot=spot,
+            channels=file.rest_channels,
+            rest=added,
             largest_lateral=float(np.hypot(tip[:, 0], tip[:, 1]).max()),
         )
 
@@ -125,4 +138,8 @@ class EffectorSimulation(Task):
             place = ", ".join(f"{value:.2f}" for value in found.tip[last])
             head = f"run {name}: " if name else ""
             lines.append(f"{head}after {found.times[last]:.4g} s the tip is at {place} mm")
+        if found.channels:
+            size = np.abs(found.rest).max()
+            names = ", ".join(found.channels)
+            lines.append(f"not in it: what the rest adds to {names}, {size:.3g} at most")
         return "\n".join(lines)

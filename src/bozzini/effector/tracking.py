@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -168,12 +168,15 @@ class Tracking(ReasonedResult):
         Lateral places [mm].
     tips : ndarray, shape (c, n, 2)
         Those of the tip by each controller, on the arm as it was fitted [mm].
+    notes : tuple of str
+        What is not in the model.
     """
 
     rows: tuple[TrackedBy, ...]
     times: Floats = tabulated("s", "time")
     wanted: Floats
     tips: Floats
+    notes: tuple[str, ...] = ()
 
     reason = ""
     residual = 0.0
@@ -199,7 +202,8 @@ class Tracking(ReasonedResult):
                     "step_p99_s": row.step_p99,
                 }
                 for row in self.rows
-            }
+            },
+            "notes": list(self.notes),
         }
 
     def format_table(self) -> str:
@@ -211,7 +215,7 @@ class Tracking(ReasonedResult):
             off = "" if math.isnan(row.rms_off) else f"{row.rms_off:.3f}"
             steps = (f"{1e3 * x:.2f}" for x in (row.step_median, row.step_p99))
             rows.append([row.controller, f"{row.rms:.3f}", f"{row.largest:.3f}", off, *steps])
-        return format_rows(head, rows)
+        return "\n".join([format_rows(head, rows), *(f"note: {text}" for text in self.notes)])
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the last turn as wanted and as tracked, seen along the axis; return the axes."""
@@ -273,7 +277,14 @@ class EffectorTracking(Task):
         random = np.random.default_rng(self.seed)
         off = [draw_plant(file, random) for _ in range(self.plants)]
         wanted = trace_places(self.trace, radius=self.radius, frequency=self.frequency)
-        return compare_controllers(file.build(), wanted, rate=self.rate, off=off, progress=progress)
+        found = compare_controllers(
+            file.build(), wanted, rate=self.rate, off=off, progress=progress
+        )
+        if not file.rest:
+            return found
+        seen = ", ".join(file.rest_channels)
+        words = f"the rest that the fit has learned of {seen} is left out: it has no place in a tip"
+        return replace(found, notes=(words,))
 
     def describe(self, found: Tracking) -> str:
         """Return the table."""

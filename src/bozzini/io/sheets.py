@@ -8,7 +8,8 @@ import itertools
 import math
 import os
 import re
-from collections.abc import Iterator, Mapping, Sequence
+import zlib
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -35,6 +36,9 @@ _BEGINS_WITH_NUMBER = re.compile(r"[\s\"']*[-+]?[.,]?[0-9]")
 DECIMAL_COMMA = re.compile(r"[-+]?[0-9]*,[0-9]+(?:[eE][-+]?[0-9]+)?")
 TEXT_SUFFIXES = (".csv", ".tsv", ".txt")
 PARQUET_SUFFIXES = (".parquet", ".pq")
+PACKED_SUFFIXES = (".gz", ".bz2", ".xz")
+_LARGEST = 2**30
+"""Most bytes of a text that was packed."""
 
 
 @dataclass(frozen=True)
@@ -191,9 +195,39 @@ def _read_bytes(path: Path) -> bytes:
         raise FileFormatError(f"cannot read {path}: {error}") from None
 
 
+def find_suffix(path: Path) -> str:
+    """Return the ending of a table's name, in lower case, without that of its packing."""
+    is_packed = path.suffix.lower() in PACKED_SUFFIXES
+    return (path.with_suffix("") if is_packed else path).suffix.lower()
+
+
+def _unpack(path: Path) -> bytes:
+    """Return the bytes of a text that may be packed."""
+    data, suffix = io.BytesIO(_read_bytes(path)), path.suffix.lower()
+    if suffix not in PACKED_SUFFIXES:
+        return data.getvalue()
+    import bz2
+    import gzip
+    import lzma
+
+    kinds: Mapping[str, Callable[[io.BytesIO], io.BufferedIOBase]] = {
+        ".gz": lambda file: gzip.GzipFile(fileobj=file),
+        ".bz2": bz2.BZ2File,
+        ".xz": lzma.LZMAFile,
+    }
+    try:
+        text = kinds[suffix](data).read(_LARGEST + 1)
+    except (OSError, EOFError, zlib.error, lzma.LZMAError) as error:
+        what = " ".join(str(error).split()) or "it ends too early"
+        raise FileFormatError(f"{path.name} is damaged and cannot be unpacked: {what}") from None
+    if len(text) > _LARGEST:
+        raise FileFormatError(f"{path.name} has more than {_LARGEST} bytes unpacked: divide it")
+    return text
+
+
 def _read_text(path: Path) -> Sheet:
     try:
-        text = _read_bytes(path).decode("utf-8-sig")
+        text = _unpack(path).decode("utf-8-sig")
     except UnicodeDecodeError:
         raise FileFormatError(f"{path.name} is not text in UTF-8: save the table as CSV") from None
     records = _Records(text)
@@ -269,6 +303,8 @@ def _read_parquet(path: Path) -> Sheet:
 def read_sheet(path: Path) -> Sheet:
     """Return the table in a file ending in .csv, .tsv, .txt, .parquet or .pq.
 
+    A text may be packed, and end in .gz, .bz2 or .xz after that.
+
     Raises
     ------
     FileFormatError
@@ -279,7 +315,7 @@ def read_sheet(path: Path) -> Sheet:
     suffix = path.suffix.lower()
     if suffix in PARQUET_SUFFIXES:
         return _read_parquet(path)
-    if suffix in TEXT_SUFFIXES:
+    if find_suffix(path) in TEXT_SUFFIXES:
         return _read_text(path)
     known = ", ".join(TEXT_SUFFIXES + PARQUET_SUFFIXES)
     raise FileFormatError(f"{path.name} ends in '{suffix}': a table ends in one of {known}")

@@ -12,12 +12,13 @@ from numpy.typing import NDArray
 from ..anatomy.files import has_suffix
 from ..anatomy.labels import MOST_LISTED
 from ..anatomy.names import describe_label
-from ..anatomy.read import hash_input, read_tract
+from ..anatomy.read import hash_input
 from ..anatomy.tract import Finding, LabelTract, SurfaceTract, Tract
 from ..anatomy.volumes import is_volume
 from ..checks import ceil_mm, check_kind, check_number, floor_mm, show_apart
 from ..duct.base import Duct
 from ..duct.field import RefinedField, SampledField, build_field, refine_field
+from ..duct.shape_tract import open_tract
 from ..errors import InputError
 from ..numeric.polylines import measure_arc_length
 from ..progress import Progress, no_progress
@@ -415,7 +416,7 @@ def read_input(plan: Plan, path: str | os.PathLike[str]) -> LabelTract | Surface
     labels = None if stated.labels is None else list(stated.labels)
 
     def read(unit: str | None) -> LabelTract | SurfaceTract:
-        return read_tract(
+        return open_tract(
             path,
             labels=labels,
             part=stated.part,

@@ -10,6 +10,7 @@ import signal
 import subprocess
 import sys
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -72,8 +73,54 @@ class PlantGauge:
         return float(self.plant.contractions[self.muscle - 1] + error)
 
 
+class PictureSource(ABC):
+    """Takes pictures of the muscle into a folder.
+
+    Attributes
+    ----------
+    folder : Path
+        Where the pictures go; made if there is none, otherwise it must be empty.
+    """
+
+    folder: Path
+
+    def check_folder(self) -> None:
+        """Check that the folder is empty or can be made.
+
+        Raises
+        ------
+        OutputError
+            If not.
+        """
+        try:
+            empty = not os.path.exists(self.folder) or not any(self.folder.iterdir())
+        except OSError as error:
+            raise OutputError(f"cannot write {self.folder}: {error.strerror or error}") from None
+        if not empty:
+            raise OutputError(f"{self.folder} is not empty: pictures need an empty directory")
+
+    @abstractmethod
+    def take(self, path: Path, step: Mapping[str, str], *, idle: Callable[[], object]) -> list[str]:
+        """Take a picture.
+
+        Parameters
+        ----------
+        path : Path
+            The file to write.
+        step : dict
+            Texts of the ``pressure`` [MPa], ``direction`` and ``repeat`` of the step.
+        idle : callable
+            To be called again and again while it waits: the pressure is held by it.
+
+        Returns
+        -------
+        list of str
+            What went wrong.
+        """
+
+
 @dataclass(frozen=True, kw_only=True)
-class PictureHook:
+class PictureHook(PictureSource):
     """A program that takes a picture of the muscle at the end of each step.
 
     It is run without a shell. In its arguments ``{file}`` stands for the picture to write,
@@ -121,42 +168,36 @@ class PictureHook:
         except ValueError as error:
             raise InputError(f"hook is '{self.command}': {str(error).lower()}") from None
 
-    def check_folder(self) -> None:
-        """Check that the folder is empty or can be made.
-
-        Raises
-        ------
-        OutputError
-            If not.
-        """
-        try:
-            empty = not os.path.exists(self.folder) or not any(self.folder.iterdir())
-        except OSError as error:
-            raise OutputError(f"cannot write {self.folder}: {error.strerror or error}") from None
-        if not empty:
-            raise OutputError(f"{self.folder} is not empty: pictures need an empty directory")
-
-    def start(self, **values: str) -> subprocess.Popen[bytes]:
-        """Start the program for a picture, in a group of processes of its own.
-
-        Raises
-        ------
-        OSError
-            If it cannot be started, or the folder cannot be made.
-        """
-        self.folder.mkdir(parents=True, exist_ok=True)
+    def take(self, path: Path, step: Mapping[str, str], *, idle: Callable[[], object]) -> list[str]:
+        """Run the program in a group of processes of its own; see `PictureSource.take`."""
+        values = {**step, "file": str(path)}
 
         def fill(match: re.Match[str]) -> str:
             return values[match.group(1)]
 
         none = subprocess.DEVNULL
-        return subprocess.Popen(
-            [_NAME_IN_BRACES.sub(fill, part) for part in self._split()],
-            stdin=none,
-            stdout=none,
-            stderr=none,
-            start_new_session=True,
-        )
+        try:
+            process = subprocess.Popen(
+                [_NAME_IN_BRACES.sub(fill, part) for part in self._split()],
+                stdin=none,
+                stdout=none,
+                stderr=none,
+                start_new_session=True,
+            )
+        except OSError as error:
+            return [f"hook: {error.strerror or error}"]
+        try:
+            end = time.monotonic() + self.timeout
+            while process.poll() is None and time.monotonic() < end:
+                idle()
+        finally:
+            late = process.poll() is None
+            if late:
+                _kill(process)
+            code = process.wait()
+        if late:
+            return [f"hook: not done within {self.timeout:g} s"]
+        return [f"hook: exit status {code}"] if code else []
 
 
 _HOOK_NAMES = ("pressure", "direction", "repeat", "file")
@@ -384,7 +425,7 @@ def characterise_muscle(
     stairs: Stairs | None = None,
     *,
     gauge: Gauge | None = None,
-    hook: PictureHook | None = None,
+    camera: PictureSource | None = None,
     keep: Callable[[Characterisation], object] = ignore_result,
     progress: Progress = no_progress,
 ) -> Characterisation:
@@ -400,9 +441,9 @@ def characterise_muscle(
         The steps.
     gauge : callable, optional
         Reads the contraction at the end of each step; on the plant a `PlantGauge`.
-    hook : PictureHook, optional
-        Takes a picture then. In lock-step the clock of the plant stands still meanwhile;
-        otherwise the pressure is held.
+    camera : PictureSource, optional
+        Takes a picture then, such as a `PictureHook`. In lock-step the clock of the plant stands
+        still meanwhile; otherwise the pressure is held.
     keep : callable
         Takes what was measured before an interruption, which then goes on.
     progress : callable
@@ -416,15 +457,15 @@ def characterise_muscle(
     Raises
     ------
     InputError
-        If there is neither a gauge nor a hook, or the board refuses to arm.
+        If there is neither a gauge nor a camera, or the board refuses to arm.
     OutputError
-        If the hook's folder is not empty.
+        If the folder of the pictures is not empty.
     """
-    if gauge is None and hook is None:
-        raise InputError("there is neither a gauge nor a hook: nothing of the muscle is measured")
-    run = _Run(host, stairs or Stairs(), gauge, hook)
-    if hook is not None:
-        hook.check_folder()
+    if gauge is None and camera is None:
+        raise InputError("there is neither a gauge nor a camera: nothing of the muscle is measured")
+    run = _Run(host, stairs or Stairs(), gauge, camera)
+    if camera is not None:
+        camera.check_folder()
     host.arm()
     try:
         run.measure(progress)
@@ -453,9 +494,9 @@ class _Run:
     """An experiment under way."""
 
     def __init__(
-        self, host: Host, stairs: Stairs, gauge: Gauge | None, hook: PictureHook | None
+        self, host: Host, stairs: Stairs, gauge: Gauge | None, camera: PictureSource | None
     ) -> None:
-        self.host, self.stairs, self.gauge, self.hook = host, stairs, gauge, hook
+        self.host, self.stairs, self.gauge, self.camera = host, stairs, gauge, camera
         self.rows: list[StairStep] = []
         self.start = datetime.now(UTC)
         self.end = ""
@@ -527,36 +568,26 @@ class _Run:
         self, index: int, repeat: int, direction: str, setpoint: float
     ) -> tuple[str, tuple[str, ...]]:
         """Return the path of a picture and what went wrong; the pressure is held meanwhile."""
-        if self.hook is None:
+        if self.camera is None:
             return "", ()
         name = f"{index + 1:04d}-{direction}-{1e3 * setpoint:.1f}kPa.png"
-        path = self.hook.folder / name
+        path = self.camera.folder / name
+        step = {"pressure": f"{setpoint:.6g}", "direction": direction, "repeat": str(repeat)}
         try:
-            process = self.hook.start(
-                pressure=f"{setpoint:.6g}", direction=direction, repeat=str(repeat), file=str(path)
-            )
+            path.parent.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            return "", (f"hook: {error.strerror or error}",)
-        try:
-            end = time.monotonic() + self.hook.timeout
-            while process.poll() is None and time.monotonic() < end:
-                if self.host.link.real_time:
-                    self._tick()
-                else:
-                    time.sleep(HOOK_POLL)
-        finally:
-            late = process.poll() is None
-            if late:
-                _kill(process)
-            code = process.wait()
-        trouble = []
-        if late:
-            trouble.append(f"hook: not done within {self.hook.timeout:g} s")
-        elif code:
-            trouble.append(f"hook: exit status {code}")
+            return "", (f"picture: {error.strerror or error}",)
+        trouble = self.camera.take(path, step, idle=self._idle)
         if not os.path.isfile(path) or not path.stat().st_size:
-            return "", (*trouble, "hook: no picture")
+            return "", (*trouble, "no picture")
         return str(path), tuple(trouble)
+
+    def _idle(self) -> None:
+        """Hold the pressure; the plant's clock stands still in lock-step."""
+        if self.host.link.real_time:
+            self._tick()
+        else:
+            time.sleep(HOOK_POLL)
 
     def vent(self) -> None:
         """Let the board vent; one that is lost vents by itself."""

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..checks import check_array, check_number, check_range
 from ..errors import FileFormatError, InputError
-from ..io.sheets import Sheet, read_sheet, split_title, take_frame, take_numbers
+from ..io.sheets import Sheet, find_suffix, read_sheet, split_title, take_frame, take_numbers
 from ..numeric.arrays import Floats
 from ..results import ClosedForm, measured, take_axes
 from ..units import parse_unit
@@ -123,7 +123,7 @@ def read_curve(
     if not os.path.isfile(path):
         words = "it is a directory" if os.path.isdir(path) else "there is no such file"
         raise FileFormatError(f"cannot read {path}: {words}")
-    if path.suffix.lower() == ".csv":
+    if find_suffix(path) == ".csv":
         return _take_sheet(read_sheet(path), path.name, unit, supply)
     if path.suffix.lower() != ".mat":
         raise FileFormatError(f"{path} ends in '{path.suffix}': it must end in .mat or .csv")

@@ -11,11 +11,13 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from typing import Literal, get_args
 
+from ..effector.motion import EffectorMotion
 from ..errors import InputError
 from ..muscle.model import MuscleModel
 from .board import NativeBoard
 from .cosimulation import Cosimulation
 from .emulator import EmulatedBoard
+from .hysteresis import HystereticPlant
 from .plant import Chamber, Plant, PlantDesign
 
 BoardKind = Literal["emulated", "native"]
@@ -34,6 +36,7 @@ def emulate_rig(
     *,
     board: BoardKind = "emulated",
     seed: int = 0,
+    motion: EffectorMotion | None = None,
 ) -> Cosimulation:
     """Return a board with a plant, in lock-step.
 
@@ -47,6 +50,8 @@ def emulate_rig(
         The chip of the board, cycle by cycle, or its code compiled for this computer.
     seed : int
         Of the transducers' noise.
+    motion : EffectorMotion, optional
+        Plays and creep of the muscles, such as the `motion` of an effector.
 
     Raises
     ------
@@ -57,7 +62,10 @@ def emulate_rig(
     """
     if board not in BOARD_KINDS:
         raise InputError(f"board is {board!r}: it must be one of {', '.join(BOARD_KINDS)}")
-    plant = Plant(muscles, design, seed=seed)
+    if motion is None or (motion.operator is None and motion.creep_share == 0.0):
+        plant = Plant(muscles, design, seed=seed)
+    else:
+        plant = HystereticPlant(muscles, motion, design, seed=seed)
     return Cosimulation(EmulatedBoard() if board == "emulated" else NativeBoard(), plant)
 
 

@@ -18,6 +18,32 @@ from .plant import MUSCLES, Chamber, Plant, PlantDesign
 from .protocol import SETPOINT_MAX
 
 
+class MotionObserver:
+    """What acts in the muscles, by what their pressures were: plays and creep of a motion.
+
+    Parameters
+    ----------
+    motion : EffectorMotion
+        Its lags are left out: those of the rig are in its pressures.
+
+    Attributes
+    ----------
+    state : MotionState
+        Of one rig; at rest without pressure to begin with.
+    """
+
+    def __init__(self, motion: EffectorMotion) -> None:
+        self.motion = dataclasses.replace(motion, fill_lag=0.0, bleed_lag=0.0)
+        self.state = self.motion.begin(np.zeros((1, MUSCLES)))
+
+    def observe(self, duration: float, pressures: ArrayLike) -> Floats:
+        """Return the effective pressures (3,) after a time [s] at pressures (3,) [MPa]."""
+        held = np.broadcast_to(np.asarray(pressures, dtype=np.float64), (1, 2, MUSCLES)).copy()
+        acting = self.motion.act(np.array([0.0, duration]), held, initial=self.state)
+        self.state = acting.state
+        return np.asarray(acting.effective[0, 1])
+
+
 class HystereticPlant(Plant):
     """A plant whose muscles do not contract by their pressure, but by an effective one.
 
@@ -52,10 +78,9 @@ class HystereticPlant(Plant):
         seed: int = 0,
     ) -> None:
         super().__init__(muscles, design, seed=seed)
-        self._motion: EffectorMotion | None = None
+        self._observer: MotionObserver | None = None
         if isinstance(operator, EffectorMotion):
-            self._motion = dataclasses.replace(operator, fill_lag=0.0, bleed_lag=0.0)
-            self._moved = self._motion.begin(np.zeros((1, MUSCLES)))
+            self._observer = MotionObserver(operator)
         elif isinstance(operator, Operator):
             self._operator, self._state = operator, operator.rest((MUSCLES,))
         else:
@@ -71,10 +96,8 @@ class HystereticPlant(Plant):
         self._follow_operator(duration)
 
     def _follow_operator(self, duration: float) -> None:
-        if self._motion is not None:
-            held = np.broadcast_to(self.pressures, (1, 2, MUSCLES)).copy()
-            acting = self._motion.act(np.array([0.0, duration]), held, initial=self._moved)
-            self.effective_pressures, self._moved = acting.effective[0, 1], acting.state
+        if self._observer is not None:
+            self.effective_pressures = self._observer.observe(duration, self.pressures)
             return
         output, self._state = self._operator.run(self.pressures[:, None], initial=self._state)
         self.effective_pressures = np.maximum(output[:, 0], 0.0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,9 @@ from ..effector.effector import Effector
 from ..effector.pose import EffectorPose
 from ..effector.workspace import Workspace
 from ..errors import GeometryError, InputError
+from ..head.anchor import BLOCKED, OUT_OF_REACH, REACHED, HeadReach
+from ..head.design import Head
+from ..head.shape import Capsules, HeadPose, list_bodies
 from ..motion.actuate.actuation import Actuation
 from ..motion.plan import Plan
 from ..motion.scope import Introducer
@@ -35,9 +39,9 @@ from .scene import TractMesh, prepare_tract
 from .view import Body, Chart, Cloud, Mark, Surface, View
 
 Wall = LabelTract | SurfaceTract | Duct
-Shown = (
+Shown: TypeAlias = (
     Plan | Wall | ContinuumRobot | Shape | WorkspaceSample | ContinuumWorkspace | Effector
-    | EffectorPose | Workspace | Cloud | Actuation
+    | EffectorPose | Workspace | Cloud | Actuation | Head | HeadPose | HeadReach
 )  # fmt: skip
 
 MOST_FACES = 120_000
@@ -114,6 +118,10 @@ def _view_thing(thing: Shown) -> View:
         return join_views([pose, _view_thing(thing.workspace())])
     if isinstance(thing, EffectorPose):
         return _view_pose(thing)
+    if isinstance(thing, (Head, HeadPose)):
+        return _view_head(thing)
+    if isinstance(thing, HeadReach):
+        return _view_reach(thing)
     if isinstance(thing, Cloud):
         return View(title=thing.name, points=(thing,))
     raise InputError(f"there is no view of a {type(thing).__name__}")
@@ -379,3 +387,59 @@ def _view_pose(pose: EffectorPose, *, radius: float | None = None) -> View:
 
 def _view_tips(points: Floats, name: str) -> View:
     return View(title="Workspace", points=(Cloud(points=points, name=name),))
+
+
+def _view_head(thing: Head | HeadPose, place: Floats | None = None) -> View:
+    """Return a head, free: camera, end-effectors and instruments, and where their tips can be.
+
+    `place` (4, 4) is where it stands in the world.
+    """
+    head = thing if isinstance(thing, Head) else thing.head
+    if isinstance(thing, HeadPose):
+        poses = thing.list_poses()
+    else:
+        poses = [placed.shape(np.zeros((1, 2))) for placed in head.effectors]
+    where = np.eye(4) if place is None else place
+
+    def move(points: Floats) -> Floats:
+        return np.asarray(points @ where[:3, :3].T + where[:3, 3])
+
+    def draw(chain: Capsules, name: str) -> Body:
+        color = _LINE if name == "camera" else "#4f7cac"
+        return Body(joints=move(chain.lines[:, ::-1]), radius=chain.radius, name=name, color=color)
+
+    named = list_bodies(head, poses)
+    names = [*(name for name in named if name != "camera"), "camera"]  # the first has the slider
+    tips = [placed.shape(placed.list_bends(_TIPS)).tip for placed in head.effectors]
+    return View(
+        title="Distal head",
+        bodies=tuple(draw(chain, name) for name in names for chain in named[name]),
+        points=tuple(Cloud(points=move(each), name="places of the tip") for each in tips),
+    )
+
+
+def _view_reach(found: HeadReach) -> View:
+    """Return the wall round a head in colours of its reach, the head as it stands, the target."""
+    surfaces = []
+    codes = found.codes[found.faces].max(axis=1, initial=0)
+    for code, color, name, opacity in (
+        (OUT_OF_REACH, "#d9958a", "out of reach", 0.25),
+        (BLOCKED, "#b26a00", "in reach, something is in the way", 0.6),
+        (REACHED, "#0f7b6c", "reached", 0.85),
+    ):
+        own = found.faces[codes == code]
+        if len(own):
+            used, faces = np.unique(own, return_inverse=True)
+            surfaces.append(
+                Surface(vertices=found.vertices[used], faces=faces.reshape(-1, 3), name=name,
+                        color=color, opacity=opacity)
+            )  # fmt: skip
+    place = np.eye(4)
+    place[:3, :3], place[:3, 3] = found.stand.frame, found.stand.origin
+    marks = () if found.target is None else (Mark(place=found.target, text="target", kind="goal"),)
+    return View(
+        title=f"Reach at {found.insertion:.1f} mm of insertion",
+        surfaces=tuple(surfaces),
+        bodies=_view_head(found.head, place).bodies,
+        marks=marks,
+    )

@@ -101,13 +101,13 @@ class ReadOptions:
         Raises
         ------
         BozziniError
-            As `bozzini.anatomy.read_tract`.
+            As `bozzini.duct.shape_tract.open_tract`.
         """
-        from ..anatomy import read_tract
         from ..anatomy.labels import override_organ
+        from ..duct.shape_tract import open_tract
 
         part = self._shorten(self.part)
-        tract = read_tract(
+        tract = open_tract(
             source,
             labels="all" if self.labels == ("all",) else self.labels,
             part=tuple(part) if isinstance(part, list) else part,

@@ -20,9 +20,16 @@ from .jobs import JOBS, FunctionJob, Job, RowJob, check_keywords, find_function
 def _find_own() -> dict[str, type[Task]]:
     from ..effector.runs import EffectorSimulation
     from ..effector.tracking import EffectorTracking
+    from ..head.anchor import HeadReaching
+    from ..head.check import HeadChecking, HeadShow, HeadViewing
+    from ..motion.chain_task import ChainTask
     from ..vision.planning import SetupPlanning
 
-    return {kind.name: kind for kind in (SetupPlanning, EffectorSimulation, EffectorTracking)}
+    kinds: tuple[type[Task], ...] = (
+        SetupPlanning, EffectorSimulation, EffectorTracking, ChainTask,
+        HeadShow, HeadChecking, HeadViewing, HeadReaching,
+    )  # fmt: skip
+    return {kind.name: kind for kind in kinds}
 
 
 class TaskRegistry(Registry[Task]):

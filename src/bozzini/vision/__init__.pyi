@@ -2,7 +2,14 @@ from .board import Board, CharucoBoard, Checkerboard, Detection, StripBoard, loa
 from .camera import Camera, CameraSet, aim_camera, load_cameras, triangulate
 from .length import LengthOptions, MuscleLength, measure_length
 from .pictures import Picture, read_picture, write_picture
-from .planning import DemoOptions, LengthSetup, SetupPlan, plan_setup, write_demo
+from .planning import (
+    DemoOptions,
+    LengthSetup,
+    RenderedSetup,
+    SetupPlan,
+    plan_setup,
+    write_demo,
+)
 from .render import (
     HungMuscle,
     Light,
@@ -42,6 +49,7 @@ __all__ = [
     "SetupPlan",
     "ShapeOptions",
     "StripBoard",
+    "RenderedSetup",
     "RenderedTube",
     "aim_camera",
     "bend_curve",

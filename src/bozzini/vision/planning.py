@@ -169,49 +169,68 @@ class SetupPlan(Result):
         return ax
 
 
-@dataclass(frozen=True)
-class _Truth:
-    """What is drawn once for a set-up: it is not known to who measures."""
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RenderedSetup:
+    """A set-up as it truly is, off by its standard uncertainties: who measures does not know it.
 
+    Attributes
+    ----------
+    setup : LengthSetup
+        The camera and its sensor.
+    options : LengthOptions
+        What is known of the muscle.
+    camera : Camera
+        As it is calibrated.
+    board : StripBoard
+        As it was printed.
+    height, tilt : float
+        Of the muscle's axis over the board [mm], and out of its plane [rad].
+    """
+
+    setup: LengthSetup
+    options: LengthOptions
+    camera: Camera
     board: StripBoard
     height: float
     tilt: float
 
+    @classmethod
+    def draw(
+        cls,
+        setup: LengthSetup,
+        board: StripBoard,
+        *,
+        options: LengthOptions,
+        random: np.random.Generator,
+    ) -> RenderedSetup:
+        """Return a set-up that is off by errors drawn at random."""
+        line, height, tilt = random.standard_normal(3).tolist()
+        check_line = board.check_line + board.check_line_uncertainty * line
+        above = options.height + options.height_uncertainty * height
+        return cls(
+            setup=setup,
+            options=options,
+            camera=setup.make_camera(board),
+            board=dataclasses.replace(board, check_line=check_line),
+            height=max(above, 0.5 * options.diameter),
+            tilt=options.tilt_uncertainty * tilt,
+        )
 
-def _draw_truth(board: StripBoard, options: LengthOptions, draw: np.random.Generator) -> _Truth:
-    """Return a set-up that is off by its standard uncertainties."""
-    line, height, tilt = draw.standard_normal(3).tolist()
-    return _Truth(
-        dataclasses.replace(
-            board, check_line=board.check_line + board.check_line_uncertainty * line
-        ),
-        max(options.height + options.height_uncertainty * height, 0.5 * options.diameter),
-        options.tilt_uncertainty * tilt,
-    )
-
-
-def _render(
-    length: float,
-    truth: _Truth,
-    setup: LengthSetup,
-    options: LengthOptions,
-    camera: Camera,
-    seed: int,
-) -> Picture:
-    """Return a picture of a muscle of a length, hung with small differences each time."""
-    draw = np.random.default_rng(seed)
-    aside, along, lean = (draw.uniform(-1.0, 1.0, 3) * [1.5, 1.0, math.radians(1.0)]).tolist()
-    muscle = HungMuscle(
-        length=length,
-        diameter=options.diameter,
-        ring=options.ring,
-        height=truth.height,
-        tilt=truth.tilt,
-        angle=lean,
-        offset=(aside, along),
-    )
-    scene = muscle.make_scene(truth.board)
-    return render_picture(scene, camera, sensor=setup.sensor, seed=seed)
+    def render(self, length: float, *, seed: int) -> Picture:
+        """Return a picture of a muscle of a length, hung with small differences each time."""
+        draw = np.random.default_rng(seed)
+        aside, along, lean = (draw.uniform(-1.0, 1.0, 3) * [1.5, 1.0, math.radians(1.0)]).tolist()
+        muscle = HungMuscle(
+            length=length,
+            diameter=self.options.diameter,
+            ring=self.options.ring,
+            height=self.height,
+            tilt=self.tilt,
+            angle=lean,
+            offset=(aside, along),
+        )
+        scene = muscle.make_scene(self.board)
+        return render_picture(scene, self.camera, sensor=self.setup.sensor, seed=seed)
 
 
 def plan_setup(
@@ -254,8 +273,9 @@ def plan_setup(
     failures = []
     known = None if options.distance else camera
     for k in range(count):
-        truth = _draw_truth(board, options, np.random.default_rng(k))
-        picture = _render(length, truth, setup, options, camera, k)
+        random = np.random.default_rng(k)
+        truth = RenderedSetup.draw(setup, board, options=options, random=random)
+        picture = truth.render(length, seed=k)
         try:
             found = measure_length(picture, board, options=options, camera=known)
             errors[k], claimed[k] = found.length - length, found.uncertainty
@@ -399,9 +419,8 @@ def write_demo(
         preset("effector-45"), modulus=options.modulus, dead_length=options.dead_length
     )
     board = StripBoard()
-    camera = setup.make_camera(board)
     draw = np.random.default_rng([options.seed, 7])
-    truth = _draw_truth(board, DEMO_LENGTH, draw)
+    truth = RenderedSetup.draw(setup, board, options=DEMO_LENGTH, random=draw)
     pressures = np.linspace(0.0, options.pressure, options.steps)
     lengths = muscle.length - np.asarray(EnergyMuscle(muscle).contraction(pressures, 0.0))
     states = [("inflate", k) for k in range(options.steps)]
@@ -414,8 +433,7 @@ def write_demo(
             off = options.scatter * draw.standard_normal() if pressures[k] > 0.0 else 0.0
             length = float(lengths[k]) + off
             name = f"pictures/{number + 1:03d}.jpg"
-            seed = options.seed * _SEED_STEP + number
-            picture = _render(length, truth, setup, DEMO_LENGTH, camera, seed)
+            picture = truth.render(length, seed=options.seed * _SEED_STEP + number)
             write_picture(picture, folder / name)
             kpa = f"{1e3 * pressures[k]:.6g}"
             manifest.append((name, "muscle-1", kpa, word, repeat + 1, 0))
@@ -427,7 +445,7 @@ def write_demo(
         _write_rows(folder / "truth.csv", [truth_head, *true])
         board.save(folder / "board.yaml")
         board.write_pdf(folder / "board.pdf")
-        cameras = CameraSet(names=("cam0",), cameras=(camera,), world="the board")
+        cameras = CameraSet(names=("cam0",), cameras=(truth.camera,), world="the board")
         cameras.save(folder / "cameras.yaml")
         result = {
             "pictures": len(rows),

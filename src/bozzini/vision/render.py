@@ -172,8 +172,8 @@ def render_picture(
 ) -> Picture:
     """Return the picture that a camera takes of a scene.
 
-    The same seed gives the same picture. Rays of a camera's lens are kept for the next picture, and
-    the light of the last two scenes and cameras for pictures by other sensors.
+    The same seed gives the same picture. Kept for the next picture are the rays of a camera's lens,
+    the board before a camera, and the light of the last two scenes for other sensors.
     """
     check_integer("seed", seed, low=0)
     radiance, depth = _trace_scene(scene, camera, sensor.supersampling)
@@ -185,18 +185,16 @@ def render_picture(
 @lru_cache(maxsize=2)
 def _trace_scene(scene: Scene, camera: Camera, samples: int) -> tuple[Floats, Floats]:
     """Return the mean light and the depth [mm] of each pixel, without lens blur or noise."""
-    from .kernels.rays import render_plane, render_tube
+    from .kernels.rays import render_tube
 
-    grid = _ray_grid(tuple(camera.matrix.ravel()), tuple(camera.distortion), camera.size, samples)
-    radiance = np.full(grid.shape[:2], scene.background, np.float32)
-    depth = np.full(grid.shape[:2], np.inf, np.float32)
+    grid = _find_rays(camera, samples)
     light, turn, origin = scene.light.pack(), np.array(camera.rotation), np.array(camera.centre)
-    if scene.board is not None:
-        texture, texels = _draw_texture(scene.board)
-        edge = -PAPER_MARGIN + 0.5 / texels
-        scale = scene.board.scale
-        place = np.array([scale * edge, scale * edge, texels / scale])
-        render_plane(grid, turn, origin, texture, place, light, radiance, depth)
+    if scene.board is None:
+        radiance = np.full(grid.shape[:2], scene.background, np.float32)
+        depth = np.full(grid.shape[:2], np.inf, np.float32)
+    else:
+        drawn = _trace_board(scene.board, scene.background, tuple(light), camera, samples)
+        radiance, depth = (values.copy() for values in drawn)
     for tube in scene.tubes:
         curve = _densify(tube.curve)
         region = _find_region(curve, tube.radius, camera, samples)
@@ -206,6 +204,24 @@ def _trace_scene(scene: Scene, camera: Camera, samples: int) -> tuple[Floats, Fl
             *(bands, light, radiance, depth),
         )
     return _join(radiance, samples, np.add) / samples**2, _join(depth, samples, np.minimum)
+
+
+@lru_cache(maxsize=1)
+def _trace_board(
+    board: Board, background: float, light: tuple[float, ...], camera: Camera, samples: int
+) -> tuple[Grey, Grey]:
+    """Return the light and the depth [mm] of each ray, of a board alone."""
+    from .kernels.rays import render_plane
+
+    grid = _find_rays(camera, samples)
+    radiance = np.full(grid.shape[:2], background, np.float32)
+    depth = np.full(grid.shape[:2], np.inf, np.float32)
+    texture, texels = _draw_texture(board)
+    edge = -PAPER_MARGIN + 0.5 / texels
+    place = np.array([board.scale * edge, board.scale * edge, texels / board.scale])
+    turn, origin = np.array(camera.rotation), np.array(camera.centre)
+    render_plane(grid, turn, origin, texture, place, np.array(light), radiance, depth)
+    return radiance, depth
 
 
 def _join(values: Grey, samples: int, add: np.ufunc) -> Floats:
@@ -219,6 +235,12 @@ def _join(values: Grey, samples: int, add: np.ufunc) -> Floats:
 def _densify(curve: Floats) -> Floats:
     """Return the axis of a tube with points near each other, or a straight line's two ends."""
     return curve if len(curve) == 2 else resample_polyline(curve, _CURVE_STEP)
+
+
+def _find_rays(camera: Camera, samples: int) -> Grey:
+    """Return what `_ray_grid` does, of a camera."""
+    lens = tuple(camera.matrix.ravel()), tuple(camera.distortion)
+    return _ray_grid(*lens, camera.size, samples)
 
 
 @lru_cache(maxsize=4)

@@ -26,7 +26,7 @@ function readGamepad() {
 /** Fill the section by what `info.json` says of the drive. */
 export function createDrive(section, info, { send, say }) {
 	const find = (selector) => section.querySelector(selector), full = info.full_stick_mm;
-	const pad = find(".pad"), buttons = [...section.querySelectorAll("button")];
+	const pad = find(".pad"), chosen = find("select"), buttons = [...section.querySelectorAll("button")];
 	// As the tip's camera sees it: x of the end-effector's frame goes left, y goes up.
 	const seen = ([x, y]) => [-x / full, -y / full];
 	find("polygon").setAttribute("points", info.workspace_mm.map(seen).join(" "));
@@ -84,6 +84,7 @@ export function createDrive(section, info, { send, say }) {
 	on(pad, "keyup", (event) => keys.delete(name(event)));
 	on(document, "keydown", ({ key }) => key === "Escape" && frame?.armed && send({ kind: "rig", what: "disarm" }));
 	for (const each of buttons) each.onclick = () => send({ kind: "rig", what: each.value });
+	chosen.onchange = () => send({ kind: "rig", what: chosen.value });
 	setInterval(tick, 16);
 
 	const share = (pressure) => `${Math.min(100, Math.max(0, (100 * pressure) / info.pressure_limit_MPa))}%`;
@@ -108,11 +109,12 @@ export function createDrive(section, info, { send, say }) {
 			});
 		},
 		/** Show the status. */
-		tell({ rig, note, reason, moving, tip_clearance_mm: gap, reservoir_MPa: supply }) {
+		tell({ rig, controller, note, reason, moving, tip_clearance_mm: gap, reservoir_MPa: supply }) {
 			const here = STATES[rig] || rig, why = reason ? `Saturated: ${reason}.` : "";
 			section.dataset.state = rig;
 			find(".state b").textContent = here;
 			find(".state span").textContent = [note, supply === null ? "" : `supply ${kPa(supply)} kPa`].filter(Boolean).join("; ");
+			[chosen.value, chosen.disabled] = [controller, rig === "ARMED"];
 			buttons.forEach((each) => (each.disabled = rig !== LEGAL[each.value]));
 			find(".why").textContent = why || (frame?.pressed && rests(sent) ? "Another window steers." : "");
 			find(".gap").textContent = gap === null ? (moving ? "" : "The tip is not in the tract.") : `Tip clearance: ${gap.toFixed(2)} mm${gap < 0 ? ", through the wall" : ""}`;
