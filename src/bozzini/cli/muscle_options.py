@@ -284,7 +284,8 @@ class Request:
             return model
         from ..muscle.compose import Bundle
 
-        return Bundle([model] * check_integer("side by side", self.side_by_side, low=1, high=100))
+        count = check_integer("side by side", self.side_by_side, low=1, high=100)
+        return Bundle((model,) * count)
 
     def _build_one(self, *, pressure: float) -> MuscleModel:
         from ..muscle.ends import EndEffects
