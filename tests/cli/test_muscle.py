@@ -581,3 +581,32 @@ def test_a_muscle_that_gets_longer_has_a_curve_of_force(run):
     assert float(rows[0]["force_N"]) < 0.0  # it pushes when blocked
     assert float(rows[-1]["contraction_mm"]) < 0.0
     assert float(rows[-1]["force_N"]) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_muscles_side_by_side_share_the_load(run):
+    """Three under thrice the load contract as one does, and pull three times as much."""
+    ask = ("--pressure", "0.5MPa", "--json")
+    one, three = (
+        json.loads(run("solve", *ask, "--load", load, *more)[1])
+        for load, more in (("0.5N", ()), ("1.5N", ("--side-by-side", "3")))
+    )
+    assert three["contraction_mm"] == pytest.approx(one["contraction_mm"], abs=1e-9)
+    assert three["side_by_side"] == 3 and three["load_N"] == 1.5
+    assert {**three, "side_by_side": 0}.keys() == {**one, "side_by_side": 0}.keys()
+    curve, bundle = (
+        json.loads(run("curve", "--of", "force", *ask, *more)[1])["columns"]
+        for more in ((), ("--side-by-side", "3"))
+    )
+    for name in ("force_N", "stiffness_N_per_mm"):
+        assert bundle[name] == pytest.approx([3.0 * value for value in curve[name]])
+    for chosen in (("--model", "chou"), ("--model", "energy")):  # from where one holds its share
+        lines = [
+            json.loads(run("curve", *ask, *chosen, "--load", load, *more)[1])["columns"]
+            for load, more in (("0.5N", ()), ("1.5N", ("--side-by-side", "3")))
+        ]
+        for name, values in lines[0].items():
+            assert lines[1][name] == pytest.approx(values, abs=1e-8)
+    code, _, err = run("solve", "--pressure", "0.5MPa", "--side-by-side", "0")
+    assert code == 2 and "side by side is 0: it must" in err
+    code, _, err = run("solve", "--pressure", "0.5MPa", "--model", "thesis", "--side-by-side", "2")
+    assert code == 2 and "which has no response to a load" in err

@@ -130,6 +130,23 @@ def test_added_load_path_is_a_spring():
     )
 
 
+def test_a_taper_that_grows_with_the_load_stiffens():
+    """Fig. 3.16 has it soften, to 0.63 N/mm: by (3.22) that needs a taper that shrinks."""
+    specimen = preset("thesis-45")
+    column = ThesisMuscle(specimen, load_path="bulk").load_stiffness
+
+    def find_slope(scale):
+        """Load per contraction lost with tapers phi (1 + F / scale) and the column."""
+        loads = np.array([0.0, 0.01])
+        ends = specimen.end_length * (1.0 + loads / scale)
+        free = [ThesisMuscle(specimen.replace(end_length=e)).contraction(0.758) for e in ends]
+        return 0.01 / (0.01 / column - float(free[1] - free[0]))
+
+    assert find_slope(1e6) == pytest.approx(column, rel=1e-3)
+    assert find_slope(20.0) > 1.05 * column and find_slope(5.0) > find_slope(20.0)
+    assert find_slope(-2.16) == pytest.approx(0.63, abs=0.005)
+
+
 @given(muscles(), st.floats(0.0, 10.0), SHARES)
 def test_finite_or_refused(muscle, pressure, share):
     for load_path in ("none", "bulk"):

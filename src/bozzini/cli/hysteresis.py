@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
 OPERATORS = (
     *("generalised", "prandtl-ishlinskii", "asymmetric", "unparallel", "bouc-wen", "preisach"),
-    "friction-band",
+    *("friction-band", "maxwell-slip"),
 )
 """Those of `bozzini.muscle.loops.OPERATORS`, which is not loaded to write a help text."""
 _RECORDS = (".yaml", ".yml", ".json")

@@ -306,8 +306,11 @@ def _find_lowest(model: MuscleModel, pressure: float, load: float, direction: st
 
     Found by bisection: a gap in between is not found. It has to have one at the highest.
     """
+    from ..muscle.compose import Bundle
     from ..muscle.models.base import ExplicitModel
 
+    if isinstance(model, Bundle):
+        return _find_lowest(model.models[0], pressure, load / len(model.models), direction)
     if not isinstance(model, ExplicitModel):
         return 0.0
     model.solve(pressure, load, direction=direction)

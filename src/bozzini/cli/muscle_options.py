@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ..checks import list_quantities
+from ..checks import check_integer, list_quantities
 from ..errors import FileFormatError, InputError
 from ..muscle.design import Muscle
 from ..units import parse_quantity
@@ -199,6 +199,7 @@ class Request:
     is_named: bool = True
     model_name: str = ""
     direction: str | None = None
+    side_by_side: int | None = None
 
     @classmethod
     def take(cls, **values: Any) -> Request:
@@ -276,8 +277,17 @@ class Request:
         """Return the one model of the muscle, for the direction asked for.
 
         It is mounted if the muscle file has effects of the ends. What the file has and the model
-        does not use is named on stderr.
+        does not use is named on stderr. Several side by side are a `Bundle`.
         """
+        model = self._build_one(pressure=pressure)
+        if self.side_by_side is None:
+            return model
+        from ..muscle.compose import Bundle
+
+        count = check_integer("side by side", self.side_by_side, low=1, high=100)
+        return Bundle((model,) * count)
+
+    def _build_one(self, *, pressure: float) -> MuscleModel:
         from ..muscle.ends import EndEffects
 
         muscle = self.muscle
@@ -302,9 +312,15 @@ def _describe_unused(option: str, names: Sequence[str]) -> str:
 
 
 def describe_model(model: MuscleModel) -> dict[str, object]:
-    """Return the choices of a model, None where it has no such choice, and its constants."""
+    """Return the choices of a model, None where it has no such choice, and its constants.
+
+    Of a bundle they are those of one of its muscles, with how many there are.
+    """
+    from ..muscle.compose import Bundle
     from ..muscle.models.card import make_parameters
 
+    if isinstance(model, Bundle):
+        return {**describe_model(model.models[0]), "side_by_side": len(model.models)}
     model = getattr(model, "model", model)  # of a mounted one
     own = {item.name: getattr(model, item.name) for item in make_parameters(type(model))}
     given: Mapping[str, object] = getattr(model, "keywords", own)
@@ -456,11 +472,17 @@ request_options = gather("asked", Request.take, set_option, design_options, mode
 one_model_options = gather(
     "asked", Request.take, model_option, set_option, design_options, model_options
 )
+bundle_option = option(
+    "--side-by-side",
+    "So many of the muscle between two plates: their pulls add and share the load (default: one).",
+    int,
+)
 directed_options = gather(
     "asked",
     Request.take,
     model_option,
     direction_option,
+    bundle_option,
     set_option,
     design_options,
     model_options,

@@ -12,6 +12,7 @@ from bozzini.muscle.hysteresis import (
     BoucWen,
     FrictionBand,
     GeneralisedPrandtlIshlinskii,
+    MaxwellFriction,
     MaxwellSlip,
     MonotoneCurve,
     PrandtlIshlinskii,
@@ -36,6 +37,7 @@ OPERATORS = {
         (0.0, 0.1, 0.3), (0.5, 0.3, 0.2), (1.0, 0.9, 1.1), (1.0, 1.2, 1.5)
     ),
     "slips": MaxwellSlip((2.0, 1.0, 0.5), (0.1, 0.2, 0.2)),
+    "maxwell-slip": MaxwellFriction(4.0, (2.0, 1.0, 0.5), (0.1, 0.2, 0.2)),
     "bouc-wen": BoucWen(slope=2.0, alpha=0.9, beta=6.0, gamma=-2.0, exponent=1.5, offset=0.1),
     "bouc-wen-1": BoucWen(slope=2.0, alpha=0.9, beta=3.0, gamma=1.0),
     "relays": Preisach(LEVELS, WEIGHTS, offset=0.3),
@@ -130,6 +132,11 @@ def run_unparallel(operator, history):
         pairs = zip(operator.weights, places, strict=True)
         output.append(operator.offset + sum(w * h for w, h in pairs))
     return np.array(output)
+
+
+@plain("maxwell-slip")
+def run_friction(operator, history):
+    return operator.slope * history - run_slips(operator, history)
 
 
 @plain("slips")

@@ -70,6 +70,22 @@ def test_every_operator_can_be_carried_at_once(name, measured):
     assert set(fit.parts) >= {"fitted", "rising", "falling", "before the first maximum"}
 
 
+@pytest.mark.parametrize("static", [None, STATIC], ids=["alone", "carried"])
+def test_maxwell_slips_are_the_plays_of_the_same_loop(static, measured):
+    """What slips leave of the pressure is a sum of plays: two classes, one answer."""
+    record, pressure, shown = measured
+    slips, plays = (
+        fit_loop(record, name, static=static, options=LOG).model
+        for name in ("maxwell-slip", "prandtl-ishlinskii")
+    )
+    history = pressure[::20]
+    assert slips.trace(history) == pytest.approx(plays.trace(history), abs=1e-9)
+    found, same = (model.compensate(shown[::20]).pressure for model in (slips, plays))
+    assert found == pytest.approx(same, abs=1e-6)
+    friction = slips.operator.slope * history - slips.operator.apply(history)
+    assert friction == pytest.approx(slips.operator.slips.apply(history), abs=1e-12)
+
+
 def test_bent_plays_leave_little_more_than_the_noise(measured):
     record, _, _ = measured
     fit = fit_loop(record, static=STATIC, options=LOG)

@@ -1,5 +1,5 @@
 from .bouc_wen import BoucWen
-from .friction import FrictionBand, MaxwellSlip
+from .friction import FrictionBand, MaxwellFriction, MaxwellSlip
 from .generalised import GeneralisedPrandtlIshlinskii, MonotoneCurve
 from .operator import (
     Hysteresis,
@@ -26,6 +26,7 @@ __all__ = [
     "HysteresisState",
     "InvertibleOperator",
     "LoopOptions",
+    "MaxwellFriction",
     "MaxwellSlip",
     "MonotoneCurve",
     "Operator",

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...checks import broadcast, check_array, check_number, refuse_first
+from ...checks import broadcast, check_array, check_integer, check_number, refuse_first
 from ...errors import InputError
 from ...numeric.arrays import Floats
 from ..kernels import hysteresis as kernels
@@ -26,7 +26,7 @@ from .operator import (
     take_numbers,
     take_same_count,
 )
-from .prandtl_ishlinskii import BEYOND, PrandtlIshlinskii, choose_thresholds
+from .prandtl_ishlinskii import BEYOND, Plays, PlaySum, PrandtlIshlinskii, choose_thresholds
 
 
 @dataclass(frozen=True)
@@ -177,6 +177,100 @@ class MaxwellSlip(Operator):
             return f"it must lie in [{-limit:g}, {limit:g}]"
 
         refuse_first(beyond, "memory{} of the initial state", memory, must)
+
+
+@dataclass(frozen=True)
+class MaxwellFriction(PlaySum):
+    """The pressure that Maxwell slips leave: ``slope`` times the input less a `MaxwellSlip`.
+
+    It is `MaxwellSlip.to_plays`, so what a `PrandtlIshlinskii` with a play of half width 0 does, by
+    the constants of springs and sliders; a model can carry it. `slips` is the friction alone.
+
+    Parameters
+    ----------
+    slope : float
+        Output per input with all elements slipping the same way.
+    stiffnesses, limits : sequence of float
+        Of `MaxwellSlip`.
+
+    Raises
+    ------
+    InputError
+        If they are no such numbers.
+    """
+
+    slope: float = number()
+    stiffnesses: tuple[float, ...] = numbers(low=0.0, low_open=True)
+    limits: tuple[float, ...] = numbers(low=0.0, low_open=True, like="stiffnesses")
+
+    @property
+    def slips(self) -> MaxwellSlip:
+        """The slips, whose output is taken off."""
+        return MaxwellSlip(self.stiffnesses, self.limits)
+
+    @property
+    def plays(self) -> PrandtlIshlinskii:
+        """The same as plays."""
+        return self.slips.to_plays(slope=self.slope)
+
+    @classmethod
+    def identify(
+        cls,
+        history: ArrayLike,
+        response: ArrayLike,
+        *,
+        yields: Sequence[float] | None = None,
+        count: int = 10,
+        options: LoopOptions | None = None,
+    ) -> HysteresisFit[MaxwellFriction]:
+        """Fit slope and elements to measured loops, as `PrandtlIshlinskii.identify` does.
+
+        History, response and options are those of all operators, see `Operator`. What is fitted
+        has no offset. Elements of which nothing is left are dropped.
+
+        Parameters
+        ----------
+        yields : sequence of float, optional
+            Inputs w / k at which elements slip; else as many as `count` plays have, the first of
+            which is the input itself.
+        count : int
+            How many plays, 2 to 200.
+
+        Raises
+        ------
+        InputError
+            If the response shows no friction.
+        """
+        count = check_integer("count", count, low=2, high=200)
+        options = replace(LoopOptions() if options is None else options, carried=True)
+        if yields is not None:
+            yields = (0.0, *take_increasing("yields", yields, low_open=True))
+        found = PrandtlIshlinskii.identify(
+            history, response, thresholds=yields, count=count, options=options
+        )
+        weights, reaches = found.operator.weights, found.operator.thresholds
+        slope = sum(weights)
+        kept = [i for i in range(1, len(weights)) if weights[i] > 1e-12 * slope]
+        if not kept:
+            raise InputError("response shows no friction: plays of no width fit it best")
+        operator = cls(
+            slope,
+            tuple(weights[i] for i in kept),
+            tuple(weights[i] * reaches[i] for i in kept),
+        )
+        names = {f"weights[{i}]": f"stiffnesses[{place}]" for place, i in enumerate(kept)}
+        lost = tuple(
+            names.get(name, "slope") for name in found.undetermined
+            if name in names or name == "weights[0]"
+        )  # fmt: skip
+        return HysteresisFit(**{**vars(found), "operator": operator, "undetermined": lost})
+
+    def _plays(self) -> Plays:
+        return self.plays._plays()
+
+    @property
+    def _steepness(self) -> float:
+        return self.plays._steepness
 
 
 @dataclass(frozen=True)

@@ -36,6 +36,7 @@ from ..hysteresis import (
     GeneralisedPrandtlIshlinskii,
     HysteresisState,
     InvertibleOperator,
+    MaxwellFriction,
     Operator,
     PrandtlIshlinskii,
     Preisach,
@@ -57,11 +58,9 @@ OPERATORS: dict[str, type[Operator]] = {
     "bouc-wen": BoucWen,
     "preisach": Preisach,
     "friction-band": FrictionBand,
+    "maxwell-slip": MaxwellFriction,
 }
-"""The operators that recorded loops are fitted with, by name.
-
-`MaxwellSlip` is not among them: what it leaves of a pressure is a `PrandtlIshlinskii`.
-"""
+"""The operators that recorded loops are fitted with, by name."""
 
 KIND, VERSION = "bozzini-hysteresis", 1
 _POINTS = 1001  # of a static curve's table
