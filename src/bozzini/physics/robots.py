@@ -396,7 +396,7 @@ class ManoeuvreDrive(PushDrive):
             far = float(np.linalg.norm(off))
             most = self.options.tip_rate * (time - self._last)
             self.turn = self.turn + off * min(1.0, most / max(far, 1e-12))
-        elif step.move == "push" and 0.0 < rate:
+        elif step.push and rate > 0.0:
             self.steer(self.aim(simulation), time - self._last)
         self._last = time
         turns = _bend_evenly(self.tip, self.tip, self.turn)
