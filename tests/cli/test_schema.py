@@ -143,7 +143,8 @@ def _make(kind: str, path: Path) -> tuple[Any, Callable[[Any], object]]:
 
 
 @pytest.mark.parametrize(
-    ("kind", "field"), [("robot", "sections"), ("study", "factors"), ("shapes", "shapes"), ("manoeuvre", "steps")]
+    ("kind", "field"),
+    [("robot", "sections"), ("study", "factors"), ("shapes", "shapes"), ("manoeuvre", "steps")],
 )
 def test_what_needs_one_may_not_be_empty(kind: str, field: str, tmp_path: Path) -> None:
     data, read = _make(kind, tmp_path / "file.yaml")

@@ -137,7 +137,11 @@ def test_wrong_steps_are_one_line(steps: list[dict[str, str]], words: str) -> No
 @pytest.mark.parametrize(
     ("step", "scope", "words"),
     [
-        (Step(push=5000.0), SOFT, "steps[0].push is 5000 mm: with it 5000 mm are in, and the scope"),
+        (
+            Step(push=5000.0),
+            SOFT,
+            "steps[0].push is 5000 mm: with it 5000 mm are in, and",
+        ),
         (Step(bend=4.0), SOFT, "steps[0].bend is 229.183 deg: it must be at most the tip's"),
         (Step(bend=1.0), dataclasses.replace(SOFT, tip_rate=0.0), "tip rate is 0: steps[0] bends"),
     ],

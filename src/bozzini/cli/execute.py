@@ -114,8 +114,8 @@ def command(
 
     with answer.show_progress() as progress:
         study = study_execution(
-            replace(scenery, wall=wall, scope=scope, manoeuvre=steps), options, compare=compare, check=check,
-            progress=progress,
+            replace(scenery, wall=wall, scope=scope, manoeuvre=steps), options, compare=compare,
+            check=check, progress=progress,
         )  # fmt: skip
     from ..io.files import new_directory
 

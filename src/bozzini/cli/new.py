@@ -85,8 +85,9 @@ constraints: # what a row must keep to be feasible: at_least, at_most, or both
 
 
 MANOEUVRE = """\
-# A manoeuvre of a pushed scope, whose tip stands at the entry before the first step. Quantities carry
-# their units; without one they are in mm, mm/s and rad.
+# A manoeuvre of a pushed scope, whose tip stands at the entry before the first step. Quantities
+# carry their units; without one they are in mm, mm/s and rad. A line that begins with '#' and a
+# name is a field at rest.
 #   bozzini execute --drive push --manoeuvre {file}
 kind: bozzini-manoeuvre
 version: 1

@@ -5,9 +5,9 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -132,18 +132,18 @@ class Scenery:
         line = plan.path if plan.centreline is None else plan.centreline.points
         length = float(measure_arc_length(line)[-1])
         scope = plan.get_scope()
-        given = {
-            "line": line,
-            "introducer": plan.get_introducer(),
-            "diameter": scope.diameter,
-            "length": PUSHED_LENGTH * length,
-            "link": scope.link_length,
-            "speed": speed,
-            "options": self.scope,
-        }
-        if self.manoeuvre is None:
-            return PushDrive(**given)
-        return ManoeuvreDrive(**given, manoeuvre=self.manoeuvre)
+        kind: Callable[..., PushDrive] = PushDrive
+        if self.manoeuvre is not None:
+            kind = partial(ManoeuvreDrive, manoeuvre=self.manoeuvre)
+        return kind(
+            line=line,
+            introducer=plan.get_introducer(),
+            diameter=scope.diameter,
+            length=PUSHED_LENGTH * length,
+            link=scope.link_length,
+            speed=speed,
+            options=self.scope,
+        )
 
     def make_wall(self, name: DriveName) -> LumenWall:
         """Return the wall; a pushed scope's introducer is as narrow as it."""
