@@ -52,6 +52,26 @@ def test_a_plan_is_driven_beside_a_pushed_scope(
 
 
 @pytest.mark.slow
+def test_a_manoeuvre_is_made_and_its_limits_are_said(
+    capsys: CAPTURE, plan: Path, tracts: Tracts, tmp_path: Path
+) -> None:
+    file, out = tmp_path / "manoeuvre.yaml", tmp_path / "out"
+    file.write_text("steps: [{push: 15 mm}, {twist: 30 deg}, {pull: 5 mm}]", encoding="utf-8")
+    made = ("execute", plan, tracts.surface, *FAST, "--drive", "push", "--manoeuvre", file)
+    outcome = run(capsys, *made, "--out", out)
+    assert outcome.code == 0, outcome.err
+    assert "twist 30 deg" in outcome.out and "Limit: the wall is held in place" in outcome.out
+    summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
+    moved = [step["base_moved_mm"] for step in summary["manoeuvre"]]
+    assert moved == pytest.approx([15.0, 0.0, -5.0], abs=0.1)
+    assert "manoeuvre.csv" in summary["files"]
+    file.write_text("steps: [{push: 15 mm}, {pull: 20 mm}]", encoding="utf-8")
+    outcome = run(capsys, *made, "--out", tmp_path / "none")
+    assert outcome.code == 2 and outcome.err.count("\n") == 1
+    assert "steps[1].pull is 20 mm" in outcome.err and not (tmp_path / "none").exists()
+
+
+@pytest.mark.slow
 def test_a_tract_is_planned_first(capsys: CAPTURE, tracts: Tracts, tmp_path: Path) -> None:
     outcome = run(
         capsys, "execute", tracts.surface, *SCOPE[:4], *FAST, "--check", "--wall", "prism",
@@ -84,6 +104,8 @@ def test_a_scope_that_does_not_fit_is_refused_by_the_planner(
         (("execute", "--repeats", "3"), "--repeats is 3: without --seeds it must be 1"),
         (("execute", "PLAN", "--seeds", "3"), "--seeds takes no file"),
         (("execute", "--stiffness", "0N/mm"), "stiffness is 0 N/mm: it must lie in [0.0001"),
+        (("execute", "--manoeuvre", "PLAN"), "--manoeuvre is of a pushed scope: give --drive push"),
+        (("execute", "--drive", "push", "--manoeuvre", "none.yaml"), "none.yaml"),
         (("execute", "--robot", "PLAN"), "--robot has no effect on a phantom"),
         (("execute", "--seeds", "2", "--unit", "m"), "--unit has no effect on a phantom"),
         (("execute", "--drive", "tendons"), "--drive is tendons: give a tract with --robot"),

@@ -20,10 +20,11 @@ from bozzini.cli._tract_options import list_plan_options
 from bozzini.cli.main import main
 from bozzini.continuum import ContinuumRobot, Section, Tendon
 from bozzini.muscle import EndEffects, Muscle, preset, read_muscle
+from bozzini.physics.manoeuvre import Manoeuvre, Step
 from bozzini.study import Study
 from tests.cli.plan_cases import CURVE, SCOPE, Tracts
 
-KINDS = ("plan", "muscle", "robot", "study")
+KINDS = ("plan", "muscle", "robot", "study", "manoeuvre")
 AT_REST = re.compile(r"^( *)#(?=[\w.]+:)", re.M)
 
 
@@ -206,9 +207,12 @@ def test_every_line_at_rest_can_be_set(
         if kind == "plan":  # all of it is read before the tract is looked for
             assert "nowhere.nii" in refuse("plan", "nowhere.nii", "--options", "set.yaml")
         else:
-            {"muscle": read_muscle, "robot": ContinuumRobot.from_yaml, "study": Study.load}[kind](
-                "set.yaml"
-            )
+            {
+                "muscle": read_muscle,
+                "robot": ContinuumRobot.from_yaml,
+                "study": Study.load,
+                "manoeuvre": Manoeuvre.load,
+            }[kind]("set.yaml")
 
 
 def _list_known(kind: str) -> dict[str, tuple[Quantity, object]]:
@@ -219,6 +223,8 @@ def _list_known(kind: str) -> dict[str, tuple[Quantity, object]]:
         muscle = preset("effector-45")
         fields = {name: (known, muscle) for name, known in list_quantities(Muscle).items()}
         return fields | {name: (item, None) for name, item in list_quantities(EndEffects).items()}
+    if kind == "manoeuvre":
+        return {name: (known, None) for name, known in list_quantities(Step).items()}
     if kind == "study":
         return {name: (known, None) for name, known in Study.load("study.yaml").inputs.items()}
     fields = {**list_quantities(Section), **list_quantities(Tendon)}

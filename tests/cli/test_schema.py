@@ -21,6 +21,7 @@ from bozzini.errors import InputError
 from bozzini.io.records import load_data, parse_yaml, read_record
 from bozzini.motion.plan import Plan
 from bozzini.muscle import EndEffects, MuscleFile, preset, write_muscle
+from bozzini.physics.manoeuvre import Manoeuvre
 from bozzini.study import StudySpec
 from tests.duct.test_registry import OWN
 from tests.muscle.test_files import FIT
@@ -46,7 +47,7 @@ def test_a_schema_is_one_and_is_written(
     assert json.loads((tmp_path / "schema.json").read_text(encoding="utf-8")) == schema
 
 
-@pytest.mark.parametrize("kind", ["plan", "muscle", "robot", "head", "study"])
+@pytest.mark.parametrize("kind", ["plan", "muscle", "robot", "head", "study", "manoeuvre"])
 def test_new_files_keep_the_schema(kind: str, tmp_path: Path) -> None:
     path = tmp_path / "new.yaml"
     assert main(["new", kind, "--out", str(path)]) == 0
@@ -135,13 +136,15 @@ def _make(kind: str, path: Path) -> tuple[Any, Callable[[Any], object]]:
         "muscle": lambda data: read_record(data, MuscleFile),
         "robot": lambda data: read_record(data, ContinuumRobot),
         "study": lambda data: read_record(data, StudySpec),
+        "manoeuvre": lambda data: read_record(data, Manoeuvre),
         "shapes": read_shapes,
     }
     return load_data(path), readers[kind]
 
 
 @pytest.mark.parametrize(
-    ("kind", "field"), [("robot", "sections"), ("study", "factors"), ("shapes", "shapes")]
+    ("kind", "field"),
+    [("robot", "sections"), ("study", "factors"), ("shapes", "shapes"), ("manoeuvre", "steps")],
 )
 def test_what_needs_one_may_not_be_empty(kind: str, field: str, tmp_path: Path) -> None:
     data, read = _make(kind, tmp_path / "file.yaml")
@@ -151,7 +154,7 @@ def test_what_needs_one_may_not_be_empty(kind: str, field: str, tmp_path: Path) 
         read(data)
 
 
-@pytest.mark.parametrize("kind", ["muscle", "robot", "study", "shapes"])
+@pytest.mark.parametrize("kind", ["muscle", "robot", "study", "shapes", "manoeuvre"])
 def test_what_the_schema_refuses_the_reader_refuses(kind: str, tmp_path: Path) -> None:
     data, read = _make(kind, tmp_path / "file.yaml")
     read(data)

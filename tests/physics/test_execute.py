@@ -11,8 +11,8 @@ import pytest
 from bozzini.continuum import ContinuumRobot, EnergyModel, Helix, Section, Tendon
 from bozzini.errors import InputError
 from bozzini.motion import Plan, Scope, plan_insertion
-from bozzini.numeric.polylines import carry_frames, measure_arc_length
-from bozzini.physics.execute import execute, follow_way
+from bozzini.numeric.polylines import carry_frames, follow_way, measure_arc_length
+from bozzini.physics.execute import execute
 from bozzini.physics.options import ExecuteOptions, ScopeOptions, WallOptions
 from bozzini.physics.robots import (
     PlanDrive,

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import click
 
 from ..errors import InputError
+from ..physics.manoeuvre import LIMITS, Manoeuvre
 from ..physics.options import ExecuteOptions, ScopeOptions, WallOptions
 from ..results import format_rows
 from ..study.options import InsertionOptions, ReadOptions
@@ -32,6 +33,7 @@ from .common import (
 from .plan import reserve_target
 
 if TYPE_CHECKING:
+    from ..physics.manoeuvre import StepReport
     from ..physics.study import ExecutionStudy, Scenery
 
 __all__ = ["command"]
@@ -45,6 +47,11 @@ __all__ = ["command"]
 @options_of(ExecuteOptions, "options")
 @options_of(WallOptions, "wall")
 @options_of(ScopeOptions, "scope")
+@click.option(
+    "--manoeuvre", type=INPUT, metavar="FILE",
+    help="With --drive push: steps of push, pull, twist and bend, as 'bozzini new manoeuvre' "
+    "writes them.",
+)  # fmt: skip
 @click.option("--compare", is_flag=True, help="Also drive the pushed scope, side by side.")
 @click.option(
     "--check",
@@ -72,6 +79,7 @@ def command(
     options: ExecuteOptions,
     wall: WallOptions,
     scope: ScopeOptions,
+    manoeuvre: Path | None,
     compare: bool,
     check: bool,
     seeds: int | None,
@@ -83,8 +91,12 @@ def command(
     PLAN is a plan's .npz and INPUT the file that it was made from; a TRACT is planned in first.
     Without both it is the phantom of --seed. With --drive tendons the robot is that of --robot, or
     of the robot.npz beside PLAN. Exit code 0: it comes through; 1: it does not, it loops, a link
-    leaves the lumen, or the planner refused it; 2: bad input.
+    leaves the lumen, or the planner refused it; 2: bad input. With a manoeuvre 0: all steps are
+    made, no link outside.
     """
+    if manoeuvre is not None and (options.drive != "push" or seeds is not None):
+        raise InputError("--manoeuvre is of a pushed scope: give --drive push, without --seeds")
+    steps = None if manoeuvre is None else Manoeuvre.load(manoeuvre)
     if seeds is not None:
         if source is not None or compare or check or options.drive == "tendons":
             raise InputError("--seeds takes no file, --compare, --check or --drive tendons")
@@ -102,8 +114,8 @@ def command(
 
     with answer.show_progress() as progress:
         study = study_execution(
-            replace(scenery, wall=wall, scope=scope), options, compare=compare, check=check,
-            progress=progress,
+            replace(scenery, wall=wall, scope=scope, manoeuvre=steps), options, compare=compare,
+            check=check, progress=progress,
         )  # fmt: skip
     from ..io.files import new_directory
 
@@ -235,6 +247,9 @@ def _describe(study: ExecutionStudy, out: Path) -> str:
     table = [[words, *(_show(row[name]) for row in rows)] for name, words in COMPARED]
     lines = [format_rows(["", *(row["drive"] for row in rows)], table)]
     lines += [f"{row['drive']}: {row['reason']}." for row in rows if row["reason"]]
+    if study.executions[0].steps:
+        lines.append(_describe_steps(study.executions[0].steps))
+        lines += [f"Limit: {limit}." for limit in LIMITS]
     if study.convergence is not None:
         checked = study.convergence.describe()
         names = list(study.convergence.values)
@@ -243,6 +258,19 @@ def _describe(study: ExecutionStudy, out: Path) -> str:
         lines.append(format_rows(["changes with", *checked], changes))
     lines.append(f"Forces: {out / 'force.png'}, page: {out / 'view.html'}")
     return "\n".join(lines)
+
+
+def _describe_steps(steps: tuple[StepReport, ...]) -> str:
+    """Return what came of the steps of a manoeuvre as a table."""
+    rows = [step.to_dict() for step in steps]
+    titles = {
+        "step": "step", "base_moved_mm": "base [mm]", "tip_moved_mm": "tip [mm]",
+        "tip_progress_mm": "tip is at [mm]", "tip_turned_deg": "tip turns [deg]",
+        "twist_arrived": "arrives", "torque_N_mm": "torque [N mm]",
+        "normal_peak_N": "wall, most [N]", "inside_over_reached": "inside/reached",
+    }  # fmt: skip
+    table = [[row["step"], *(_show(row[key]) for key in list(titles)[1:])] for row in rows]
+    return format_rows([*titles.values()], table)
 
 
 def _show(value: object) -> str:

@@ -89,6 +89,22 @@ HEAD_HEAD = """\
 # instrument: separate, integrated or none. Each field, with its range: bozzini schema head
 """
 
+MANOEUVRE = """\
+# A manoeuvre of a pushed scope, whose tip stands at the entry before the first step. Quantities
+# carry their units; without one they are in mm, mm/s and rad. A line that begins with '#' and a
+# name is a field at rest.
+#   bozzini execute --drive push --manoeuvre {file}
+kind: bozzini-manoeuvre
+version: 1
+steps: # each is one of push, pull, twist and bend
+  - push: 60 mm # {push}
+    #speed: 20 mm/s # {speed}
+  - bend: 60 deg # {bend}
+    #direction: 90 deg # {direction}
+  - twist: 90 deg # {twist}
+  - pull: 20 mm # {pull}
+"""
+
 
 @click.group("new", cls=CheckedGroup)
 def command() -> None:
@@ -176,6 +192,14 @@ def study_command(answer: Answer) -> None:
     _write(answer, format_study(), "bozzini study run {file} --out results")
 
 
+@command.command("manoeuvre")
+@_file_options("manoeuvre.yaml")
+def manoeuvre_command(answer: Answer) -> None:
+    """Write a manoeuvre of a pushed scope: push, bend, twist, pull."""
+    line = "bozzini execute --drive push --manoeuvre {file}"
+    _write(answer, format_manoeuvre(), line)
+
+
 def format_plan() -> str:
     """Return a file of options of ``bozzini plan``."""
     from ._tract_options import list_plan_options
@@ -235,3 +259,12 @@ def format_study() -> str:
     words = {name: item.describe() for name, item in known.items()}
     muscle = {name: item.describe() for name, item in list_quantities(Muscle).items()}
     return STUDY.format(file="{file}", muscle=muscle, **words)
+
+
+def format_manoeuvre() -> str:
+    """Return a manoeuvre file: in, hook the tip, turn it, and pull back."""
+    from ..checks import list_quantities
+    from ..physics.manoeuvre import Step
+
+    known = {name: item.describe() for name, item in list_quantities(Step).items()}
+    return MANOEUVRE.format(file="{file}", **known)

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from ..rig.camera_bench import BenchReport
     from ..rig.characterise import Gauge, PictureSource
     from ..rig.stairs import Stairs
-    from ..vision import RenderedSetup
+    from ..vision import Camera, RenderedSetup, StripBoard
     from .muscle_options import Request
 
 OpenHost = Callable[[float], AbstractContextManager["tuple[Host, Gauge | None]"]]
@@ -60,8 +60,20 @@ class CameraRequest:
             raise InputError("--camera rendered shows the emulated rig: leave out --port")
         if self.is_rendered and (self.strips or self.cameras_file):
             raise InputError("--camera rendered has a board and camera of its own: leave out files")
-        if not self.is_rendered and None in (self.strips, self.cameras_file):
+        if not self.is_rendered:
+            self.load()
+
+    def load(self) -> tuple[StripBoard, Camera]:
+        """Return the board and the camera of the files."""
+        from ..vision import load_cameras
+        from ..vision.board import load_strips
+
+        if self.strips is None or self.cameras_file is None:
             raise InputError("a real camera needs --strips and --cameras, see 'bozzini vision'")
+        cameras = load_cameras(self.cameras_file).cameras
+        if len(cameras) != 1:
+            raise InputError(f"{self.cameras_file} has {len(cameras)} cameras: lengths need one")
+        return load_strips(self.strips), cameras[0]
 
     def list_weights(self, stairs: Stairs) -> tuple[float, ...]:
         """Return the weights [N], from the least; that of the stairs if none are given."""
@@ -113,9 +125,9 @@ def characterise_by_camera(
     import numpy as np
 
     from ..muscle import preset
+    from ..report.bench_page import make_bench_page
     from ..rig.camera_bench import FREE, CameraBench, RenderedCamera, VideoCamera
-    from ..vision import LengthOptions, LengthSetup, RenderedSetup, StripBoard, load_cameras
-    from ..vision.board import load_strips
+    from ..vision import LengthOptions, LengthSetup, RenderedSetup, StripBoard
 
     table = answer.target
     pictures = table.with_name(f"{table.stem}-pictures")
@@ -136,11 +148,7 @@ def characterise_by_camera(
         setup = RenderedSetup.draw(view, board, options=known, random=random)
         camera = setup.camera
     else:
-        assert seen.strips is not None and seen.cameras_file is not None
-        board, cameras = load_strips(seen.strips), load_cameras(seen.cameras_file).cameras
-        if len(cameras) != 1:
-            raise InputError(f"{seen.cameras_file} has {len(cameras)} cameras: lengths need one")
-        camera = cameras[0]
+        board, camera = seen.load()
     typical = preset("effector-45")
     start = muscle.replace(modulus=typical.modulus, braid_angle=typical.braid_angle)
     bench = CameraBench(
@@ -181,6 +189,7 @@ def characterise_by_camera(
     with answer.show_progress() as progress:
         found = bench.run(open_rig, pictures, progress=progress)
     files = found.save(table)
+    files["report"] = make_bench_page(found).write(table.with_suffix(".html"))
     board.save(pictures / "board.yaml")
     answer.give({**found.to_dict(), "files": files, "pictures": pictures}, _describe(found, files))
     if not found.converged:

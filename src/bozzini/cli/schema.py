@@ -105,6 +105,15 @@ def _describe_head() -> Json:
     return make_schema(Head, "Bozzini head")
 
 
+def _describe_manoeuvre() -> Json:
+    from ..io.schema import make_schema
+    from ..physics.manoeuvre import Manoeuvre
+
+    schema = make_schema(Manoeuvre, "Bozzini manoeuvre")
+    schema["properties"]["steps"]["minItems"] = 1
+    return schema
+
+
 SCHEMAS: dict[str, Callable[[], Json]] = {
     "plan": _describe_plan,
     "options": _describe_options,
@@ -113,6 +122,7 @@ SCHEMAS: dict[str, Callable[[], Json]] = {
     "head": _describe_head,
     "shapes": _describe_shapes,
     "study": _describe_study,
+    "manoeuvre": _describe_manoeuvre,
 }
 """What makes the schema of each file."""
 

@@ -52,7 +52,7 @@ def open_tract(path: str | os.PathLike[str], **reading: Any) -> LabelTract | Sur
     return make_shape_tract(load_shapes_file(path), source=Path(path).name)
 
 
-def make_shape_tract(file: ShapesFile, *, source: str = "shapes") -> SurfaceTract:
+def make_shape_tract(file: ShapesFile, *, source: str = "shapes") -> LabelTract | SurfaceTract:
     """Return triangles on the wall of shapes; the finding says how far off they are.
 
     The wall is where the signed distance is 0, by marching cubes; as it changes by 1 mm per mm at
@@ -90,7 +90,6 @@ def make_shape_tract(file: ShapesFile, *, source: str = "shapes") -> SurfaceTrac
         message = "the shapes were fitted through the wall of a tract: they reach beyond it"
         found.append(Finding("shapes-outside", "warning", message))
     tract = tract_from_surface(vertices, faces, source=source, findings=found)
-    assert isinstance(tract, SurfaceTract)
     error = duct.wall_error
     return replace(
         tract,

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+_NEAR_MM = 40.0  # along the way, between places of the tip in neighbouring rows
+
 
 def measure_arc_length(points: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the (n,) arc length along a polyline (n, dim)."""
@@ -25,6 +27,19 @@ def interpolate_polyline(
 ) -> NDArray[np.float64]:
     """Return points (k, dim) of a polyline (n, dim) at the arc lengths `wanted` (k,)."""
     return np.stack([np.interp(wanted, arc_length, column) for column in points.T], axis=1)
+
+
+def follow_way(
+    line: NDArray[np.float64], arc: NDArray[np.float64], tip: NDArray[np.float64], *, before: float
+) -> float:
+    """Return how far a tip is along a way (m, 3), near where it was `before` [mm]."""
+    first, last = np.searchsorted(arc, [before - _NEAR_MM, before + _NEAR_MM])
+    start, stop = max(int(first) - 1, 0), min(int(last) + 1, len(arc))
+    ways, lengths = np.diff(line[start:stop], axis=0), np.diff(arc[start:stop])
+    off = tip - line[start : stop - 1]
+    share = np.clip(np.sum(off * ways, axis=1) / np.maximum(lengths, 1e-12) ** 2, 0.0, 1.0)
+    nearest = int(np.argmin(np.linalg.norm(off - share[:, None] * ways, axis=1)))
+    return float(arc[start + nearest] + share[nearest] * lengths[nearest])
 
 
 def carry_frames(tangents: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -1,8 +1,9 @@
 from .environment import Insertion, Lumen, rate_policy
 from .execute import Execution, execute
 from .export import format_mjcf, format_trajectory, format_urdf
+from .manoeuvre import Manoeuvre, Step, StepReport
 from .options import ExecuteOptions, ScopeOptions, WallOptions
-from .robots import PlanDrive, PushDrive, TendonDrive, build_tendon_chain
+from .robots import ManoeuvreDrive, PlanDrive, PushDrive, TendonDrive, build_tendon_chain
 from .simulate import Chain, Dynamics, Simulation
 from .study import ExecutionStudy, Scenery, Trials, run_trials, study_execution
 from .walls import LumenWall, build_prisms
@@ -16,11 +17,15 @@ __all__ = [
     "Insertion",
     "Lumen",
     "LumenWall",
+    "Manoeuvre",
+    "ManoeuvreDrive",
     "PlanDrive",
     "PushDrive",
     "Scenery",
     "ScopeOptions",
     "Simulation",
+    "Step",
+    "StepReport",
     "TendonDrive",
     "Trials",
     "WallOptions",

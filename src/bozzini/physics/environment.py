@@ -20,9 +20,8 @@ from ..checks import check_array, check_integer, check_kind, check_path, check_w
 from ..errors import InputError, MissingExtraError
 from ..motion.scope import Introducer, Scope
 from ..numeric.arrays import Floats
-from ..numeric.polylines import interpolate_polyline, measure_arc_length
+from ..numeric.polylines import follow_way, interpolate_polyline, measure_arc_length
 from ..results import Json
-from .execute import follow_way
 from .options import ScopeOptions, WallOptions
 from .robots import PushDrive, find_bends, stand_outside
 from .simulate import Chain, Dynamics, Simulation

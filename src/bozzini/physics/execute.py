@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 from ..anatomy.tract import name_place
 from ..checks import check_points
 from ..numeric.arrays import Floats
-from ..numeric.polylines import measure_arc_length
+from ..numeric.polylines import follow_way, measure_arc_length
 from ..progress import Progress, no_progress
 from ..results import Json, Result, measured, tabulated, take_axes
-from .robots import Drive
+from .manoeuvre import LIMITS, StepReport
+from .robots import Drive, ManoeuvreDrive
 from .simulate import Dynamics, Simulation, Touch
 from .walls import LumenWall, find_normals
 
@@ -37,19 +38,6 @@ STALLED_DIAMETERS = 3.0
 
 ON_MM = 40.0
 """How far a scope is pushed on after a loop [mm]."""
-
-_NEAR_MM = 40.0  # along the way, between places of the tip in neighbouring rows
-
-
-def follow_way(line: Floats, arc: Floats, tip: Floats, *, before: float) -> float:
-    """Return how far a tip is along a way (m, 3), near where it was `before` [mm]."""
-    first, last = np.searchsorted(arc, [before - _NEAR_MM, before + _NEAR_MM])
-    start, stop = max(int(first) - 1, 0), min(int(last) + 1, len(arc))
-    ways, lengths = np.diff(line[start:stop], axis=0), np.diff(arc[start:stop])
-    off = tip - line[start : stop - 1]
-    share = np.clip(np.sum(off * ways, axis=1) / np.maximum(lengths, 1e-12) ** 2, 0.0, 1.0)
-    nearest = int(np.argmin(np.linalg.norm(off - share[:, None] * ways, axis=1)))
-    return float(arc[start + nearest] + share[nearest] * lengths[nearest])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -96,10 +84,13 @@ class Execution(Result):
     compliance : float
         Of the wall, at each place of contact [mm/N].
     converged : bool
-        Whether it is complete, no link was outside the lumen, and no loop was made.
+        Whether it is complete, no link was outside the lumen, and no loop was made; of a
+        manoeuvre, whether all its steps were made with no link outside.
     reason : str
     residual : float
         How far the tip is from the end of the way [mm].
+    steps : tuple of StepReport
+        Of a manoeuvre.
     """
 
     drive: str
@@ -124,6 +115,7 @@ class Execution(Result):
     reason: str
     residual: float = measured("mm")
     findings: tuple[str, ...] = ()
+    steps: tuple[StepReport, ...] = ()
     joints: Floats = field(repr=False)
     radius: float = field(repr=False)
     touched: Floats = field(repr=False)
@@ -139,6 +131,8 @@ class Execution(Result):
     def summarise(self) -> Json:
         """Return the largest values and the verdict."""
         errors = self.tip_error[np.isfinite(self.tip_error)]
+        made = [step.to_dict() for step in self.steps]
+        manoeuvre = {"manoeuvre": made, "limits": list(LIMITS)} if made else {}
         return {
             "drive": self.drive,
             "complete": self.complete,
@@ -160,6 +154,7 @@ class Execution(Result):
             "compliance_mm/N": self.compliance,
             "converged": self.converged,
             "reason": self.reason,
+            **manoeuvre,
         }
 
     def map_forces(self, vertices: Floats, *, reach: float = 4.0) -> Floats:
@@ -238,7 +233,7 @@ def execute(
     Parameters
     ----------
     drive : Drive
-        `PlanDrive`, `TendonDrive` or `PushDrive`.
+        `PlanDrive`, `TendonDrive`, `PushDrive` or `ManoeuvreDrive`.
     wall : LumenWall
     line : (m, 3) float
         The way through the lumen, the entry first [mm].
@@ -313,7 +308,8 @@ class _Run:
 
     def _is_over(self) -> bool:
         """Whether a motion without a time table has come to its end, or goes on after a loop."""
-        if self.drive.find_goal(self.rows[-1][0]) is not None:
+        timed = isinstance(self.drive, ManoeuvreDrive)
+        if timed or self.drive.find_goal(self.rows[-1][0]) is not None:
             return False
         diameter = 2.0 * self.drive.chain.radius
         there = float(np.linalg.norm(self.joints[-1][0] - self.line[-1])) <= diameter
@@ -413,9 +409,12 @@ class _Run:
         last = float(np.linalg.norm(self.joints[-1][0] - self.line[-1]))
         complete = last <= 2.0 * chain.radius and not outside
         reason = self.why
-        if not complete and not reason:
+        drive, converged = self.drive, complete and not math.isfinite(self.looped[0])
+        steps: tuple[StepReport, ...] = ()
+        if isinstance(drive, ManoeuvreDrive):
+            steps, converged = tuple(drive.reports), not outside
+        if not complete and not reason and not steps:
             reason = f"the tip ends {last:.1f} mm from the end of the way"
-        looped = math.isfinite(self.looped[0])
         if wall is not None and wall.options.kind == "prism":
             self.findings += wall.prisms.findings
         if self.simulation.unsettled:
@@ -439,10 +438,11 @@ class _Run:
             looped_place=self.looped[1],
             speed_ratio=ratio,
             compliance=0.0 if wall is None else wall.options.compliance,
-            converged=complete and not looped,
+            converged=converged,
             reason=reason,
             residual=last,
             findings=tuple(self.findings),
+            steps=steps,
             joints=np.array(self.joints),
             radius=chain.radius,
             touched=np.concatenate(self.touched) if self.touched else np.zeros((0, 9)),

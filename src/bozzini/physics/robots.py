@@ -16,7 +16,13 @@ from ..motion.actuate.actuation import Actuation
 from ..motion.plan import Plan
 from ..motion.scope import Introducer
 from ..numeric.arrays import Floats
-from ..numeric.polylines import carry_frames, interpolate_polyline, measure_arc_length
+from ..numeric.polylines import (
+    carry_frames,
+    follow_way,
+    interpolate_polyline,
+    measure_arc_length,
+)
+from .manoeuvre import Manoeuvre, StepReport
 from .options import ScopeOptions
 from .simulate import Chain, Route, Simulation
 
@@ -25,6 +31,12 @@ SERVO_DAMPING_S = 0.0045
 
 RAMP_S = 0.5
 """Time in which a drive comes up to speed."""
+
+REST_S = 0.3
+"""Time after a step of a manoeuvre in which the scope comes to rest."""
+
+TWIST_RATE = 1.0
+"""How fast the handle is turned [rad/s]; assumed."""
 
 TENDON_STIFFNESS_N = 5000.0
 """EA of a tendon that the robot's file says does not stretch."""
@@ -306,6 +318,129 @@ class PushDrive:
     def find_goal(self, time: float) -> None:
         """Return nothing: nobody says where a pushed scope's tip is to be."""
         return
+
+
+@dataclass(eq=False)
+class ManoeuvreDrive(PushDrive):
+    """A pushed scope that is moved by an operator's steps: pushed, pulled, twisted, bent.
+
+    Its shaft is elastic in torsion too. `reports` has what came of the steps that were begun.
+
+    Parameters
+    ----------
+    manoeuvre : Manoeuvre
+
+    Raises
+    ------
+    InputError
+        If a step pushes in more than the scope's length, or bends its tip farther than it goes.
+    """
+
+    manoeuvre: Manoeuvre = field(kw_only=True)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        steps, most = self.manoeuvre.steps, self.options.tip_bend
+        for k, (step, inside) in enumerate(zip(steps, self.manoeuvre.insertions, strict=True)):
+            if inside > self.length:
+                raise InputError(
+                    f"steps[{k}].push is {step.amount:g} mm: with it {inside:g} mm are in, and the "
+                    f"scope has {self.length:.4g} mm"
+                )
+            if step.move == "bend" and not self.options.tip_rate:
+                raise InputError(f"tip rate is 0: steps[{k}] bends the tip, it must be above 0")
+            if step.move == "bend" and step.amount > most:
+                shown = show_apart(math.degrees(step.amount), math.degrees(most))
+                raise InputError(
+                    f"steps[{k}].bend is {shown[0]} deg: it must be at most the tip's bend, "
+                    f"{shown[1]} deg"
+                )
+        lengths = self.chain.lengths
+        torsion = np.full(len(lengths), self.options.torsion)
+        self.chain = dataclasses.replace(self.chain, twists=spread_rigidity(torsion, lengths))
+        self.start = np.zeros(1 + 3 * len(lengths))
+        self._spans = [self._find_span(k) for k in range(len(steps))]
+        self._ends = np.cumsum([span + RAMP_S + REST_S for span in self._spans])
+        self.duration = float(self._ends[-1])
+        self._base, self._handle = 0.0, 0.0
+        self._place, self._angle = 0.0, 0.0
+        self._before = np.zeros(0)
+        self._since = 0.0, 0.0  # inserted, and the tip's angle, before the step
+        self.reports: list[StepReport] = []
+
+    def _find_span(self, k: int) -> float:
+        """Return how long a step takes at full speed [s]."""
+        step = self.manoeuvre.steps[k]
+        if step.move == "twist":
+            return max(abs(step.amount) / TWIST_RATE, 1e-9)
+        if step.move == "bend":
+            return (step.amount + self.options.tip_bend) / self.options.tip_rate
+        return max(step.amount / (step.speed or self.speed), 1e-9)
+
+    def command(self, time: float, simulation: Simulation) -> tuple[Floats, Floats]:
+        """Go on with the step of a time."""
+        k = min(int(np.searchsorted(self._ends, time - 1e-9)), len(self._ends) - 1)
+        self._look(k, simulation)
+        step, span = self.manoeuvre.steps[k], self._spans[k]
+        since = time - (self._ends[k - 1] if k else 0.0)
+        share, rate = _ease(since, span)
+        moves = np.zeros(2), np.zeros(2)  # of base and handle, and how fast
+        which = {"push": (0, 1.0), "pull": (0, -1.0), "twist": (1, 1.0)}.get(step.move)
+        if which is not None:
+            moves[0][which[0]] = which[1] * share * step.amount
+            moves[1][which[0]] = which[1] * rate * step.amount
+        if step.move == "bend":
+            side = step.direction or 0.0
+            goal = step.amount * np.array([-math.sin(side), math.cos(side)])
+            off = goal - self.turn
+            far = float(np.linalg.norm(off))
+            most = self.options.tip_rate * (time - self._last)
+            self.turn = self.turn + off * min(1.0, most / max(far, 1e-12))
+        elif step.push and rate > 0.0:
+            self.steer(self.aim(simulation), time - self._last)
+        self._last = time
+        turns = _bend_evenly(self.tip, self.tip, self.turn)
+        control = np.concatenate([np.array([self._base, self._handle]) + moves[0], turns])
+        rates = np.zeros(len(control))
+        rates[:2] = moves[1]
+        return control, rates
+
+    def _look(self, k: int, simulation: Simulation) -> None:
+        """Note where a step has come to; begin its report, from where the one before ended."""
+        tip, steps = simulation.joints[0], self.manoeuvre.steps
+        angle = simulation.twist
+        turned = (angle - self._angle + math.pi) % math.tau - math.pi
+        self._angle += turned
+        while len(self.reports) <= k:
+            done = len(self.reports)
+            if done:
+                last = steps[done - 1]
+                self._base = self.manoeuvre.insertions[done - 1]
+                self._handle += last.twist or 0.0
+            self.reports.append(StepReport(step=steps[done].describe()))
+            self._before = tip
+            self._since = simulation.inserted, self._angle
+        report = self.reports[k]
+        report.base_moved = simulation.inserted - self._since[0]
+        report.tip_moved = float(np.linalg.norm(tip - self._before))
+        self._place = follow_way(self.line, self._arc, tip, before=self._place)
+        report.tip_progress = self._place
+        report.tip_turned = self._angle - self._since[1]
+        if steps[k].twist:
+            report.twist_arrived = report.tip_turned / steps[k].amount
+        report.torque = max(report.torque, abs(simulation.torque))
+        peak = float(simulation.touch.normals.max(initial=0.0))
+        report.normal_peak = max(report.normal_peak, peak)
+        if self._place >= self.diameter:
+            report.inside_over_reached = simulation.inserted / self._place
+
+
+def _ease(time: float, span: float) -> tuple[float, float]:
+    """Return the share of a way that is done, and its rate [1/s], with a ramp at both ends."""
+    ends = np.array([time, time - RAMP_S])
+    done = np.clip(ends / span, 0.0, 1.0)
+    sums = 0.5 * span * done**2 + np.maximum(ends - span, 0.0)
+    return float(sums[0] - sums[1]) / RAMP_S, float(done[0] - done[1]) / RAMP_S
 
 
 def build_tendon_chain(robot: RobotDesign, frame: Floats, *, most: float = 5.0) -> Chain:

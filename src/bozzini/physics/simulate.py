@@ -108,6 +108,8 @@ class Route:
 class Chain:
     """A robot as rigid links on a slide, with a joint of two hinges at the base of each link.
 
+    With twists there is a third hinge, about the link's axis, after the two.
+
     Parameters
     ----------
     lengths : (n,) float
@@ -121,6 +123,9 @@ class Chain:
     servo_damping : float
         Of the servos [N mm s/rad].
     tendons : tuple of Route
+    twists : (n,) float, optional
+        Torsional stiffness of each joint [N mm/rad]; that of the first is driven, as by a handle.
+        Without them the links do not twist.
 
     Raises
     ------
@@ -135,12 +140,13 @@ class Chain:
     servos: Floats
     servo_damping: float = 0.9
     tendons: tuple[Route, ...] = ()
+    twists: Floats | None = None
 
     def __post_init__(self) -> None:
         shape = self.lengths.shape
         if len(shape) != 1 or not len(self.lengths) or self.lengths.min() <= 0.0:
             raise InputError(f"lengths have shape {shape}: they must be (n,), positive, n from 1")
-        for name in ("springs", "servos"):
+        for name in ("springs", "servos") + ("twists",) * (self.twists is not None):
             if getattr(self, name).shape != shape:
                 raise InputError(
                     f"{name} has shape {getattr(self, name).shape}: it must be {shape}"
@@ -185,18 +191,20 @@ class Chain:
             body = parent.add_body(name=f"link{k}", pos=pos)
             hinges = [("x", [1.0, 0.0, 0.0]), ("y", [0.0, 1.0, 0.0])]
             # One after the other they twist a little, the other way in the other order.
-            for axis, direction in hinges[:: -1 if self.tendons and k % 2 else 1]:
-                name = f"bend{k}{axis}"
-                spring = NEWTON * self.springs[k]
-                joint = body.add_joint(
-                    name=name, type=mujoco.mjtJoint.mjJNT_HINGE, axis=direction,
-                    armature=dynamics.armature,
-                )  # fmt: skip
-                joint.stiffness[0] = spring
-                joint.damping[0] = NEWTON * dynamics.damping + step * spring
-                if self.servos[k] > 0.0:
-                    gain = NEWTON * self.servos[k]
-                    _add_servo(spec, name, gain, NEWTON * self.servo_damping + step * gain)
+            turned = (self.tendons or self.twists is not None) and k % 2
+            for axis, direction in hinges[:: -1 if turned else 1]:
+                _add_hinge(body, f"bend{k}{axis}", direction, dynamics, float(self.springs[k]))
+            if self.twists is not None:
+                spring = float(self.twists[k]) if k else 0.0
+                _add_hinge(body, f"twist{k}", [0.0, 0.0, 1.0], dynamics, spring)
+                if not k:
+                    gain = NEWTON * float(self.twists[0])
+                    _add_servo(spec, "twist0", gain, step * gain)
+            if self.servos[k] > 0.0:
+                gain = NEWTON * self.servos[k]
+                for axis, _ in hinges:
+                    damping = NEWTON * self.servo_damping + step * gain
+                    _add_servo(spec, f"bend{k}{axis}", gain, damping)
             body.add_geom(
                 name=f"skin{k}", type=mujoco.mjtGeom.mjGEOM_CAPSULE,
                 fromto=[0.0, 0.0, 0.0, 0.0, 0.0, length], size=[self.radius, 0.0, 0.0],
@@ -211,6 +219,17 @@ def _turn(frame: Floats) -> Floats:
     quat = np.empty(4)
     mujoco.mju_mat2Quat(quat, np.ascontiguousarray(frame[:3, :3]).ravel())
     return quat
+
+
+def _add_hinge(
+    body: mujoco.MjsBody, name: str, axis: list[float], dynamics: Dynamics, stiffness: float
+) -> None:
+    spring = NEWTON * stiffness
+    joint = body.add_joint(
+        name=name, type=mujoco.mjtJoint.mjJNT_HINGE, axis=axis, armature=dynamics.armature
+    )
+    joint.stiffness[0] = spring
+    joint.damping[0] = NEWTON * dynamics.damping + dynamics.step * spring
 
 
 def _add_servo(spec: MjSpec, joint: str, gain: float, damping: float) -> None:
@@ -377,6 +396,27 @@ class Simulation:
     def tip_frame(self) -> Floats:
         """Rotation (3, 3) of the last link; its z is the way ahead."""
         return np.asarray(self.data.xmat[-1]).reshape(3, 3).copy()
+
+    @property
+    def twist(self) -> float:
+        """Angle of the tip about its axis, in (-pi, pi] [rad].
+
+        Against the base's frame, carried along the links by the least turn from each to the next.
+        """
+        frame = self.chain.frame[:3, :3]
+        across, before = frame[:, 0], frame[:, 2]
+        for way in np.asarray(self.data.xmat[2:]).reshape(-1, 3, 3)[:, :, 2]:
+            across = across - (across @ way) / (1.0 + before @ way) * (before + way)
+            before = way
+        x, y = self.tip_frame[:, 0], self.tip_frame[:, 1]
+        return math.atan2(-float(across @ y), float(across @ x))
+
+    @property
+    def torque(self) -> float:
+        """Of the handle at the end of the last step [N mm]; 0 for a chain without twist."""
+        if self.chain.twists is None:
+            return 0.0
+        return float(self._drive_forces(self._drive_rates())[1]) / NEWTON
 
     @property
     def inserted(self) -> float:
@@ -550,7 +590,7 @@ class Simulation:
         law = stiffness, stiffness * options.damping, options.friction, dynamics.step
         data.qfrc_applied[:], settled = press_contacts(
             self._weigh(), (data.qvel, data.qfrc_smooth), (data.xaxis, data.xanchor),
-            (places, normals, depths, 3 + 2 * links),
+            (places, normals, depths, self._moving[links]),
             (*law, dynamics.tolerance), force, frames,
         )  # fmt: skip
         self.unsettled += not settled
@@ -586,6 +626,8 @@ class Simulation:
         damping = -model.actuator_biasprm[:, 2]
         joints = model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT
         self._yield = damping
+        hinges = 2 if self.chain.twists is None else 3
+        self._moving = 1 + hinges * np.arange(1, len(self.chain.lengths) + 1)
         self._driven = model.actuator_trnid[joints, 0]
         self._damping = step * model.dof_damping
         self._damping[model.actuator_trnid[joints, 0]] += step * damping[joints]

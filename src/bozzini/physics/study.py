@@ -5,9 +5,9 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -31,8 +31,9 @@ from ..scene.make_view import draw_wall
 from ..scene.page import render_page
 from ..scene.view import Body, Chart, Mark, Surface, View
 from .execute import Execution, execute
+from .manoeuvre import Manoeuvre
 from .options import DRIVES, DriveName, ExecuteOptions, ScopeOptions, WallOptions
-from .robots import Drive, PlanDrive, PushDrive, TendonDrive, drag_chain
+from .robots import Drive, ManoeuvreDrive, PlanDrive, PushDrive, TendonDrive, drag_chain
 from .simulate import Dynamics
 from .walls import Floats, LumenWall
 
@@ -75,6 +76,8 @@ class Scenery:
     wall : WallOptions
     haste : float
         Factor of the speed.
+    manoeuvre : Manoeuvre, optional
+        Steps of the pushed scope; by default it is pushed on.
     aside : (6,) float
         By how much the head's joints are off at the start [rad].
     """
@@ -86,6 +89,7 @@ class Scenery:
     scope: ScopeOptions = field(default_factory=ScopeOptions)
     wall: WallOptions = field(default_factory=WallOptions)
     haste: float = 1.0
+    manoeuvre: Manoeuvre | None = None
     aside: Floats = field(default_factory=lambda: np.zeros(6))
 
     @classmethod
@@ -128,7 +132,10 @@ class Scenery:
         line = plan.path if plan.centreline is None else plan.centreline.points
         length = float(measure_arc_length(line)[-1])
         scope = plan.get_scope()
-        return PushDrive(
+        kind: Callable[..., PushDrive] = PushDrive
+        if self.manoeuvre is not None:
+            kind = partial(ManoeuvreDrive, manoeuvre=self.manoeuvre)
+        return kind(
             line=line,
             introducer=plan.get_introducer(),
             diameter=scope.diameter,
@@ -403,6 +410,10 @@ class ExecutionStudy(Result):
             name = each.drive
             write_table(folder / f"{name}.csv", each.list_table())
             write_table(folder / f"{name}_contacts.csv", each.list_contacts())
+            if each.steps:
+                rows = [step.to_dict() for step in each.steps]
+                table = {key: [row[key] for row in rows] for key in rows[0]}
+                write_table(folder / "manoeuvre.csv", table)
             write_scene(
                 folder / f"{name}.glb",
                 surface=(mesh.vertices, mesh.faces),

@@ -40,9 +40,6 @@ from .stairs import Stairs
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-    from ..report.short_page import ShortPage
 
 FREE = ("modulus", "braid_angle", "offset")
 """What is fitted by default: tube, braid, and what contractions are counted from."""
@@ -367,7 +364,7 @@ class BenchReport(ReasonedResult):
                 joined.setdefault(name, []).extend(values)  # type: ignore[arg-type]
         found = iter(self.lengths.found)
         seen = [next(found) if image else None for image in joined["image"]]
-        free = self._free_length
+        free = self.free_length
         pressure = joined.pop("pressure [MPa]")
         return {
             "pressure [MPa]": pressure,
@@ -377,7 +374,7 @@ class BenchReport(ReasonedResult):
         }
 
     @property
-    def _free_length(self) -> float:
+    def free_length(self) -> float:
         """The length that contractions are counted from [mm]; NaN without one."""
         free = _find_free(self.lengths)
         return math.nan if free is None else float(free["length_mm"])
@@ -434,7 +431,7 @@ class BenchReport(ReasonedResult):
         }
 
     def save(self, table: str | os.PathLike[str]) -> Json:
-        """Write the table, and beside it the lengths, the fit and the report; return their paths.
+        """Write the table, and beside it the lengths and the fit; return their paths.
 
         Raises
         ------
@@ -450,7 +447,6 @@ class BenchReport(ReasonedResult):
         if self.fit is not None:
             written["fit"] = path.with_name(f"{path.stem}-fit.yaml")
             write_muscle(written["fit"], self.fit.to_file())
-        written["report"] = self.make_page().write(path.with_name(f"{path.stem}.html"))
         return written
 
     def plot(self, ax: Axes | None = None) -> Axes:
@@ -533,69 +529,15 @@ class BenchReport(ReasonedResult):
         axes.legend(frameon=False, fontsize="small")
         return axes
 
-    def make_page(self) -> ShortPage:
-        """Return the report."""
-        from ..report.short_page import ShortPage
-
-        settled = sum(len(run.rows) - run.flagged for run in self.runs)
-        steps = sum(len(run.rows) for run in self.runs)
-        good = self.fit is not None and self.fit.trusted
-        rows = [
-            ("weights", ", ".join(f"{run.stairs.load:g} N" for run in self.runs)),
-            ("steps that settled", f"{settled} of {steps}"),
-            ("lengths measured", f"{len(self.lengths.found) - self.lengths.found.count(None)} of "
-             f"{len(self.lengths.rows)}"),
-            ("length that contractions are counted from", f"{self._free_length:.3f} mm"),
-        ]  # fmt: skip
-        if self.fit is not None:
-            rows += self.list_estimates()
-            rows.append(("strand length", f"{self.fit.muscle.braid.strand_length:.4g} mm"))
-        return ShortPage(
-            title=f"Characterisation of {self.runs[0].stairs.specimen or 'a muscle'}",
-            label="Fitted" if good else "Not fitted" if self.fit is None else "Fitted, with doubts",
-            tone="green" if good and not self.reason else "red" if self.fit is None else "amber",
-            sentence=f"{steps} steps under {len(self.runs)} "
-            f"weight{'s' * (len(self.runs) > 1)}, {len(self.lengths.rows)} pictures"
-            + (f"; contractions are {self.residual:.3f} mm about the fit." if good else "."),
-            notes=[self.reason] if self.reason else [],
-            figures=self._draw(),
-            rows=rows,
-            limitations=_LIMITS,
-        )
-
     def list_estimates(self) -> list[tuple[str, str]]:
         """Return the names of what was fitted, and texts of values and intervals, angles in deg."""
-        rows = []
+        rows: list[tuple[str, str]] = []
+        if self.fit is None:
+            return rows
         for name, interval in self.intervals.items():
-            assert self.fit is not None
             values, unit = [self.fit.estimates[name], *interval], self.fit.units[name]
             if unit == "rad":
                 values, unit = [math.degrees(value) for value in values], "deg"
             value, low, high = show_apart(*values, digits=4)
             rows.append((name.replace("_", " "), f"{value} {unit} (95 %: {low} to {high})"))
         return rows
-
-    def _draw(self) -> list[tuple[Figure, str]]:
-        from matplotlib.figure import Figure
-
-        pictures = [
-            (self.plot, "Contraction over the pressure, up and down, and the fitted curve.")
-        ]
-        if len({item["direction"] for item in self.lengths.summarise()}) > 1:
-            pictures.append((self.plot_hysteresis, "Hysteresis: difference of the two ways."))
-        if self.find_stiffness():
-            pictures.append((self.plot_stiffness, "Stiffness from the weights, and of the fit."))
-        figures = []
-        for draw, words in pictures:
-            figure = Figure(figsize=(7.0, 4.2), layout="constrained")
-            draw(figure.add_subplot())
-            figures.append((figure, words))
-        return figures
-
-
-_LIMITS = (
-    "Bars are 95 % intervals of a mean, with what a set-up shares; they hold for this muscle.",
-    "Constants are those of the fitted model. Their intervals hold if the model is right, and with "
-    "what the pictures share; an error of the transducer's scale is not in them.",
-    "The fitted model has one curve: what differs between the two ways is scatter to it.",
-)
