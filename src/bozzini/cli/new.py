@@ -99,7 +99,7 @@ version: 1
 steps: # each is one of push, pull, twist and bend
   - push: 60 mm # {push}
     #speed: 20 mm/s # {speed}
-  - bend: 60 deg # {bend}
+  - bend: 15 deg # {bend}
     #direction: 90 deg # {direction}
   - twist: 90 deg # {twist}
   - pull: 20 mm # {pull}
