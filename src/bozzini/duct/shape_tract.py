@@ -5,13 +5,13 @@ from __future__ import annotations
 import os
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..anatomy.files import has_suffix
-from ..anatomy.read import read_tract
+from ..anatomy.labels import Labels
+from ..anatomy.read import PartNames, read_tract
 from ..anatomy.surface import tract_from_surface
 from ..anatomy.tract import Finding, LabelTract, SurfaceTract
 from ..errors import InputError
@@ -28,14 +28,22 @@ BLOCK = 8
 """Cells along the edge of a block: where the wall cannot be, one distance is enough for all."""
 
 
-def open_tract(path: str | os.PathLike[str], **reading: Any) -> LabelTract | SurfaceTract:
+def open_tract(
+    path: str | os.PathLike[str],
+    *,
+    labels: Labels | None = None,
+    part: PartNames | None = None,
+    unit: str | None = None,
+    frame: str | None = None,
+    repair: bool = False,
+) -> LabelTract | SurfaceTract:
     """Read a tract from a label volume or a surface, or make one of a file of shapes.
 
     Parameters
     ----------
     path : path-like
         As for `bozzini.anatomy.read_tract`, or a file of shapes in space (.json, .yaml).
-    **reading
+    labels, part, unit, frame, repair
         As for `bozzini.anatomy.read_tract`; shapes take none of it.
 
     Raises
@@ -45,9 +53,10 @@ def open_tract(path: str | os.PathLike[str], **reading: Any) -> LabelTract | Sur
         that they do not have.
     """
     if not has_suffix(path, SUFFIXES):
-        return read_tract(path, **reading)
-    for name, value in reading.items():
-        if value and (name, value) != ("unit", "mm"):
+        return read_tract(path, labels=labels, part=part, unit=unit, frame=frame, repair=repair)
+    given = {"labels": labels, "part": part, "unit": unit != "mm" and unit, "frame": frame}
+    for name, value in {**given, "repair": repair}.items():
+        if value:
             raise InputError(f"{path} is a file of shapes, in mm: it has no {name}, leave it out")
     return make_shape_tract(load_shapes_file(path), source=Path(path).name)
 
