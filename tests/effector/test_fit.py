@@ -278,6 +278,13 @@ def test_the_order_of_rows_at_rest_tells_a_rest_nothing():
     assert fit(order) == pytest.approx(one[order], abs=1e-4)
 
 
+def test_a_pointer_that_is_turned_away_has_no_spot():
+    spots = VIEW.observe(
+        make_arm(), np.array([[0.1, 0.0], [1.5, 0.0], [1.7, 0.0]]), channels=("spot x", "spot y")
+    )
+    assert np.isfinite(spots[:2]).all() and np.isnan(spots[2]).all()
+
+
 def test_what_was_not_seen_does_not_make_the_band_narrow():
     arm, random = make_arm(), np.random.default_rng(6)
     data = record(arm, VIEW, random, noise=2.0, runs=3)

@@ -498,6 +498,7 @@ def fit_effector(
         except InputError:  # between numbers that are legal one by one
             return np.full((len(places), len(data.channels)), BAD_NUMBERS)
         off = (predicted[places] - data.seen[places]) * observer.weights
+        off[np.isnan(predicted[places])] = BAD_NUMBERS  # a spot that misses the board
         return np.where(np.isfinite(data.seen[places]), off, 0.0)
 
     observer.observe(start)  # refuses what has no answer to begin with
