@@ -86,6 +86,17 @@ def test_a_recording_is_fitted_and_simulated(run, tmp_path):
     seen = list(csv.DictReader((tmp_path / "runs.csv").open(encoding="utf-8")))
     off = [float(a["spot_x_mm"]) - float(b["dot_x_mm"]) for a, b in zip(table, seen, strict=True)]
     assert np.sqrt(np.mean(np.square(off))) < 0.05
+    (tmp_path / "high.csv").write_text("time_s,command_A_V\n0,1\n1,20\n", encoding="utf-8")
+    code, _, err = run("simulate", "arm.yaml", "high.csv", "--out", "high_tips.csv")
+    assert code == 2 and "high.csv: row 2 of the data: the pressure of muscle A is 2 MPa" in err
+    assert not (tmp_path / "high_tips.csv").exists()
+    # How far the section bends does not depend on where its base stands.
+    code, out, _ = run("simulate", "arm.yaml", "runs.csv", "--json")
+    text = (tmp_path / "arm.yaml").read_text(encoding="utf-8")
+    (tmp_path / "off.yaml").write_text(text.replace("base_x: 0.0", "base_x: 90.0"), "utf-8")
+    _, moved, _ = run("simulate", "off.yaml", "runs.csv", "--json")
+    one, other = (json.loads(answer)["largest_lateral_mm"] for answer in (out, moved))
+    assert code == 0 and other == pytest.approx(one, rel=1e-12)
 
 
 def test_a_rest_goes_on_with_the_file(run, tmp_path):

@@ -25,6 +25,7 @@ from bozzini.effector import (
     write_effector,
 )
 from bozzini.effector.rest import Baseline
+from bozzini.effector.section import find_bends
 from bozzini.errors import FileFormatError, InputError
 from bozzini.muscle import Muscle
 
@@ -218,6 +219,83 @@ def test_titles_are_read_with_their_units(tmp_path):
     assert "1 row(s) lack" in data.notes[0] and "note" in data.notes[1]
 
 
+def test_a_column_that_is_not_there_is_refused_and_a_run_of_a_table_without(tmp_path):
+    table = write_table(tmp_path / "t.csv", ["R pressure [kPa],tip x [mm]", "100,1", "200,2"])
+    with pytest.raises(FileFormatError, match="there is no column 'eye' to read as 'tip y"):
+        read_effector_measurements(table, columns={"eye": "tip y [mm]"})
+    data = read_effector_measurements(table, columns={"eye": "tip x [mm]"})  # as it is titled
+    with pytest.raises(InputError, match="no run 'a': the table has no column 'run'"):
+        data.select(["a"])
+
+
+def test_an_azimuth_may_be_read_over_a_turn():
+    arm, random = Effector(effector_preset("measured")), np.random.default_rng(2)
+    commands = random.uniform(0.1, 0.7, (12, 3)) * (1.0, 1.0, 0.0)
+    seen = TipView().observe(arm, find_bends(arm, commands), channels=("bend", "azimuth"))
+    seen[:, 1] %= 2.0 * math.pi
+    data = EffectorMeasurements(
+        muscles=("R", "G", "B"), commands=commands, channels=("bend", "azimuth"), seen=seen
+    )
+    begin = effector_preset("measured")
+    begin = begin.replace(muscles=tuple(
+        dataclasses.replace(one, muscle=one.muscle.replace(modulus=0.2)) for one in begin.muscles
+    ))  # fmt: skip
+    found = Effector(begin).fit(data, free=["muscles.*.modulus"])
+    assert found.estimates[0].value == pytest.approx(0.152, rel=1e-5)
+    assert found.prediction.predicted == pytest.approx(seen, abs=1e-6)
+
+
+def test_a_pull_in_time_lags_as_its_pressure_does():
+    arm = Effector(effector_preset("measured"), motion=EffectorMotion(fill_lag=0.2, bleed_lag=0.2))
+    times = 0.05 * np.arange(40.0)
+    commands = np.where(times < 0.5, 0.1, 0.5)[:, None]
+    acting = arm.simulate(times, {"R": commands[:, 0]}).effective
+    data = EffectorMeasurements(
+        muscles=("R",), commands=commands, channels=("R force",),
+        seen=arm.forward(acting).force[:, :1], times=times,
+    )  # fmt: skip
+    begin = dataclasses.replace(arm, motion=EffectorMotion(fill_lag=0.5, bleed_lag=0.2))
+    found = begin.fit(data, free=["motion.fill_lag"])
+    assert found.estimates[0].value == pytest.approx(0.2, rel=1e-4)
+
+
+def test_the_order_of_rows_at_rest_tells_a_rest_nothing():
+    arm, random = Effector(effector_preset("measured")), np.random.default_rng(4)
+    commands = random.uniform(0.0, 0.7, (40, 3)) * (1.0, 1.0, 0.0)
+    seen = TipView().observe(arm, find_bends(arm, commands), channels=("tip x", "tip y"))
+    seen += 3.0 * commands[:, :2] ** 2
+
+    def fit(rows):
+        data = EffectorMeasurements(
+            muscles=("R", "G", "B"), commands=commands[rows], channels=("tip x", "tip y"),
+            seen=seen[rows], runs=np.array([f"r{k % 4}" for k in rows]),
+        )  # fmt: skip
+        found = arm.fit(data, free=["base.x"], options=EffectorFitOptions(rest="polynomial"))
+        assert "40 rows of 4 run(s)" in found.format_table()
+        return found.prediction.rest
+
+    one, order = fit(np.arange(40)), random.permutation(40)
+    assert fit(order) == pytest.approx(one[order], abs=1e-4)
+
+
+def test_a_pointer_that_is_turned_away_has_no_spot():
+    spots = VIEW.observe(
+        make_arm(), np.array([[0.1, 0.0], [1.5, 0.0], [1.7, 0.0]]), channels=("spot x", "spot y")
+    )
+    assert np.isfinite(spots[:2]).all() and np.isnan(spots[2]).all()
+
+
+def test_what_was_not_seen_does_not_make_the_band_narrow():
+    arm, random = make_arm(), np.random.default_rng(6)
+    data = record(arm, VIEW, random, noise=2.0, runs=3)
+    seen = np.array(data.seen)
+    seen[np.arange(len(seen)) % 10 > 0, 1] = math.nan
+    found = fit_effector(
+        arm, dataclasses.replace(data, seen=seen), free=["muscles.each.area"], view=VIEW
+    )
+    assert found.band is not None and found.band[1] == pytest.approx(1.96 * 2.0, rel=0.4)
+
+
 @pytest.mark.parametrize(
     ("rows", "said"),
     [
@@ -230,6 +308,7 @@ def test_titles_are_read_with_their_units(tmp_path):
         (["time_s,command_1_V", "0,1"], "no column with what was seen"),
         (["time_s,dot_x_cm", "0,1"], "no column with a command"),
         (["time_s,command_1_V,dot_x", "0,1,1"], "column 'dot_x' has no unit"),
+        (["time_s,time_ms,command_1_V,dot_x_cm", "0,0,1,1"], "'time_ms' is a second time"),
     ],
 )  # fmt: skip
 def test_bad_tables_are_refused(tmp_path, rows, said):
@@ -244,6 +323,8 @@ def test_bad_tables_are_refused(tmp_path, rows, said):
         (["motion.speed"], {}, "'motion.speed' cannot be fitted"),
         (["muscles.each.modulus"], {}, "of these muscles angle, area"),
         (["board.x", "board.x"], {}, "'board.x' is free twice"),
+        (["muscles.*.area", "muscles.each.area"], {}, "'muscles.each.area' is free for all"),
+        (FREE, {"seen": np.array([[1.0, math.nan]] * 6)}, "nothing was seen of 'spot y'"),
         (FREE, {"commands": np.full((6, 3), 2.0)}, "pressure of muscle 1 is 2 MPa"),
         (FREE, {}, r"12 misfit\(s\) are too few for 15 unknown\(s\)"),
         (FREE, {"muscles": ("1", "2", "Q")}, "there is no muscle 'Q'"),

@@ -228,7 +228,7 @@ def make_fit(effector_options: Callable[[Command], Command]) -> click.Command:
         range; 2: bad input.
         """
         from ..effector.files import EffectorFile, write_effector
-        from ..effector.fit import fit_effector, format_errors
+        from ..effector.fit import check_measurements, fit_effector, format_errors
         from ..effector.measured import read_effector_measurements
         from ..effector.rest import is_storable
 
@@ -247,6 +247,8 @@ def make_fit(effector_options: Callable[[Command], Command]) -> click.Command:
         for path in others:
             checked[str(path)] = read_effector_measurements(path, per_volt=per_volt, columns=titles)
         setup = start.make_setup(asked, data)
+        for other in checked.values():
+            check_measurements(setup, other)
         with answer.show_progress() as progress:
             found = fit_effector(
                 setup.effector,

@@ -35,6 +35,8 @@ POOR_SHARE = 0.05
 """A fit is poor if it misses by more than this share of the range of what was seen."""
 BAD_NUMBERS = 1e6
 """Misfit of a setup that has no answer [mm]."""
+_APART = 1e9
+"""Between rows at rest, for a rest that looks back: none is the past of another [s]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -296,8 +298,9 @@ class EffectorFit(Result):
         ]
         lines = [format_rows(["number", "value", "from", "to (95 %)", "unit"], rows)]
         data = self.prediction.data
+        count = len(np.unique(data.runs))
         lines.append(
-            f"{len(self.estimates)} numbers, {len(data)} rows of {len(data.parts)} run(s): "
+            f"{len(self.estimates)} numbers, {len(data)} rows of {count} run(s): "
             f"{self.rms:.3g} mm rms"
             + ("" if self.left_out is None else f"; runs left out {self.left_out.rms:.3g} mm")
         )
@@ -332,21 +335,7 @@ class _Observer:
         for name in self.data.muscles:
             design.index(name)
         if self.data.command == "pressure":
-            self._check_range(design.pressure_limit)
-
-    def _check_range(self, limit: float) -> None:
-        data = self.data
-        legal = (data.commands >= 0.0) & (
-            data.commands <= limit * (1.0 + 1e-12)
-        )  # round-off of a unit
-        outside = np.argwhere(~legal)
-        if outside.size:
-            row, muscle = (int(place) for place in outside[0])
-            raise InputError(
-                f"{data.source or 'the table'}: row {row + 1} of the data: the pressure of muscle "
-                f"{data.muscles[muscle]} is {data.commands[row, muscle]:g} MPa: it must lie in "
-                f"[0, {limit:g}] MPa, the limit of the design"
-            )
+            self.data.check_range(design.pressure_limit)
 
     @property
     def commands(self) -> Floats:
@@ -389,11 +378,15 @@ class _Observer:
                     moved, _ = effector.motion.move(data.times[part], bends[None], state=act.state)
                     bends = moved[0]
                 acting[part] = states
-            predicted[part] = self._look(setup, bends, forces, part)
+            predicted[part] = self._look(setup, bends, forces, acting[part])
+        if "azimuth" in data.channels:  # as it was read: 350 deg is near -5 deg
+            k = data.channels.index("azimuth")
+            turns = np.round((data.seen[:, k] - predicted[:, k]) / (2.0 * np.pi))
+            predicted[:, k] += 2.0 * np.pi * np.nan_to_num(turns)
         return predicted, acting
 
     def _look(
-        self, setup: EffectorSetup, bends: Floats, forces: Floats | None, part: slice
+        self, setup: EffectorSetup, bends: Floats, forces: Floats | None, acting: Floats
     ) -> Floats:
         channels, names = self.data.channels, setup.effector.design.names
         pulls = [name for name in channels if name.endswith(" force")]
@@ -405,7 +398,7 @@ class _Observer:
         for name in pulls:
             muscle = setup.effector.design.index(name.removesuffix(" force"))
             if forces is None:
-                forces = _pull(setup.effector, self.commands[part] * setup.scale)
+                forces = _pull(setup.effector, acting)
             found[name] = forces[:, muscle]
         del names
         return np.stack([found[name] for name in channels], axis=-1)
@@ -431,10 +424,11 @@ def _predict_rest(rest: Rest, data: EffectorMeasurements, states: Floats) -> Flo
     return found
 
 
-def _list_states(data: EffectorMeasurements, states: Floats) -> list[tuple[Floats, Floats, slice]]:
+def _list_states(data: EffectorMeasurements, states: Floats) -> list[tuple[Floats, Floats, Places]]:
     """Return times and states of each run, and its rows."""
-    times = np.arange(len(data), dtype=np.float64) if data.times is None else data.times
-    return [(times[part] - times[part][0], states[part], part) for part in data.parts]
+    times = _APART * np.arange(len(data)) if data.times is None else data.times
+    runs = [np.flatnonzero(data.runs == name) for name in dict.fromkeys(data.runs.tolist())]
+    return [(times[rows] - times[rows[0]], states[rows], rows) for rows in runs]
 
 
 def _run_baseline(one: Baseline, data: EffectorMeasurements) -> Floats:
@@ -442,6 +436,11 @@ def _run_baseline(one: Baseline, data: EffectorMeasurements) -> Floats:
     for part in data.parts:
         found[part] = one.predict(data.commands[part], data.seen[part])
     return found
+
+
+def check_measurements(setup: EffectorSetup, data: EffectorMeasurements) -> None:
+    """Raise `InputError` if a setup has no answer to measurements: other muscles, say."""
+    _Observer(data, setup).observe(setup)
 
 
 def fit_effector(
@@ -482,6 +481,11 @@ def fit_effector(
     start = EffectorSetup(effector, view or TipView())
     unknowns = parse_unknowns(start, free)
     observer = _Observer(data, start)
+    for name, column in zip(data.channels, data.seen.T, strict=True):
+        if not np.isfinite(column).any():
+            raise InputError(f"nothing was seen of '{name}': leave the column out")
+    if chosen.rest and data.command != "pressure":
+        raise InputError("a rest is learned of pressures: leave it out where there are none")
     kept = np.flatnonzero(np.isfinite(data.seen).any(axis=-1))
     part_of = np.repeat(np.arange(len(data.parts)), [p.stop - p.start for p in data.parts])
 
@@ -494,6 +498,7 @@ def fit_effector(
         except InputError:  # between numbers that are legal one by one
             return np.full((len(places), len(data.channels)), BAD_NUMBERS)
         off = (predicted[places] - data.seen[places]) * observer.weights
+        off[np.isnan(predicted[places])] = BAD_NUMBERS  # a spot that misses the board
         return np.where(np.isfinite(data.seen[places]), off, 0.0)
 
     observer.observe(start)  # refuses what has no answer to begin with
@@ -513,19 +518,20 @@ def fit_effector(
     baselines = tuple((one, _run_baseline(one, data)) for one in boxes)
     left_out, band = None, None
     if chosen.leave_out and len(np.unique(data.runs[kept])) > 1:
-        away = np.array(data.seen)
         off = np.full(data.seen.shape, np.nan)
         off[kept] = found.leave_out() / observer.weights
-        away = np.where(np.isfinite(data.seen), data.seen + off, np.nan)
+        off[~np.isfinite(data.seen)] = np.nan
+        away = data.seen + off
         left_out = EffectorPrediction(
             data=data, predicted=away, rest=None, weights=observer.weights
         )
         band = np.nanquantile(np.abs(off), COVERED, axis=0)
     rest, added = None, None
     if chosen.rest:
+        listed = _list_states(data, states)
         rest = RESTS.choose(chosen.rest)().learn(
-            [(over, own) for over, own, _ in _list_states(data, states)],
-            [data.seen[part] - predicted[part] for part in data.parts],
+            [(over, own) for over, own, _ in listed],
+            [data.seen[rows] - predicted[rows] for *_, rows in listed],
         )
         added = _predict_rest(rest, data, states)
     progress("fitted", 1.0)

@@ -143,6 +143,19 @@ class EffectorMeasurements:
         """Largest range of what was seen."""
         return float(np.max(np.nanmax(self.seen, axis=0) - np.nanmin(self.seen, axis=0)))
 
+    def check_range(self, limit: float, *, scale: float = 1.0) -> None:
+        """Raise `InputError` for a pressure, over its command by a scale, outside of [0, limit]."""
+        pressures = scale * self.commands
+        legal = (pressures >= 0.0) & (pressures <= limit * (1.0 + 1e-12))  # round-off of a unit
+        outside = np.argwhere(~legal)
+        if outside.size:
+            row, muscle = (int(place) for place in outside[0])
+            raise InputError(
+                f"{self.source or 'the table'}: row {row + 1} of the data: the pressure of muscle "
+                f"{self.muscles[muscle]} is {pressures[row, muscle]:g} MPa: it must lie in "
+                f"[0, {limit:g}] MPa, the limit of the design"
+            )
+
     def select(self, runs: list[str] | tuple[str, ...]) -> EffectorMeasurements:
         """Return the rows of some runs, by name.
 
@@ -153,6 +166,8 @@ class EffectorMeasurements:
         """
         known = list(dict.fromkeys(self.runs.tolist()))
         for name in runs:
+            if known == [""]:
+                raise InputError(f"there is no run '{name}': the table has no column 'run'")
             if name not in known:
                 raise InputError(f"there is no run '{name}': there are {', '.join(known)}")
         rows = np.isin(self.runs, runs)
@@ -211,6 +226,10 @@ def read_effector_measurements(
     times: Floats | None = None
     runs: list[str] = []
     try:
+        there = [title.strip() for title in sheet.titles]
+        for old, new in (columns or {}).items():
+            if old not in there and new not in there:
+                raise FileFormatError(f"there is no column '{old}' to read as '{new}'")
         for place, old in enumerate(sheet.titles):
             words, unit = _read_title((columns or {}).get(old.strip(), old))
             role, name, kind = _find_role(words)
@@ -227,6 +246,8 @@ def read_effector_measurements(
             factor = _find_factor(old, unit, kind)
             values = factor * take_numbers(sheet, place, empty=MISSING if role == "seen" else ())
             if role == "time":
+                if times is not None:
+                    raise FileFormatError(f"column '{old}' is a second time: leave one out")
                 times = values
                 continue
             if role == "command":
@@ -234,8 +255,8 @@ def read_effector_measurements(
                 if kind == "voltage":
                     if per_volt is None:
                         raise InputError(
-                            f"column '{old}' has volts: say how much pressure a volt is, such as "
-                            "--per-volt 100kPa"
+                            f"column '{old}' has volts: say how much pressure a volt is when the "
+                            "end-effector is fitted, such as --per-volt 100kPa"
                         )
                     values = per_volt * values
             target = commands if role == "command" else seen

@@ -35,7 +35,7 @@ class Rest(ABC):
         Parameters
         ----------
         states : sequence of tuple
-            Of each run times (n,) [s], and pressures that act as a share of the largest (n, m).
+            Of each run times (n,) [s], and pressures that act (n, m) [MPa].
         misses : sequence of ndarray, shape (n, q)
             Measured less model, NaN where nothing was seen.
         """

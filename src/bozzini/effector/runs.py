@@ -35,7 +35,7 @@ class SimulatedRuns(ReasonedResult):
     times : ndarray, shape (n,)
         Times [s].
     tip : ndarray, shape (n, 3)
-        End of the backbone [mm].
+        End of the backbone, in the frame of whoever looks [mm].
     bend : ndarray, shape (n,)
         Angle between the end's direction and the axis [rad].
     spot : ndarray, shape (n, 2)
@@ -45,7 +45,7 @@ class SimulatedRuns(ReasonedResult):
     rest : ndarray, shape (n, q)
         What the rest adds to those, and is not in the others [mm, rad].
     largest_lateral : float
-        Largest lateral deflection of the tip [mm].
+        Largest distance of the tip from the axis of the base [mm].
     """
 
     runs: NDArray[np.str_] = tabulated("", "run")
@@ -108,8 +108,10 @@ class EffectorSimulation(Task):
                 "needs pressures over time"
             )
         effector = file.build()
+        data.check_range(effector.design.pressure_limit, scale=file.scale)
         columns = dict(zip(data.muscles, file.scale * data.commands.T, strict=True))
         tip, bend = np.empty((len(data), 3)), np.empty(len(data))
+        largest = 0.0
         spot, rest = np.empty((len(data), 2)), file.build_rest()
         added = np.zeros((len(data), len(file.rest_channels)))
         for part in data.parts:
@@ -118,6 +120,7 @@ class EffectorSimulation(Task):
             seen = file.view.observe(effector, track.bends, channels=CHANNELS)
             if rest is not None:
                 added[part] = rest.predict(track.times - track.times[0], track.effective)
+            largest = max(largest, float(np.hypot(*track.tip[:, :2].T).max()))
             tip[part], bend[part], spot[part] = seen[:, :3], seen[:, 3], seen[:, 4:]
         return SimulatedRuns(
             runs=data.runs,
@@ -127,7 +130,7 @@ class EffectorSimulation(Task):
             spot=spot,
             channels=file.rest_channels,
             rest=added,
-            largest_lateral=float(np.hypot(tip[:, 0], tip[:, 1]).max()),
+            largest_lateral=largest,
         )
 
     def describe(self, found: SimulatedRuns) -> str:

@@ -89,7 +89,8 @@ def run_control(
     state = controller.begin(start)
     ahead = math.ceil(PREVIEW / controller.period)
     over = np.array([0.0, controller.period])
-    moved = plant.simulate([0.0], gain * start[None])
+    highest = plant.design.pressure_limit
+    moved = plant.simulate([0.0], np.minimum(gain * start, highest)[None])
     tips, commands, spent = [moved.tip[0, :2]], [], []
     for k in range(1, len(wanted)):
         begin = time.thread_time()
@@ -97,7 +98,7 @@ def run_control(
             state, wanted[k : k + ahead], seen=tips[-1] if seen else None
         )
         spent.append(time.thread_time() - begin)
-        given = np.minimum(gain * command, plant.design.pressure_limit)
+        given = np.minimum(gain * command, highest)
         moved = plant.simulate(over, np.stack([given, given])[None], initial=moved.state)
         tips.append(moved.tip[0, 1, :2])
         commands.append(command)
@@ -355,7 +356,7 @@ def _repeat(run: ControlRun, plant: Effector, gain: float) -> Floats:
     given = np.concatenate([run.commands, run.commands[-1:]])
     given = np.minimum(gain * given, plant.design.pressure_limit)
     times = np.multiply(PERIOD, np.arange(len(given)), dtype=np.float64)
-    before = plant.motion.begin(gain * run.start[None])
+    before = plant.motion.begin(np.minimum(gain * run.start, plant.design.pressure_limit)[None])
     return plant.simulate(times, given[None], initial=before).tip[0, :, :2]
 
 

@@ -104,6 +104,8 @@ def parse_unknowns(setup: EffectorSetup, free: Sequence[str]) -> tuple[FreeNumbe
     for name in names:
         if names.count(name) > 1:
             raise InputError(f"'{name}' is free twice: name it once")
+        if name.replace(".each.", ".*.") != name and name.replace(".each.", ".*.") in names:
+            raise InputError(f"'{name}' is free for all muscles at once, too: name it once")
     return tuple(_parse(setup, name) for name in names)
 
 

@@ -83,7 +83,8 @@ class TipView:
         """Return what is seen, (n, q), of sections bent as of `find_bends` (n, 2).
 
         Channels are such as ``tip x`` and ``marker z`` [mm], ``spot x`` [mm], ``lateral`` [mm],
-        ``bend`` and ``azimuth`` [rad] of the end's direction.
+        ``bend`` and ``azimuth`` [rad] of the end's direction. A pointer that is turned away from
+        the board has no spot: NaN.
         """
         design = effector.design
         end = design.backbone_length + design.holder_length
@@ -120,8 +121,10 @@ class TipView:
         return np.stack(found, axis=-1)
 
     def _meet_board(self, ends: Floats, ways: Floats, end: float) -> Floats:
-        """Return readings (n, 2) where rays from ends (n, 3) meet the board."""
+        """Return readings (n, 2) where rays from ends (n, 3) meet the board; NaN if they do not."""
         slope = np.array([-self.board_slope_x, -self.board_slope_y, 1.0])
-        steps = (end + self.board_distance - ends @ slope) / (ways @ slope)
+        left, speed = end + self.board_distance - ends @ slope, ways @ slope
+        meets = (speed > 0.0) & (left >= 0.0)
+        steps = np.divide(left, speed, out=np.full(len(ends), np.nan), where=meets)
         hit = ends + steps[:, None] * ways
         return np.asarray(hit[:, :2] + np.array([self.board_x, self.board_y]))
