@@ -139,7 +139,7 @@ BAD = [
     Bad("no volume", with_mesh(flatten), ("no volume", "flat")),
     Bad("a directory", lambda _, folder: [folder], ("known are", ".nii.gz", "DICOM")),
     Bad("unknown kind", put(b"x", "scan.xyz"), ("scan.xyz", ".nii.gz", ".stl")),
-    Bad("shapes", put(b"shapes: []", "shapes.yaml"), ("shapes.yaml", ".stl", "bozzini.duct.load")),
+    Bad("shapes", put(b"shapes: []", "shapes.yaml"), ("shapes.yaml", "format", "kind")),
     Bad(
         "start outside",
         with_options("--start", "500mm,0,0"),
