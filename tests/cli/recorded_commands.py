@@ -174,7 +174,6 @@ plan tube.stl --diameter 5mm --link 8mm --head-step 1mm --organ colon --method t
 --inflate 1mm --out way && certify way/plan.npz tube.stl
 plan tube.nii.gz --diameter 5mm --link 8mm --head-step 1mm --organ colon --method tube \
 --out way && certify way/plan.npz tube.stl
-plan phantom.nii.gz --labels 1,2,3 --diameter 5mm --organ upper-tract --out way
 plan phantom.nii.gz --labels 1,2,3 --diameter 12mm --organ upper-tract --out way
 plan phantom.nii.gz --labels 2 --diameter 6mm --inflate 2mm --organ upper-tract --frame RAS \
 --out way
@@ -214,7 +213,6 @@ duct limits tube.nii.gz --organ colon --diameter 6mm --link 1cm --out limits.png
 duct limits cones.json --diameter 5mm --link 12mm
 duct fit phantom.nii.gz --labels 3 --organ upper-tract --max-error 2mm --out fit.yaml
 duct show phantom.stl --organ upper-tract --voxel 2mm --spacing 10mm
-duct limits phantom.nii.gz --labels 3 --organ upper-tract --diameter 5mm --link 10mm
 """
 """The same, of commands that take long."""
 

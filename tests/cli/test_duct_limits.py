@@ -44,6 +44,7 @@ def test_json(answer) -> None:
     assert found["input"] == "tube.nii.gz"
 
 
+@pytest.mark.slow
 def test_picture(answer) -> None:
     assert answer[1].read_bytes().startswith(b"\x89PNG")
 
@@ -80,8 +81,10 @@ def test_shapes_from_a_file(tmp_path: Path) -> None:
 def test_what_bounds_of_fitted_shapes_are_about_is_told(tmp_path: Path, fit: str) -> None:
     centres = np.stack([np.linspace(0, 40, 13), np.zeros(13), np.zeros(13)], axis=1)
     file = save_shapes(RoundCones(centres, np.full(13, 4.0)), tmp_path / "tube.json", fit=fit)
-    result = run(file, "--diameter", "9mm", "--link", "15mm")
+    picture = tmp_path / "limits.png"
+    result = run(file, "--diameter", "9mm", "--link", "15mm", "--out", picture)
     assert result.exit_code == 1, result.output
+    assert picture.read_bytes().startswith(b"\x89PNG")
     assert "no link passes at all" in result.stdout
     # That there is no room for the body is not the links' fault.
     assert "Links of 15 mm do not pass: the body is too wide." in result.stdout

@@ -536,7 +536,7 @@ def check_random_tube(
 
 
 @pytest.mark.slow
-@settings(max_examples=60, derandomize=True, deadline=None)
+@settings(max_examples=30, derandomize=True, deadline=None)
 @given(
     stiffness=st.floats(20.0, 1000.0),
     gap=st.floats(0.2, 6.0),

@@ -150,10 +150,9 @@ def list_scopes(seed):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("first", [0, 8])
-def test_all_advice_on_random_tubes_fits(first):
+def test_all_advice_on_random_tubes_fits():
     held = []
-    for seed in range(first, first + 8):
+    for seed in range(8, 16):
         for diameter, link in list_scopes(seed):
             held.append(check_advice(make_random(seed), diameter=diameter, link=link))
     held = [each for each in held if each is not None]
@@ -167,8 +166,8 @@ def test_all_advice_on_random_tubes_fits(first):
 @pytest.mark.parametrize(
     ("file", "scopes"),
     [
-        ("upper_gi_labels_1mm.nii.gz", [(9.0, 8.0), (12.0, 12.0), (7.0, 35.0)]),
-        ("upper_gi_mc1mm.stl", [(9.0, 20.0), (8.6, 14.0)]),
+        ("upper_gi_labels_1mm.nii.gz", [(9.0, 8.0), (7.0, 35.0)]),
+        ("upper_gi_mc1mm.stl", [(9.0, 20.0)]),
     ],
 )
 def test_all_advice_on_a_human_tract_fits(upper_gi_dir, file, scopes):

@@ -261,9 +261,7 @@ _SMALL = {"pitch": 0.086, "size": (760, 640)}
 ROWS = {
     "nominal": ({}, {}, {}, _FINE),
     "small": ({}, {}, {}, _SMALL),
-    "blur 1.6": ({"blur": 1.6}, {}, {}, _FINE),
     "blur 3": ({"blur": 3.0}, {}, {}, _FINE),
-    "noise 0.03": ({"noise": 0.03}, {}, {}, _FINE),
     "noise 0.06": ({"noise": 0.06}, {}, {}, _FINE),
     "jpeg 50": ({"jpeg": 50}, {}, {}, _FINE),
     "no jpeg": ({"jpeg": 0}, {}, {}, _FINE),
