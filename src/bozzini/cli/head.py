@@ -6,6 +6,7 @@ import click
 
 from ..head.anchor import HeadReaching
 from ..head.check import HeadChecking, HeadShow, HeadViewing
+from ..head.operate import HeadComparing
 from .common import CheckedGroup
 from .task import make_command
 
@@ -17,5 +18,5 @@ def command() -> None:
     """Look down on a catheter tip: a distal head's sizes, view and reach."""
 
 
-for kind in (HeadShow, HeadChecking, HeadViewing, HeadReaching):
+for kind in (HeadShow, HeadChecking, HeadViewing, HeadReaching, HeadComparing):
     command.add_command(make_command(kind))

@@ -1,4 +1,13 @@
-from .anchor import HeadReach, ReachedFrom, ReachOptions, Stand, find_reached, stand_head
+from .anchor import (
+    HeadReach,
+    ReachedFrom,
+    ReachOptions,
+    Stand,
+    Touches,
+    find_reached,
+    list_touches,
+    stand_head,
+)
 from .check import HeadCheck, HeadLayout, HeadView, check_head, lay_out, view_head
 from .design import (
     FITS,
@@ -11,14 +20,17 @@ from .design import (
     read_head,
     write_head,
 )
+from .operate import CameraRow, HeadComparison, TouchRow, compare_cameras
 from .shape import HeadPose, pose_head
 
 __all__ = [
     "FITS",
+    "CameraRow",
     "EndCap",
     "Head",
     "HeadCamera",
     "HeadCheck",
+    "HeadComparison",
     "HeadLayout",
     "HeadPose",
     "HeadReach",
@@ -29,9 +41,13 @@ __all__ = [
     "ReachedFrom",
     "SectionPoses",
     "Stand",
+    "TouchRow",
+    "Touches",
     "check_head",
+    "compare_cameras",
     "find_reached",
     "lay_out",
+    "list_touches",
     "pose_head",
     "read_head",
     "stand_head",

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import (
     check_fields,
+    check_integer,
     check_kind,
     check_number,
     check_points,
@@ -385,6 +386,71 @@ def find_reached(
     )
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Touches:
+    """Places (n) at which an instrument's tip meets the wall, with nothing in the way.
+
+    Attributes
+    ----------
+    place : (n, 3) float
+        World [mm].
+    bends : (n, 2) float
+        Of the backbone's end there, in the section's own frame [mm].
+    out : (n,) float
+        How far the instrument is out there [mm].
+    """
+
+    place: Floats
+    bends: Floats
+    out: Floats
+
+    def choose(self, count: int) -> Touches:
+        """Return so many, far from each other: each the farthest from those before it.
+
+        Raises
+        ------
+        InputError
+            If there are fewer.
+        """
+        count = check_integer("targets", count, low=1, high=100)
+        if len(self.place) < count:
+            raise InputError(
+                f"targets is {count}: the instrument touches the wall at {len(self.place)} of the "
+                "places looked at; stand where more wall is in reach, or give fewer"
+            )
+        away = np.linalg.norm(self.place - self.place.mean(axis=0), axis=1)
+        chosen = [int(np.argmin(away))]
+        far = np.full(len(away), np.inf)
+        while len(chosen) < count:
+            apart = np.linalg.norm(self.place - self.place[chosen[-1]], axis=1)
+            far = np.minimum(far, apart)
+            chosen.append(int(np.argmax(far)))
+        return Touches(place=self.place[chosen], bends=self.bends[chosen], out=self.out[chosen])
+
+
+def list_touches(head: Head, stand: Stand, duct: Duct, *, samples: int = 400) -> Touches:
+    """Return where the first end-effector's instrument meets the wall, of so many poses.
+
+    See `find_reached` for what is in the way; the roll is 0.
+
+    Raises
+    ------
+    InputError
+        If `samples` is outside [10, 100000].
+    """
+    check_kind("head", head, Head)
+    check_kind("duct", duct, Duct)
+    samples = check_integer("samples", samples, low=10, high=100_000)
+    placed = head.effectors[0]
+    poses = placed.shape(placed.list_bends(samples))
+    lines = _Search(head, stand, duct).trace(0, poses, np.zeros(1))
+    own = (lines.free > 0.0) & (lines.free < placed.instrument.reach)
+    out = lines.free[own]
+    return Touches(
+        place=lines.start[own] + out[:, None] * lines.way[own], bends=lines.bends[own], out=out
+    )
+
+
 @dataclass(frozen=True, eq=False)
 class _Search:
     """A head on a stand, in a lumen; without one, as if there were no walls."""
@@ -553,6 +619,26 @@ def _color_wall(
     return codes
 
 
+def read_lumen(plan: Plan, tract: str, progress: Progress) -> Duct:
+    """Return the lumen that a plan was made in, from the file of its tract.
+
+    Raises
+    ------
+    InputError
+        If the plan was not made from that.
+    """
+    if is_made_from(plan, tract) is False:
+        raise InputError(f"{tract} is not the file that the plan was made from")
+    duct = rebuild_field(plan, read_input(plan, tract), progress=progress)
+    outside = float(duct.signed_distance(plan.path).max())
+    if outside > duct.error:
+        raise InputError(
+            f"{tract} is not what the plan was made from: its path leaves the lumen by "
+            f"{outside:.1f} mm"
+        )
+    return duct
+
+
 def _list_notes(head: Head, plan: Plan) -> tuple[str, ...]:
     notes = []
     if plan.scope is not None and plan.scope.diameter < head.diameter:
@@ -614,17 +700,8 @@ class HeadReaching(Task):
         """Return what is reached."""
         goal = None if self.target is None else parse_vector(self.target, "length")
         head, plan = read_head(self.head), Plan.load(self.plan)
-        if is_made_from(plan, self.tract) is False:
-            raise InputError(f"{self.tract} is not the file that the plan was made from")
         stands = [stand_head(plan, at) for at in self._list_insertions(plan)]
-        tract = read_input(plan, self.tract)
-        duct = rebuild_field(plan, tract, progress=progress)
-        outside = float(duct.signed_distance(plan.path).max())
-        if outside > duct.error:
-            raise InputError(
-                f"{self.tract} is not what the plan was made from: its path leaves the lumen by "
-                f"{outside:.1f} mm"
-            )
+        duct = read_lumen(plan, self.tract, progress)
         found = find_reached(
             head, stands, duct=duct, target=goal, options=self.options, progress=progress
         )
