@@ -19,13 +19,13 @@ from tests.head.test_reach import TURNS, files, make_tube  # noqa: F401
 def find_touches(name: str = "none"):
     duct, plan = make_tube(turn=TURNS[name])
     stand = stand_head(plan, 100.0)
-    return stand, list_touches(Head(), stand, duct, samples=200), duct
+    return stand, list_touches(Head(), stand, duct=duct, samples=200), duct
 
 
 def test_only_the_camera_on_the_tip_moves_and_by_the_section_s_bend() -> None:
     stand, touches, duct = find_touches()
     chosen = touches.choose(5)
-    found = compare_cameras(Head(), stand, chosen, duct=duct)
+    found = compare_cameras(Head(), stand, touches=chosen, duct=duct)
     still, tip = found.rows
     assert found.converged and len(found.touches) == 5 and found.error < 0.1
     assert (still.turn, still.turn_most, still.shift) == (0.0, 0.0, 0.0)
@@ -37,7 +37,7 @@ def test_only_the_camera_on_the_tip_moves_and_by_the_section_s_bend() -> None:
     assert tip.shift > 100.0
     assert (still.time, still.path) == (tip.time, tip.path)
     assert still.path == pytest.approx(np.linalg.norm(np.diff(found.tip, axis=0), axis=1).sum())
-    fast = compare_cameras(Head(), stand, chosen, duct=duct, speed=20.0)
+    fast = compare_cameras(Head(), stand, touches=chosen, duct=duct, speed=20.0)
     assert fast.rows[0].time == pytest.approx(0.5 * still.time)
     assert fast.rows[1].turn == tip.turn
 
@@ -58,7 +58,7 @@ def test_turning_the_tract_turns_nothing_that_is_seen() -> None:
     answers = []
     for name in ("none", "axes"):
         stand, touches, duct = find_touches(name)
-        answers.append(compare_cameras(Head(), stand, touches.choose(4), duct=duct))
+        answers.append(compare_cameras(Head(), stand, touches=touches.choose(4), duct=duct))
     one, other = answers
     for name in ("time", "turn", "turn_most", "shift", "share_in_view"):
         assert getattr(one.rows[1], name) == pytest.approx(getattr(other.rows[1], name), rel=1e-6)

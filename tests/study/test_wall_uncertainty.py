@@ -205,9 +205,7 @@ def phantom_case():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("sd", "correlation"), [(0.5, 10.0), (0.25, 10.0), (0.5, 30.0)]
-)
+@pytest.mark.parametrize(("sd", "correlation"), [(0.5, 10.0), (0.25, 10.0), (0.5, 30.0)])
 def test_first_order_agrees_with_displaced_walls_of_a_phantom(phantom_case, sd, correlation):
     plan, tract, duct, samples = phantom_case
     # As wide a body as gives a probability that is neither 0 nor 1.

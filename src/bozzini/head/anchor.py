@@ -428,7 +428,7 @@ class Touches:
         return Touches(place=self.place[chosen], bends=self.bends[chosen], out=self.out[chosen])
 
 
-def list_touches(head: Head, stand: Stand, duct: Duct, *, samples: int = 400) -> Touches:
+def list_touches(head: Head, stand: Stand, *, duct: Duct, samples: int = 400) -> Touches:
     """Return where the first end-effector's instrument meets the wall, of so many poses.
 
     See `find_reached` for what is in the way; the roll is 0.

@@ -207,7 +207,7 @@ class HeadComparison(ResultOfRows, ReasonedResult):
 
 
 def compare_cameras(
-    head: Head, stand: Stand, touches: Touches, *, duct: Duct, speed: float = 10.0
+    head: Head, stand: Stand, *, touches: Touches, duct: Duct, speed: float = 10.0
 ) -> HeadComparison:
     """Let a scripted operator touch targets; tell what a still camera and one on the tip see.
 
@@ -358,16 +358,13 @@ class HeadComparing(Task):
         low, high = float(plan.head_arc_length[0]), plan.inserted
         every = [*np.arange(low, high, _APART), high] if self.at is None else [self.at]
         stands = [stand_head(plan, float(at)) for at in every]
-        best: tuple[Stand, Touches] | None = None
+        tried = []
         for k, stand in enumerate(stands):
-            found = list_touches(head, stand, duct, samples=self.samples)
-            if best is None or len(found.place) > len(best[1].place):
-                best = stand, found
+            tried.append((stand, list_touches(head, stand, duct=duct, samples=self.samples)))
             progress("insertions", (k + 1) / len(stands))
-        assert best is not None
-        stand, found = best
+        stand, found = max(tried, key=lambda pair: len(pair[1].place))
         chosen = found.choose(self.targets)
-        return compare_cameras(head, stand, chosen, duct=duct, speed=self.speed)
+        return compare_cameras(head, stand, touches=chosen, duct=duct, speed=self.speed)
 
     def describe(self, found: HeadComparison) -> str:
         """Return what both cameras saw, as a table."""

@@ -22,12 +22,13 @@ def _find_own() -> dict[str, type[Task]]:
     from ..effector.tracking import EffectorTracking
     from ..head.anchor import HeadReaching
     from ..head.check import HeadChecking, HeadShow, HeadViewing
+    from ..head.operate import HeadComparing
     from ..motion.chain_task import ChainTask
     from ..vision.planning import SetupPlanning
 
     kinds: tuple[type[Task], ...] = (
         SetupPlanning, EffectorSimulation, EffectorTracking, ChainTask,
-        HeadShow, HeadChecking, HeadViewing, HeadReaching,
+        HeadShow, HeadChecking, HeadViewing, HeadReaching, HeadComparing,
     )  # fmt: skip
     return {kind.name: kind for kind in kinds}
 
