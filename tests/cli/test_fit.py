@@ -362,7 +362,7 @@ def test_a_calibration_of_other_tendons_is_refused(
 @pytest.mark.skipif(sys.platform == "win32", reason="signals are others there")
 @pytest.mark.parametrize("jobs", ["1", "2"])
 def test_an_interrupt_leaves_nothing(folder: Path, jobs: str) -> None:
-    write_rows(folder / "rows.csv", range(160), noise=0.5)
+    write_rows(folder / "rows.csv", range(400), noise=0.5)
     before = sorted(folder.iterdir())
     words = ["continuum", "fit", "robot.yaml", "rows.csv", MARKER, "--free",
              "base,tendons.each.zero,tendons.*.offset", "--folds", "40", "--jobs", jobs,
