@@ -156,7 +156,6 @@ LEGAL: dict[str, tuple[int, str]] = {
     "head check": (2, "--head <head --samples 20 --out >.csv"),
     "head view": (2, "--head <head --samples 20 --out >.png"),
     "head reach": (3, "<plan <plan's_tract --head <head --samples 20 --spacing 6mm --out >.png"),
-    "head compare": (2, "<plan <plan's_tract --head <head --samples 20 --targets 1"),
     "live": (2, "<tract --diameter 4mm --link 8mm --duration 0.1s --inserted 0.8"),
     "study run": (4, "<study --workers 1 --out >"),
     "study resume": (2, "<results --workers 1"),
@@ -181,6 +180,8 @@ LEGAL: dict[str, tuple[int, str]] = {
 }
 REAL_TIME = {"rig emulate", "rig selftest", "cockpit"}
 """Commands that are left out: they run in real time."""
+NEEDS_ROOM = {"head compare"}
+"""Commands that are left out: no tube among the sound files is wide enough for what they do."""
 CHANGES_INPUT = {"study resume"}
 """Commands that go on with what they are given."""
 OUTPUTS = {"--out"}
@@ -744,7 +745,7 @@ def run_cases(
     begin.
     """
     commands = find_commands()
-    missing = sorted(set(commands) - set(LEGAL) - REAL_TIME)
+    missing = sorted(set(commands) - set(LEGAL) - REAL_TIME - NEEDS_ROOM)
     if missing:
         raise SystemExit(f"fuzz: no legal command line is known for: {', '.join(missing)}")
     commands = {name: command for name, command in commands.items() if name.startswith(only)}
