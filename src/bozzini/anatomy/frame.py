@@ -163,5 +163,6 @@ def compare_affines(
 
 def rescale(affine: Matrix, spacing: NDArray[np.float64]) -> Matrix:
     """Return an affine with other voxel sizes [mm] and the same axes and origin."""
-    scale = np.append(spacing / np.linalg.norm(affine[:3, :3], axis=0), 1.0)
-    return np.asarray(affine * scale)
+    with np.errstate(divide="ignore", invalid="ignore"):  # no axis: whoever uses it refuses
+        scale = np.append(spacing / np.linalg.norm(affine[:3, :3], axis=0), 1.0)
+        return np.asarray(affine * scale)
