@@ -124,6 +124,7 @@ def test_a_film_is_a_camera(tmp_path):
     ("words", "told"),
     [
         ("--weights 0.1N", "--weights has no effect without --camera"),
+        ("--height 3mm", "--height has no effect without --camera"),
         ("--camera rendered --hook x{file}", "--hook and --camera both take the pictures"),
         ("--camera rendered --port /dev/x", "leave out --port"),
         ("--camera 0", "a real camera needs --strips and --cameras"),
@@ -145,6 +146,15 @@ def test_wrong_use_is_one_line(toolchain, tmp_path, capsys, words, told):
     said = capsys.readouterr().err.strip()
     assert told in said and "\n" not in said
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("name", ["m.html", "m-fit.yaml", "m-lengths"])
+def test_what_is_there_is_not_replaced(toolchain, tmp_path, capsys, name):
+    (tmp_path / name).write_text("kept")
+    command = ["rig", "characterise", "--board", "native", "--quiet", "--camera", "rendered"]
+    assert main([*command, "--out", str(tmp_path / "m.csv")]) == 2
+    assert name in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == [name]
 
 
 def test_a_play_of_the_emulated_muscle_is_its_hysteresis(toolchain, tmp_path):

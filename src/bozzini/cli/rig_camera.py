@@ -14,7 +14,16 @@ import click
 
 from ..errors import InputError, OutputError
 from ..units import parse_quantity
-from .common import EXIT_NEGATIVE, INPUT, Answer, gather, option, run_exit
+from .common import (
+    EXIT_NEGATIVE,
+    INPUT,
+    Answer,
+    check_target,
+    gather,
+    option,
+    refuse_options,
+    run_exit,
+)
 
 if TYPE_CHECKING:
     from ..rig import Host
@@ -48,11 +57,8 @@ class CameraRequest:
     def check(self, *, port: str | None, hook: str | None) -> None:
         """Refuse what does not go together."""
         if self.camera is None:
-            given = {"--weights": self.weight_texts, "--strips": self.strips, "--free": self.free}
-            given["--cameras"] = self.cameras_file
-            for name, value in given.items():
-                if value is not None:
-                    raise InputError(f"{name} has no effect without --camera: leave it out")
+            names = [item.name for item in dataclasses.fields(self)]
+            refuse_options(names, "without --camera")
             return
         if hook is not None:
             raise InputError("--hook and --camera both take the pictures: give one")
@@ -65,15 +71,13 @@ class CameraRequest:
 
     def load(self) -> tuple[StripBoard, Camera]:
         """Return the board and the camera of the files."""
-        from ..vision import load_cameras
-        from ..vision.board import load_strips
+        from .vision import LengthFiles
 
-        if self.strips is None or self.cameras_file is None:
-            raise InputError("a real camera needs --strips and --cameras, see 'bozzini vision'")
-        cameras = load_cameras(self.cameras_file).cameras
-        if len(cameras) != 1:
-            raise InputError(f"{self.cameras_file} has {len(cameras)} cameras: lengths need one")
-        return load_strips(self.strips), cameras[0]
+        if self.strips is not None and self.cameras_file is not None:
+            board, camera = LengthFiles(self.strips, self.cameras_file).load()
+            if camera is not None:
+                return board, camera
+        raise InputError("a real camera needs --strips and --cameras, see 'bozzini vision'")
 
     def list_weights(self, stairs: Stairs) -> tuple[float, ...]:
         """Return the weights [N], from the least; that of the stairs if none are given."""
@@ -124,28 +128,32 @@ def characterise_by_camera(
     """Run a characterisation by a camera, write its files, and answer."""
     import numpy as np
 
+    from ..io.files import reserve_directory
     from ..muscle import preset
     from ..report.bench_page import make_bench_page
     from ..rig.camera_bench import FREE, CameraBench, RenderedCamera, VideoCamera
-    from ..vision import LengthOptions, LengthSetup, RenderedSetup, StripBoard
+    from ..vision import LengthOptions, RenderedSetup, StripBoard
+    from ..vision.planning import DEMO_LENGTH, DEMO_SETUP
 
     table = answer.target
-    pictures = table.with_name(f"{table.stem}-pictures")
+    pictures, lengths = (
+        table.with_name(f"{table.stem}-{name}") for name in ("pictures", "lengths")
+    )
     if pictures.exists() and any(pictures.iterdir()):
         raise OutputError(f"{pictures} is not empty: pictures need an empty directory")
+    page = table.with_suffix(".html")
+    check_target(page, (".html",), force=answer.force)
+    check_target(table.with_name(f"{table.stem}-fit.yaml"), (".yaml",), force=answer.force)
     muscle = asked.muscle
-    known = LengthOptions(
-        height=seen.height,
-        diameter=2.0 * muscle.outer_radius,
-        ring=seen.ring,
-        **({"height_uncertainty": 0.1, "tilt_uncertainty": 0.005} if seen.is_rendered else {}),
-    )
+    size = {"height": seen.height, "diameter": 2.0 * muscle.outer_radius, "ring": seen.ring}
+    known = LengthOptions(**size)
+    if seen.is_rendered:
+        known = dataclasses.replace(DEMO_LENGTH, **size)
     setup: RenderedSetup | None = None
     if seen.is_rendered:
         board = StripBoard()
         random = np.random.default_rng([seed, 7])
-        view = LengthSetup(pitch=0.086, columns=960, rows=760)
-        setup = RenderedSetup.draw(view, board, options=known, random=random)
+        setup = RenderedSetup.draw(DEMO_SETUP, board, options=known, random=random)
         camera = setup.camera
     else:
         board, camera = seen.load()
@@ -186,10 +194,11 @@ def characterise_by_camera(
             video = VideoCamera(folder=folder, name=str(seen.camera), size=camera.size)
             yield host, stack.enter_context(video)
 
-    with answer.show_progress() as progress:
-        found = bench.run(open_rig, pictures, progress=progress)
-    files = found.save(table)
-    files["report"] = make_bench_page(found).write(table.with_suffix(".html"))
+    with reserve_directory(lengths, force=answer.force):
+        with answer.show_progress() as progress:
+            found = bench.run(open_rig, pictures, progress=progress)
+        files = found.save(table, force=answer.force)
+    files["report"] = make_bench_page(found).write(page)
     board.save(pictures / "board.yaml")
     answer.give({**found.to_dict(), "files": files, "pictures": pictures}, _describe(found, files))
     if not found.converged:

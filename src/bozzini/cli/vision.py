@@ -269,7 +269,7 @@ length_options = options_of(LengthOptions, "options")
 
 
 @dataclasses.dataclass(frozen=True)
-class _LengthFiles:
+class LengthFiles:
     """Files of the board, and of the camera if it is calibrated."""
 
     board_file: Path
@@ -291,7 +291,7 @@ class _LengthFiles:
 
 file_options = gather(
     "files",
-    _LengthFiles,
+    LengthFiles,
     board_option("The description of the board of strips."),
     cameras_option("The calibrated camera; without it --distance is needed.", required=False),
 )
@@ -310,7 +310,7 @@ file_options = gather(
 )
 def length_command(
     table: Path,
-    files: _LengthFiles,
+    files: LengthFiles,
     options: LengthOptions,
     jobs: int,
     strict: bool,

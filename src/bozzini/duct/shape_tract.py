@@ -77,7 +77,7 @@ def make_shape_tract(file: ShapesFile, *, source: str = "shapes") -> LabelTract 
         If they enclose nothing, or not one space.
     """
     duct = file.shapes
-    if duct.bounds.shape[1] != 3:
+    if duct.dim != 3:
         raise InputError(
             f"{source} holds planar shapes: a scope is planned in space; for a chain in the plane "
             "use 'bozzini duct chain'"

@@ -428,6 +428,11 @@ class Touches:
         return Touches(place=self.place[chosen], bends=self.bends[chosen], out=self.out[chosen])
 
 
+def list_insertions(plan: Plan, *, step: float) -> list[float]:
+    """Return insertions of a plan from its first to its farthest, so far apart [mm]."""
+    return [*np.arange(float(plan.head_arc_length[0]), plan.inserted, step).tolist(), plan.inserted]
+
+
 def list_touches(head: Head, stand: Stand, *, duct: Duct, samples: int = 400) -> Touches:
     """Return where the first end-effector's instrument meets the wall, of so many poses.
 
@@ -700,18 +705,14 @@ class HeadReaching(Task):
         """Return what is reached."""
         goal = None if self.target is None else parse_vector(self.target, "length")
         head, plan = read_head(self.head), Plan.load(self.plan)
-        stands = [stand_head(plan, at) for at in self._list_insertions(plan)]
+        every = self.at is None and self.target is not None
+        insertions = list_insertions(plan, step=self.step) if every else [self.at]
+        stands = [stand_head(plan, at) for at in insertions]
         duct = read_lumen(plan, self.tract, progress)
         found = find_reached(
             head, stands, duct=duct, target=goal, options=self.options, progress=progress
         )
         return replace(found, notes=_list_notes(head, plan))
-
-    def _list_insertions(self, plan: Plan) -> list[float | None]:
-        if self.at is not None or self.target is None:
-            return [self.at]
-        low, high = float(plan.head_arc_length[0]), plan.inserted
-        return [*np.arange(low, high, self.step).tolist(), high]
 
     def describe(self, found: HeadReach) -> str:
         """Return what is reached, and how."""

@@ -20,7 +20,7 @@ from ..progress import Progress, no_progress
 from ..results import ReasonedResult, format_rows, measured, rows_of, tabulated, take_axes
 from ..task import Task
 from ..vision.camera import Camera, aim_camera
-from .anchor import Stand, Touches, list_touches, read_lumen, stand_head
+from .anchor import Stand, Touches, list_insertions, list_touches, read_lumen, stand_head
 from .check import ResultOfRows, head_field
 from .design import Head, SectionPoses, read_head
 from .shape import make_camera_chains, make_chains, measure_gaps
@@ -355,9 +355,8 @@ class HeadComparing(Task):
         """Return what both cameras saw."""
         head, plan = read_head(self.head), Plan.load(self.plan)
         duct = read_lumen(plan, self.tract, progress)
-        low, high = float(plan.head_arc_length[0]), plan.inserted
-        every = [*np.arange(low, high, _APART), high] if self.at is None else [self.at]
-        stands = [stand_head(plan, float(at)) for at in every]
+        every = list_insertions(plan, step=_APART) if self.at is None else [self.at]
+        stands = [stand_head(plan, at) for at in every]
         tried = []
         for k, stand in enumerate(stands):
             tried.append((stand, list_touches(head, stand, duct=duct, samples=self.samples)))

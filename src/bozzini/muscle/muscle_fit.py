@@ -832,11 +832,11 @@ class Calibration(Result):
         wide = max(16, *(len(name) + 1 for name in self.free))
         lines = []
         for name in self.free:
-            values, unit = [self.estimates[name], *self.intervals[name]], self.units[name]
-            if unit == "rad":  # people read angles in degrees
-                values, unit = [math.degrees(value) for value in values], "deg"
-            value, low, high = show_apart(*values, digits=4)
-            interval = f"95 %: {low} to {high}" if math.isfinite(values[1]) else "not determined"
+            ends = self.intervals[name]
+            value, low, high, unit = show_estimate(
+                self.estimates[name], ends, unit=self.units[name]
+            )
+            interval = f"95 %: {low} to {high}" if math.isfinite(ends[0]) else "not determined"
             lines.append(f"{name:<{wide}}{value:>10} {unit:<4} {interval}")
         lines.append(self.interval_rule)
         lines.append(
@@ -862,6 +862,17 @@ class Calibration(Result):
         axes.plot(ends, ends, "k-", linewidth=0.8)
         axes.legend()
         return axes
+
+
+def show_estimate(
+    value: float, interval: tuple[float, float], *, unit: str
+) -> tuple[str, str, str, str]:
+    """Return the texts of a value and of the ends of its interval, and their unit."""
+    values = [value, *interval]
+    if unit == "rad":  # people read angles in degrees
+        values, unit = [math.degrees(each) for each in values], "deg"
+    shown, low, high = show_apart(*values, digits=4)
+    return shown, low, high, unit
 
 
 def calibrate(

@@ -22,13 +22,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..checks import show_apart
 from ..errors import InputError
 from ..io.files import write_text
 from ..io.sheets import format_table, write_table
 from ..muscle import Calibration, Muscle, MuscleModel, calibrate, write_muscle
 from ..muscle.data import Measurements
-from ..muscle.muscle_fit import FitOptions
+from ..muscle.muscle_fit import FitOptions, show_estimate
 from ..progress import Progress, no_progress
 from ..results import Json, ReasonedResult, take_axes
 from ..vision import Camera, LengthOptions, LengthSeries, RenderedSetup, StripBoard, measure_series
@@ -430,19 +429,19 @@ class BenchReport(ReasonedResult):
             "intervals_95": self.intervals,
         }
 
-    def save(self, table: str | os.PathLike[str]) -> Json:
+    def save(self, table: str | os.PathLike[str], *, force: bool = False) -> Json:
         """Write the table, and beside it the lengths and the fit; return their paths.
 
         Raises
         ------
         OutputError
-            If a file cannot be written, or the directory of the lengths exists.
+            If a file cannot be written, or the directory of the lengths exists (without `force`).
         """
         from ..vision import write_series
 
         path = write_table(table, self.list_columns())
         lengths = path.with_name(f"{path.stem}-lengths")
-        write_series(self.lengths, lengths, force=True)
+        write_series(self.lengths, lengths, force=force)
         written: Json = {"table": path, "lengths": lengths}
         if self.fit is not None:
             written["fit"] = path.with_name(f"{path.stem}-fit.yaml")
@@ -535,9 +534,7 @@ class BenchReport(ReasonedResult):
         if self.fit is None:
             return rows
         for name, interval in self.intervals.items():
-            values, unit = [self.fit.estimates[name], *interval], self.fit.units[name]
-            if unit == "rad":
-                values, unit = [math.degrees(value) for value in values], "deg"
-            value, low, high = show_apart(*values, digits=4)
+            estimate, unit = self.fit.estimates[name], self.fit.units[name]
+            value, low, high, unit = show_estimate(estimate, interval, unit=unit)
             rows.append((name.replace("_", " "), f"{value} {unit} (95 %: {low} to {high})"))
         return rows

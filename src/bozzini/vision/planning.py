@@ -392,13 +392,15 @@ DEMO_LENGTH = LengthOptions(
     height=2.8, diameter=1.6, ring=2.0, height_uncertainty=0.1, tilt_uncertainty=0.005
 )
 """What is known of the muscle of the demonstration."""
+DEMO_SETUP = LengthSetup(pitch=0.086, columns=960, rows=760)
+"""Its camera."""
 
 
 def write_demo(
     directory: str | os.PathLike[str],
     *,
     options: DemoOptions = DemoOptions(),
-    setup: LengthSetup = LengthSetup(pitch=0.086, columns=960, rows=760),
+    setup: LengthSetup = DEMO_SETUP,
     force: bool = False,
     progress: Progress = no_progress,
 ) -> Json:
