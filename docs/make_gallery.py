@@ -23,7 +23,7 @@ GROUPS = {
         "duct_fit", "shapes",
     ],
     "Muscles": ["contraction", "force", "ranking", "calibration", "hysteresis", "loop_fit"],
-    "Catheter tips": ["effector", "effector_workspace", "circle", "tip_force"],
+    "Catheter tips": ["effector", "effector_workspace", "circle", "tip_force", "head_cameras"],
     "Tendon robots": [
         "continuum", "rod_models", "robot_workspace", "contact", "push_force", "routing",
         "fabricate",

@@ -20,15 +20,19 @@ from PIL import Image
 
 from bozzini.cockpit.drive import EffectorDrive
 from bozzini.cockpit.guard import Access
+from bozzini.cockpit.head import HeadDrive
 from bozzini.cockpit.page import WEB, render_cockpit
 from bozzini.cockpit.server import bind, make_server, run_server
 from bozzini.cockpit.session import Session
 from bozzini.effector import Effector
+from bozzini.head import Head, list_touches, stand_head
+from bozzini.head.operate import TargetTask, look_from_tip
 from bozzini.rig.firmware import find_missing_tools
 from bozzini.scene.view import Body, Surface, View, encode_view
 from tests.browser.conftest import wait_for
 from tests.cli.plan_cases import write_tracts
 from tests.cockpit.conftest import make_plan
+from tests.head.test_reach import SHIFT, make_tube
 
 READY = "() => window.cockpit?.viewer?.paints > 0 && document.querySelector('.drive:not([hidden])')"
 # Words of a plan come before what is drawn of it: until then there is no step to go to.
@@ -447,7 +451,7 @@ def test_form_of_a_task_gives_what_its_command_gives(visit, address) -> None:
 
 
 def test_own_scripts_are_small() -> None:
-    assert sum(file.stat().st_size for folder in WEB for file in folder.glob("*.js")) <= 64_000
+    assert sum(file.stat().st_size for folder in WEB for file in folder.glob("*.js")) <= 68_000
 
 
 @pytest.mark.slow
@@ -474,3 +478,182 @@ def test_page_connects_again(visit) -> None:
         assert page.locator(".verdict").inner_text() == ""
     finally:
         running.stop()
+
+
+class HeadRunning(Running):
+    """A head in a round tube of 40 mm radius, without planning."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        duct, plan = make_tube()
+        self.drive = self.session.drive = HeadDrive(Head(), targets=2)
+        angle, along = np.meshgrid(2.0 * math.pi * np.arange(48) / 48, np.linspace(0.0, 200.0, 41))
+        rings = [40.0 * np.cos(angle), 40.0 * np.sin(angle), along]
+        tube = np.stack(rings, axis=-1).reshape(-1, 3) + SHIFT
+        i = np.arange(40 * 48)
+        j, up = i - i % 48 + (i + 1) % 48, i + 48
+        faces = np.concatenate([np.stack([i, j, up]).T, np.stack([j, j + 48, up]).T])
+        view = View(
+            title="a tube",
+            surfaces=(Surface(vertices=tube, faces=faces),),
+            bodies=(Body(joints=plan.joints, radius=6.0, insertion=plan.head_arc_length),),
+        )
+        shown = replace(
+            self.session.plan,
+            view=encode_view(view),
+            joints=plan.joints.astype(np.float32),
+            clearance=plan.clearance.astype(np.float32),
+            travel=plan.head_arc_length,
+            radius=6.0,
+            wall=duct,
+        )
+        self.session.show(shown)
+        self.session.go_to(10)
+
+
+@pytest.fixture
+def head(visit):
+    running = HeadRunning()
+    running.start()
+    page = visit(f"http://127.0.0.1:{running.port}/", width=1100, height=560)
+    wait_for(page, f"{READY} && cockpit.head && cockpit.frame.links > 0")
+    yield running, page
+    running.stop()
+
+
+def look_at_head(page) -> np.ndarray:
+    """Return the picture of the head's camera once all is drawn, without the words over it."""
+    page.wait_for_timeout(600)
+    return look(page, ".inset")[4:-40, 4:-6]
+
+
+def mask_bodies(drive, pose, picture) -> np.ndarray:
+    """Return where end-effector and instrument are in the still camera's picture, by geometry."""
+    height, width = picture.shape[0] + 44, picture.shape[1] + 10
+    camera = drive.head.look(min(height, width))
+    rows, columns = np.mgrid[4 : height - 40, 4 : width - 6]
+    shift = 0.5 * (np.array([width, height]) - min(height, width))
+    mask = np.zeros(picture.shape[:2], dtype=bool)
+    for part in drive.list_parts(*pose)[2:]:
+        share = np.linspace(0.0, len(part.line) - 1.0, 200)
+        own = np.arange(len(part.line))
+        line = np.stack([np.interp(share, own, column) for column in part.line.T], axis=1)
+        depth = (line @ camera.rotation.T + camera.translation)[:, 2]
+        spots = camera.project(line) + shift
+        for (x, y), far in zip(spots, depth, strict=True):
+            if far > 1.5 * part.radius:
+                # A ball off the picture's middle is drawn longer than it is wide.
+                off = math.hypot(x - 0.5 * width, y - 0.5 * height) / camera.focal
+                size = (1.0 + off * off) * camera.focal * part.radius / (far - part.radius) + 3.0
+                mask |= (columns - x) ** 2 + (rows - y) ** 2 <= size**2
+    return mask
+
+
+@pytest.mark.slow
+def test_wall_stands_still_in_the_picture_of_the_head_s_camera(head) -> None:
+    running, page = head
+    drive, session = running.drive, running.session
+    x, y, full = find_pad(page)
+    ways = [(0.0, 0.0), *((0.55 * math.cos(k), 0.55 * math.sin(k)) for k in range(0, 6, 2))]
+
+    def steer(way, out) -> None:
+        page.mouse.move(x + full * way[0], y - full * way[1])
+        page.evaluate("(out) => { const s = document.querySelector('.out'); s.value = out;"
+                      " s.dispatchEvent(new Event('input')); }", out)  # fmt: skip
+        wait_until(page, lambda state: math.dist(state["stick"], way) < 0.02)
+
+    def show(on) -> None:
+        for name in ("end-effector", "instrument", "trace"):
+            page.get_by_label(name, exact=True).evaluate("(box, on) => box.checked === on"
+                                                         " || box.click()", on)  # fmt: skip
+
+    page.mouse.move(x, y)
+    page.mouse.down()
+    show(False)
+    wall = []
+    for k, way in enumerate(ways):
+        steer(way, k / 3)
+        wall.append(look_at_head(page))
+    assert wall[0].std() > 8.0
+    for picture in wall[1:]:
+        assert np.array_equal(picture, wall[0])
+    show(True)
+    page.get_by_label("trace", exact=True).evaluate("(box) => box.click()")
+    moved = 0
+    for k, way in enumerate(ways):
+        steer(way, k / 3)
+        picture = look_at_head(page)
+        bends = drive.turn @ drive.state.tip
+        mask = mask_bodies(drive, (drive.placed.shape(bends[None]), drive.wanted), picture)
+        changed = np.abs(picture - wall[0]).max(axis=2) > 0.0
+        assert not (changed & ~mask).any()
+        assert (changed & mask).sum() > 500
+        moved += (changed & mask).sum()
+    page.mouse.up()
+    assert moved and session.drive.camera == "still"
+
+
+@pytest.mark.slow
+def test_picture_of_a_conventional_scope_turns_with_the_tip(head) -> None:
+    running, page = head
+    drive = running.drive
+    plan, ahead = running.session.plan, np.array([[4.0, 3.0, 100.0]])  # of the face
+    drive.task = TargetTask(plan.joints[10, 0] + ahead @ plan.frames[10])
+    x, y, full = find_pad(page)
+    page.locator(".eye").select_option("tip")
+    wait_for(page, "() => document.querySelector('#viewer').dataset.camera === 'tip'")
+    page.locator(".pad").scroll_into_view_if_needed()
+    page.mouse.move(x, y)
+    page.mouse.down()
+    spots, ways = [], []
+    for way in ((0.0, 0.0), (0.2, 0.0), (0.0, -0.25), (-0.15, 0.2)):
+        page.mouse.move(x + full * way[0], y - full * way[1])
+        wait_until(page, lambda state, w=way: math.dist(state["stick"], w) < 0.02)
+        page.wait_for_timeout(600)
+        picture = look(page, ".inset")
+        # The target is the only thing that is green.
+        green = (picture[..., 1] > 1.3 * picture[..., 0]) & (picture[..., 1] > picture[..., 2])
+        assert green.sum() > 20
+        spot = np.argwhere(green).mean(axis=0)[::-1]
+        height, width = picture.shape[:2]
+        poses = drive.placed.shape((drive.turn @ drive.state.tip)[None])
+        size = min(height, width)
+        camera = look_from_tip(drive.head, poses, 0)
+        seen = (camera.project(ahead[0]) - 239.5) * size / 480.0
+        assert spot == pytest.approx(seen + [0.5 * width - 0.5, 0.5 * height - 0.5], abs=3.0)
+        spots.append(spot)
+        ways.append(page.evaluate("() => cockpit.frame.camera.way"))
+        lean = math.acos(float(poses.direction[0, 2]))
+        assert math.acos(min(1.0, np.dot(ways[-1], ways[0]))) == pytest.approx(lean, abs=1e-3)
+    page.mouse.up()
+    assert min(np.linalg.norm(np.array(spots[1:]) - spots[0], axis=1)) > 30.0
+
+
+@pytest.mark.slow
+def test_targets_are_set_and_touched_by_stick_and_slide(head) -> None:
+    running, page = head
+    drive = running.drive
+    page.get_by_role("button", name="Set targets").click()
+    wait_for(page, "() => document.querySelector('.touches').textContent.startsWith('0 of 2')")
+    plan = running.session.plan
+    stand = replace(stand_head(make_tube()[1], 100.0), frame=plan.frames[10].T)
+    chosen = list_touches(Head(), stand, duct=make_tube()[0]).choose(2)
+    assert chosen.place == pytest.approx(drive.task.targets, abs=1e-3)
+    x, y, full = find_pad(page)
+    page.mouse.move(x, y)
+    page.mouse.down()
+    for k, bend in enumerate(chosen.bends):
+        place = bend @ drive.turn / drive.scale
+        page.mouse.move(x - full * place[0], y - full * place[1])
+        page.wait_for_timeout(300)
+        for key in ("e", "q"):
+            page.keyboard.down(key)
+            page.wait_for_timeout(3500)
+            page.keyboard.up(key)
+        wait_for(page, f"() => document.querySelector('.touches').textContent"
+                       f".startsWith('{k + 1} of 2')")  # fmt: skip
+    page.mouse.up()
+    found = drive.sum_up()
+    assert found.converged and found.error < 2.0 and found.camera == "still"
+    assert found.path >= chosen.out.sum() and found.time > 0.0
+    assert list(found.list_columns()) == ["target", "time_s", "path_mm", "error_mm"]

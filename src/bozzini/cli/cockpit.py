@@ -50,6 +50,16 @@ __all__ = ["command"]
     default=DEFAULT_PRESET,
 )
 @option(
+    "--head FILE|default",
+    "A distal head (.yaml, .json) at the scope's tip, with its still camera, in place of "
+    "--effector.",
+)
+@click.option(
+    "--targets",
+    type=click.IntRange(1, 100),
+    help="How many places of the wall there are to touch with --head; 5 if it is not given.",
+)
+@option(
     "--host ADDRESS",
     "Listen there, such as 0.0.0.0; others than this computer need the token.",
     default="127.0.0.1",
@@ -71,7 +81,10 @@ __all__ = ["command"]
     ("line", "circle"),
 )
 @answer_options(
-    ".html", ".csv", *PICTURES, help="What the operator drew: a report (.html), a table, a picture."
+    ".html",
+    ".csv",
+    *PICTURES,
+    help="What the operator drew: a report (.html), a table, a picture; with --head the touches.",
 )
 def command(
     source: Path | None,
@@ -83,6 +96,8 @@ def command(
     board: str,
     controller: str,
     effector: str,
+    head: str | None,
+    targets: int | None,
     host: str,
     port: int,
     names: tuple[str, ...],
@@ -113,8 +128,12 @@ def command(
             raise InputError(f"--{list_given(reading)[0]} has no effect without an INPUT")
         if source is not None and not os.path.exists(source):
             raise InputError(f"{source}: there is no such file")
-        if answer.out is not None and operator is None:
-            raise InputError("--out has no effect without --operator")
+        if answer.out is not None and operator is None and head is None:
+            raise InputError("--out has no effect without --operator or --head")
+        if head is None and targets is not None:
+            raise InputError("--targets has no effect without --head")
+        if head is not None:
+            _check_head(answer, rig=rig, operator=operator, moving=moving)
         if moving not in (None, "breathing", "peristalsis") and not os.path.isfile(moving):
             raise InputError(
                 f"--moving is '{moving}': it must be breathing, peristalsis or a file that is there"
@@ -135,11 +154,17 @@ def command(
             board=board,
             effector=effector,
             controller=controller,
+            head=head,
+            targets=targets or 5,
             operator=operator,  # type: ignore[arg-type]
             is_shown=not no_browser,
         )
         cockpit = Cockpit(job, chosen, listener=listener)
         cockpit.run(lambda address: click.echo(address, err=answer.as_json or operator is not None))
+    if cockpit.run_of_targets is not None:
+        run = cockpit.run_of_targets
+        answer.write(run.list_columns(), run.plot)
+        answer.give(run, run.describe())
     if cockpit.drawing is None:
         return
     drawing = cockpit.drawing
@@ -150,3 +175,12 @@ def command(
     answer.give({**drawing.to_dict(), "file": answer.out}, drawing.describe())
     if not drawing.converged:
         run_exit(EXIT_NEGATIVE)
+
+
+def _check_head(answer: Answer, **others: str | None) -> None:
+    """Raise `InputError` if something is given that a head has not."""
+    for name, value in others.items():
+        if value is not None:
+            raise InputError(f"--{name} cannot be used with --head: the head is a model at rest")
+    if answer.out is not None and answer.out.suffix.lower() == ".html":
+        raise InputError(f"--out is '{answer.out}': with --head it is a table or a picture")

@@ -7,18 +7,24 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..effector import Effector, EffectorInverse, Stick, find_stick_scale, steer
 from ..errors import BozziniError, InputError
 from ..numeric.arrays import Floats
+from ..results import Json
 from ..rig.choices import CONTROLLERS
 from ..rig.host import SILENCE_LIMIT, Host, describe_faults
 from ..rig.hysteresis import MotionObserver
 from ..rig.link import Link, LockstepLink
 from ..rig.protocol import SETPOINT_MAX, State
 from ..rig.steering import find_set_points, make_controller, open_rig_effector
+from .session import PlacedBody, ShownPlan
+
+if TYPE_CHECKING:
+    from ..head import TargetRun
 
 PERIOD = 0.01
 """Of the loop that drives the rig [s]."""
@@ -99,6 +105,8 @@ class EffectorDrive:
     """What is driven, for people."""
     controller = ""
     """Name of the controller of a rig, one of `bozzini.rig.CONTROLLERS`."""
+    turn = np.eye(2)
+    """Turns places as the tip's camera sees them (-x is right, y up) into the end-effector's."""
 
     def __init__(self, effector: Effector) -> None:
         if len(effector.design.muscles) != 3:
@@ -114,7 +122,7 @@ class EffectorDrive:
     def solve(self, travel: Floats) -> EffectorInverse:
         """Return the pressures for a travel of the stick, as `bozzini.rig.Steering` does."""
         unit = Stick()
-        wanted = SEEN * np.clip(travel, -1.0, 1.0)
+        wanted = self.turn @ (SEEN * np.clip(travel, -1.0, 1.0))
         raw = unit.centre + unit.span * wanted * np.array([1.0, -1.0])  # y of a stick goes down
         return steer(self.effector, raw, stick=unit, scale=self.scale)
 
@@ -132,9 +140,9 @@ class EffectorDrive:
         return DriveState(
             reason=str(found.reason),
             travel=self.travel,
-            target=found.target,
-            delivered=found.delivered,
-            tip=posed.lateral_vector,
+            target=found.target @ self.turn,
+            delivered=found.delivered @ self.turn,
+            tip=posed.lateral_vector @ self.turn,
             setpoints=setpoints,
             measured=measured,
             backbone=np.vstack([posed.backbone, posed.holder_tip]),
@@ -159,6 +167,38 @@ class EffectorDrive:
             Without a rig.
         """
         raise InputError(f"there is no rig to {what}: start the cockpit with --rig")
+
+    def place(self, plan: ShownPlan, step: int) -> PlacedBody:
+        """Return the body at a step of a plan, its tip bent."""
+        return plan.place(step, self.state)
+
+    def slide(self, out: float) -> None:
+        """Slide a head's instrument out, as a share of its reach."""
+        raise InputError("there is no head: start the cockpit with --head")
+
+    def command_head(self, what: str, plan: ShownPlan | None, step: int) -> None:
+        """Choose a head's camera, or set targets to touch."""
+        raise InputError("there is no head: start the cockpit with --head")
+
+    def describe(self) -> Json:
+        """Return what the page needs to know once."""
+        design = self.effector.design
+        space = self.effector.workspace(directions=72, samples=1)
+        return {
+            "muscles": list(design.names),
+            "pressure_limit_MPa": self.limit,
+            "full_stick_mm": self.scale,
+            "workspace_mm": (space.boundary @ self.turn).round(3).tolist(),
+            "has_rig": self.has_rig,
+        }
+
+    def sum_up(self) -> TargetRun | None:
+        """Return how a head's targets were touched; None if there are none."""
+        return None
+
+    def tell(self) -> Json | None:
+        """Return what the page shows of a head as text; None without one."""
+        return None
 
     def close(self) -> None:
         """Let the drive go."""

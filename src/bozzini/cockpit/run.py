@@ -20,6 +20,7 @@ from .session import Session, run_beside
 from .wire import Change
 
 if TYPE_CHECKING:
+    from ..head import TargetRun
     from .drive import EffectorDrive
     from .operator import Drawing, FigureKind
 
@@ -49,6 +50,10 @@ class CockpitOptions:
         Of the rig to begin with, one of `bozzini.rig.CONTROLLERS`.
     operator : {"line", "circle"} or None
         What a scripted operator draws; the cockpit ends after it.
+    head : str or None
+        File of a distal head, or ``"default"``; it is driven in place of the end-effector.
+    targets : int
+        How many the head's instrument has to touch.
     is_shown : bool
         Whether the page is opened in the browser.
     """
@@ -61,6 +66,8 @@ class CockpitOptions:
     effector: str = DEFAULT_PRESET
     controller: str = "static"
     operator: FigureKind | None = None
+    head: str | None = None
+    targets: int = 5
     is_shown: bool = True
 
     @property
@@ -93,6 +100,7 @@ class Cockpit:
         self.session = Session(may_arm=needs_token)
         self.error: BozziniError | None = None
         self.drawing: Drawing | None = None
+        self.run_of_targets: TargetRun | None = None
         self._planning: Planning | None = None
         self._late: asyncio.TimerHandle | None = None
         self._has_ended = False
@@ -128,6 +136,7 @@ class Cockpit:
             if self._planning is not None:
                 self._planning.close()
             if self.session.drive is not None:
+                self.run_of_targets = self.session.drive.sum_up()
                 self.session.drive.close()
         if self.error is not None:
             raise self.error
@@ -177,6 +186,12 @@ class Cockpit:
         from .drive import open_drive
 
         options = self.options
+        if options.head is not None:
+            from ..head.design import read_head
+            from .head import HeadDrive
+
+            head = read_head(None if options.head == "default" else options.head)
+            return HeadDrive(head, targets=options.targets)
         drive = open_drive(
             options.effector, rig=options.rig, board=options.board, controller=options.controller
         )

@@ -140,18 +140,7 @@ def describe_drive(session: Session) -> dict[str, object]:
     drive = session.drive
     if drive is None:
         return {"drive": None}
-    design = drive.effector.design
-    space = drive.effector.workspace(directions=72, samples=1)
-    return {
-        "drive": {
-            "muscles": list(design.names),
-            "pressure_limit_MPa": drive.limit,
-            "full_stick_mm": drive.scale,
-            "workspace_mm": space.boundary.round(3).tolist(),
-            "has_rig": drive.has_rig,
-            "may_arm": session.may_arm,
-        }
-    }
+    return {"drive": {**drive.describe(), "may_arm": session.may_arm}}
 
 
 async def _talk(session: Session, connection: WebSocket) -> None:

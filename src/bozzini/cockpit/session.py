@@ -22,10 +22,12 @@ from ..results import Json
 from .wire import (
     Change,
     Flags,
+    HeadCommand,
     Message,
     Play,
     RigCommand,
     Seek,
+    Slide,
     Snapshot,
     StickMove,
     echo_frame,
@@ -191,7 +193,7 @@ class PlacedBody:
     gap : float
         Clearance of the bent tip [mm]; NaN where it is not in the tract.
     tip : (points, 3) float
-        Of the end-effector, to the end of its holder [mm].
+        Of the end-effector, to the end of its holder, or of a head's bodies [mm].
     camera : (3, 3) float
         Place, way and up.
     """
@@ -276,6 +278,8 @@ class Session:
                 self.go_to(0 if message.speed >= 0.0 else self.plan.steps - 1)
         elif isinstance(message, RigCommand):
             self.note = self._command(message.what)
+        elif isinstance(message, Slide | HeadCommand):
+            self._handle_head(message)
         elif self.ask_plan is None:
             self.refuse("there is nothing to plan yet")
         else:
@@ -307,6 +311,19 @@ class Session:
         except InputError as error:
             return str(error)
         return ""
+
+    def _handle_head(self, message: Slide | HeadCommand) -> None:
+        """Let the drive do what is asked of its head; the note says why it does not."""
+        if self.drive is None:
+            return
+        try:
+            if isinstance(message, Slide):
+                self.drive.slide(message.out)
+            else:
+                self.drive.command_head(message.what, self.plan, self.step)
+            self.note = ""
+        except InputError as error:
+            self.note = str(error)
 
     def go_to(self, step: float) -> None:
         """Show a step of the plan, the nearest there is."""
@@ -410,8 +427,8 @@ class Session:
         plan, step = (self.plan, self.step) if self.moved is None else (self.moved, 0)
         state = None if drive is None else drive.state
         body = PlacedBody(empty, empty[:, 0], float("nan"), empty, np.zeros((3, 3)))
-        if plan is not None and state is not None:
-            body = plan.place(step, state)
+        if plan is not None and drive is not None:
+            body = drive.place(plan, step)
         elif plan is not None:
             joints, frame = plan.joints[step], plan.frames[step]
             camera = np.stack([joints[0], frame[2], frame[1]])
@@ -461,6 +478,7 @@ class Session:
             "controller": None if drive is None else drive.controller,
             "note": (state.note if state is not None and state.note else self.note),
             "reason": "" if state is None else state.reason,
+            "head": None if drive is None else drive.tell(),
             "reservoir_MPa": None
             if state is None or not np.isfinite(state.reservoir)
             else round(state.reservoir, 2),

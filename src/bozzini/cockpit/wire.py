@@ -4,10 +4,11 @@ A frame is little-endian: eight u32 (`MAGIC`, number of the frame, step, links, 
 backbone, muscles, flags, windows), three f64 (time, echo of the last input's time of this window,
 speed), then f32: joints (links + 1, 3), clearance (links; NaN: not in the tract), set-points and
 measured pressures (muscles each), stick, target, delivered and measured place of the tip (2 each,
-the places in the end-effector's frame), backbone (points, 3), camera (place, way and up, 3 each).
-Without links there are no joints. Moved tissue is another kind of frame: `TISSUE`, number of the
-vertices, then their places as f32 (vertices, 3). Lengths in mm, pressures in MPa, times in s, speed
-in mm/s.
+the places in the end-effector's frame; those of a head are turned, so that -x is right and y up in
+its camera's picture), backbone (points, 3), camera (place, way and up, 3 each). In place of the
+backbone a head has its bodies, one after the other, as ``info.json`` lists them. Without links
+there are no joints. Moved tissue is another kind of frame: `TISSUE`, number of the vertices, then
+their places as f32 (vertices, 3). Lengths in mm, pressures in MPa, times in s, speed in mm/s.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_fields, check_number, quantity
 from ..errors import InputError
+from ..head.choices import CAMERAS
 from ..io.records import check_depth
 from ..rig.choices import CONTROLLERS
 
@@ -76,7 +78,7 @@ class Snapshot:
     places : (4, 2) float
         Stick, and wanted, delivered and measured place of the tip [mm].
     backbone : (points, 3) float
-        Of the tip in the tract [mm].
+        Of the tip in the tract, or of a head's bodies [mm].
     camera : (3, 3) float
         Place [mm], way and up.
     """
@@ -174,6 +176,27 @@ class RigCommand:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Slide:
+    """Slide a head's instrument out of its bore: 1 is as far as it reaches."""
+
+    out: float = quantity(low=0.0, high=1.0)
+    time: float = quantity("time", low=-1e15, high=1e15, default=0.0)
+
+    def __post_init__(self) -> None:
+        check_fields(self, "slide ")
+
+
+@dataclass(frozen=True, kw_only=True)
+class HeadCommand:
+    """Choose the camera that a head is seen by, or set targets to touch where it stands."""
+
+    what: str = quantity("text", words=(*CAMERAS, "targets"))
+
+    def __post_init__(self) -> None:
+        check_fields(self, "head ")
+
+
+@dataclass(frozen=True, kw_only=True)
 class Change:
     """What is to be planned anew; what is None stays as it is.
 
@@ -203,12 +226,14 @@ class Change:
             object.__setattr__(self, name, place)
 
 
-Message = StickMove | Seek | Play | RigCommand | Change
+Message = StickMove | Seek | Play | RigCommand | Slide | HeadCommand | Change
 KINDS: Mapping[str, Callable[..., Message]] = {
     "stick": StickMove,
     "seek": Seek,
     "play": Play,
     "rig": RigCommand,
+    "slide": Slide,
+    "head": HeadCommand,
     "change": Change,
 }
 """The messages by their ``kind``."""

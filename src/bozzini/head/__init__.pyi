@@ -20,7 +20,7 @@ from .design import (
     read_head,
     write_head,
 )
-from .operate import CameraRow, HeadComparison, TouchRow, compare_cameras
+from .operate import CameraRow, HeadComparison, TargetRun, TouchRow, compare_cameras
 from .shape import HeadPose, pose_head
 
 __all__ = [
@@ -41,6 +41,7 @@ __all__ = [
     "ReachedFrom",
     "SectionPoses",
     "Stand",
+    "TargetRun",
     "TouchRow",
     "Touches",
     "check_head",

@@ -486,7 +486,7 @@ class _Search:
                 points = place(np.concatenate([chain.lines, middles], axis=1))
                 clear &= (self.duct.signed_distance(points) <= -chain.radius).all(axis=-1)
             steps = np.linspace(0.0, placed.instrument.reach, _count_steps(placed))
-            free[clear] = _find_wall_along(self.duct, start[clear], way[clear], steps)
+            free[clear] = find_wall_along(self.duct, start[clear], way[clear], steps)
             free[~clear] = -1.0
         return _Lines(
             start=start.reshape(-1, 3),
@@ -547,7 +547,7 @@ def _list_others(head: Head, index: int) -> tuple[Capsules, ...]:
     return (*make_camera_chains(head), *others)
 
 
-def _find_wall_along(duct: Duct, start: Floats, way: Floats, steps: Floats) -> Floats:
+def find_wall_along(duct: Duct, start: Floats, way: Floats, steps: Floats) -> Floats:
     """Return how far (n,) lines get before the wall [mm]; negative where they start beyond it."""
     if not len(start):
         return np.empty(0)

@@ -22,15 +22,13 @@ from ..task import Task
 from ..vision.camera import Camera, aim_camera
 from .anchor import Stand, Touches, list_insertions, list_touches, read_lumen, stand_head
 from .check import ResultOfRows, head_field
+from .choices import CAMERAS
 from .design import Head, SectionPoses, read_head
 from .shape import make_camera_chains, make_chains, measure_gaps
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-CAMERAS = ("still", "tip")
-"""The head's camera on its arm; or one at the end of the holder, which turns with it, as
-conventional scopes have it."""
 TOLERANCE = 5.0
 """A touch farther from the target than this is of something else [mm]."""
 _SIZE = 480  # width and height of both pictures [px]
@@ -59,6 +57,51 @@ class TouchRow:
     error: float = tabulated("mm")
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TargetRun(ResultOfRows, ReasonedResult):
+    """Targets, and how they were touched.
+
+    Attributes
+    ----------
+    targets : (n, 3) float
+        World [mm].
+    rows : tuple of TouchRow
+    camera : str
+        What was looked through, one of ``still`` and ``tip``; both if it was changed.
+    time, path, error : float
+        Of all touches: time [s], path of the tip, and the largest error [mm].
+    reason : str
+        What is left; empty if all are touched.
+    """
+
+    targets: Floats = measured("mm")
+    rows: tuple[TouchRow, ...] = rows_of(TouchRow)
+    camera: str
+    time: float = measured("s")
+    path: float = measured("mm")
+    error: float = measured("mm")
+    reason: str
+
+    @property
+    def residual(self) -> float:
+        """The largest error at a touch [mm]."""
+        return self.error
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the error at each touch, and return the axes."""
+        axes = take_axes(ax, x="target", y="error at touch [mm]")
+        axes.bar([row.target for row in self.rows], [row.error for row in self.rows])
+        return axes
+
+    def describe(self) -> str:
+        """Return what people read of it."""
+        words = (
+            f"{len(self.rows)} of {len(self.targets)} targets touched in {self.time:.1f} s by a "
+            f"way of {self.path:.0f} mm, to {self.error:.1f} mm at most; camera: {self.camera}"
+        )
+        return f"{words}\n{self.reason}" if self.reason else words
+
+
 class TargetTask:
     """Targets that are touched one after the other: time, path and error.
 
@@ -81,6 +124,19 @@ class TargetTask:
     def is_done(self) -> bool:
         """Whether all are touched."""
         return len(self.rows) == len(self.targets)
+
+    def sum_up(self, camera: str) -> TargetRun:
+        """Return how far it is, looked at through a camera."""
+        rows, count = self.rows, len(self.targets)
+        return TargetRun(
+            targets=self.targets,
+            rows=tuple(rows),
+            camera=camera,
+            time=sum(row.time for row in rows),
+            path=sum(row.path for row in rows),
+            error=max((row.error for row in rows), default=0.0),
+            reason="" if self.is_done else f"{count - len(rows)} of {count} targets are left",
+        )
 
     def take(self, time: float, tip: Floats, *, touches: bool) -> None:
         """Take where the tip is at a time [s], and whether it touches the wall.
@@ -111,16 +167,23 @@ class TargetTask:
 def look_from_tip(head: Head, poses: SectionPoses, index: int) -> Camera:
     """Return a conventional scope's camera in one of poses: at the first holder's end, in its way.
 
-    View angle and size of the picture are those of `Head.look`; up is towards the head's arm where
-    the section is straight, and is carried along as the section bends.
+    View angle and size of the picture are those of `Head.look`.
     """
     eye, way = poses.holder_tip[index], poses.direction[index]
+    focal = 0.5 * _SIZE / math.tan(0.5 * head.camera.view)
+    down = -find_up(head, way)
+    return aim_camera(eye, eye + way, focal=focal, size=(_SIZE, _SIZE), down=down)
+
+
+def find_up(head: Head, way: Floats) -> Floats:
+    """Return where up is for a camera on a tip that points in a way (3,).
+
+    It is towards the head's arm where the section is straight, and is carried along as it bends.
+    """
     out = np.array([math.cos(head.camera.azimuth), math.sin(head.camera.azimuth), 0.0])
     across = np.array([-way[1], way[0], 0.0])  # the axis about which +z turns into the way
     turned = np.cross(across, out) + across * (across @ out) / (1.0 + way[2])
-    up = way[2] * out + turned  # Rodrigues' formula
-    focal = 0.5 * _SIZE / math.tan(0.5 * head.camera.view)
-    return aim_camera(eye, eye + way, focal=focal, size=(_SIZE, _SIZE), down=-up)
+    return np.asarray(way[2] * out + turned)  # Rodrigues' formula
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -130,7 +193,7 @@ class CameraRow:
     Parameters
     ----------
     camera : str
-        One of `CAMERAS`.
+        ``"still"``: the head's on its arm; ``"tip"``: at the end of the holder, as `look_from_tip`.
     time, path : float
         Of all [s], and what the instrument's tip has gone [mm]. The same for all cameras: the
         operator knows where the targets are and does not need the picture.
@@ -200,6 +263,7 @@ class HeadComparison(ResultOfRows, ReasonedResult):
         ):  # fmt: skip
             seen = camera.project((places - self.stand.origin) @ self.stand.frame)
             axes.plot(*seen.T, look, label=label)
+        axes.set_aspect("equal", adjustable="box")
         axes.set_xlim(0.0, _SIZE)
         axes.set_ylim(_SIZE, 0.0)
         axes.legend(fontsize="x-small")

@@ -4,6 +4,7 @@ import { decodeView } from "./scene_data.js";
 import { createDrive } from "./drive.js";
 import { createPlanning } from "./planning.js";
 import { createTasks } from "./tasks.js";
+import { createHead } from "./head.js";
 
 const MAGIC = 0x315a4342, TISSUE = 0x545a4342, HEAD = 56;
 const FLAGS = { playing: 1, reached: 2, armed: 8, pressed: 128 };
@@ -19,7 +20,7 @@ function readFrame(buffer) {
 	frame.clearance = links ? take(links) : null;
 	for (const name of ["setpoints", "measured"]) frame[name] = take(muscles);
 	for (const name of ["stick", "target", "delivered", "tip"]) frame[name] = take(2);
-	take(3 * points); // the bend is in the joints, too
+	frame.parts = take(3 * points); // a head's; another bend is in the joints, too
 	const [place, way, up] = [take(3), take(3), take(3)].map((v) => [...v]);
 	frame.camera = links ? { place, way, up } : null;
 	return frame;
@@ -28,7 +29,7 @@ function readFrame(buffer) {
 const root = document.getElementById("viewer"), waiting = document.querySelector(".waiting"), banner = document.querySelector(".banner");
 /** What tests read; delays are from input to frame [ms]. */
 const cockpit = (window.cockpit = { viewer: null, frame: null, status: null, delays: [], connections: 0 });
-let socket = null, data = null, shown = 0, fetching = false, drive = null, planning = null, echo = 0, pose = "", busy = false;
+let socket = null, data = null, shown = 0, fetching = false, drive = null, planning = null, head = null, echo = 0, pose = "", busy = false;
 
 function send(message) {
 	if (socket?.readyState === WebSocket.OPEN) socket.send(JSON.stringify(message));
@@ -49,6 +50,7 @@ async function refresh() {
 			const version = cockpit.status.view, answer = await fetch(`/view.bin?${version}`);
 			if (!answer.ok) throw new Error(answer.statusText);
 			data = decodeView(await answer.arrayBuffer());
+			head?.add(data);
 			if (cockpit.viewer) cockpit.viewer.setData(data);
 			else {
 				cockpit.viewer = createViewer(root, data, source);
@@ -62,6 +64,13 @@ async function refresh() {
 		if (!drive && cockpit.viewer && cockpit.status.rig) {
 			const info = await (await fetch("/info.json")).json();
 			drive = createDrive(root.querySelector(".drive"), info.drive, { send, say: cockpit.viewer.say });
+			if (info.drive.head) {
+				head = cockpit.head = createHead(root, info.drive.head, send);
+				head.add(data);
+				cockpit.viewer.setData(data);
+				drive.slide = head.slide;
+				head.tell(cockpit.status);
+			}
 			drive.tell(cockpit.status);
 		}
 		if (cockpit.frame) update();
@@ -75,13 +84,14 @@ async function refresh() {
 
 /** Show the newest frame; where drawing takes long, the stick gets as much time. */
 function update() {
-	const { frame, viewer } = cockpit, { step, playing, joints, clearance, camera } = frame;
+	const { frame, viewer } = cockpit, { step, playing, joints, clearance, camera, parts } = frame;
 	drive?.update(frame);
 	// A frame of another plan waits for its data; where only pressures change nothing is drawn.
-	const now = [step, playing, joints, Object.values(camera || {})].join();
+	const now = [step, playing, joints, Object.values(camera || {}), head && [parts, head.told]].join();
 	if (busy || !viewer || now === pose || (data.scope?.links || 0) !== frame.links) return;
 	[busy, pose] = [true, now];
 	const begin = performance.now();
+	head?.move(frame);
 	viewer.setFrame({ step, playing, joints, clearance, camera });
 	requestAnimationFrame(() => requestAnimationFrame(() => {
 		const took = performance.now() - begin;
@@ -98,7 +108,7 @@ function hear(message) {
 		if (status.session !== session) return location.reload(); // another server, begun at the same address
 		cockpit.status = status;
 		waiting.textContent = `Reading the tract: ${status.planning.stage}\u2026`;
-		for (const part of [drive, planning]) part?.tell(status);
+		for (const part of [drive, planning, head]) part?.tell(status);
 		return refresh();
 	}
 	const [kind, count] = new Uint32Array(message, 0, 2), wall = data?.surfaces.findIndex((item) => item.vertices.length === 3 * count);

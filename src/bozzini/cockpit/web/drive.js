@@ -4,6 +4,7 @@ const REST = 0.12; // of a gamepad's travel, in which it is at rest
 const KEEP_ALIVE = 120; // ms
 const RATE = 1.6; // full travels a second, by a held key
 const WAYS = { arrowright: [1, 0], arrowleft: [-1, 0], arrowup: [0, 1], arrowdown: [0, -1], d: [1, 0], a: [-1, 0], w: [0, 1], s: [0, -1] };
+const SLIDES = { q: -1, e: 1 };
 const STATES = { MODEL: "No rig: the model alone", BOOT: "Starting", DISARMED: "Disarmed, vented", ARMED: "Armed", FAULT: "Fault, vented", LOST: "No board" };
 const LEGAL = { arm: "DISARMED", disarm: "ARMED", clear: "FAULT" };
 
@@ -26,7 +27,7 @@ function readGamepad() {
 /** Fill the section by what `info.json` says of the drive. */
 export function createDrive(section, info, { send, say }) {
 	const find = (selector) => section.querySelector(selector), full = info.full_stick_mm;
-	const pad = find(".pad"), chosen = find("select"), buttons = [...section.querySelectorAll("button")];
+	const pad = find(".pad"), chosen = find(".buttons select"), buttons = [...section.querySelectorAll("button:not(.aim)")];
 	// As the tip's camera sees it: x of the end-effector's frame goes left, y goes up.
 	const seen = ([x, y]) => [-x / full, -y / full];
 	find("polygon").setAttribute("points", info.workspace_mm.map(seen).join(" "));
@@ -47,12 +48,20 @@ export function createDrive(section, info, { send, say }) {
 	function tick() {
 		const now = performance.now(), far = RATE * Math.min((now - then) / 1000, 0.1);
 		then = now;
-		held = keys.size ? within([0, 1].map((i) => held[i] + far * Math.sign([...keys].reduce((sum, key) => sum + WAYS[key][i], 0)))) : [0, 0];
+		held = keys.size ? within([0, 1].map((i) => held[i] + far * Math.sign([...keys].reduce((sum, key) => sum + (WAYS[key]?.[i] || 0), 0)))) : [0, 0];
 		const isHere = document.hasFocus() && !document.hidden;
+		if (isHere) slide(far);
 		const next = pressed || (keys.size && held) || (isHere && readGamepad()) || [0, 0];
 		if (next.every((v, i) => v === sent[i]) && (rests(next) || now - sentAt < KEEP_ALIVE)) return;
 		[sent, sentAt] = [next, now];
 		send({ kind: "stick", x: next[0], y: next[1], time: now });
+	}
+
+	/** Slide the instrument of a head, by keys or the gamepad's other stick. */
+	function slide(far) {
+		const pads = [...(navigator.getGamepads?.() || [])].map((pad) => -pad?.axes[3] || 0);
+		const rate = [...keys].reduce((sum, key) => sum + (SLIDES[key] || 0), 0) + (pads.find((rate) => Math.abs(rate) > REST) || 0);
+		if (rate) drive.slide(0.3 * far * rate);
 	}
 
 	function letGo() {
@@ -76,7 +85,7 @@ export function createDrive(section, info, { send, say }) {
 	on(pad, "pointerup pointercancel lostpointercapture blur", letGo);
 	on(window, "blur pagehide visibilitychange", letGo);
 	on(pad, "keydown", (event) => {
-		if (!WAYS[name(event)] || event.ctrlKey || event.metaKey || event.altKey) return;
+		if (!(WAYS[name(event)] || (info.head && SLIDES[name(event)])) || event.ctrlKey || event.metaKey || event.altKey) return;
 		keys.add(name(event));
 		event.preventDefault();
 		event.stopPropagation();
@@ -85,7 +94,6 @@ export function createDrive(section, info, { send, say }) {
 	on(document, "keydown", ({ key }) => key === "Escape" && frame?.armed && send({ kind: "rig", what: "disarm" }));
 	for (const each of buttons) each.onclick = () => send({ kind: "rig", what: each.value });
 	chosen.onchange = () => send({ kind: "rig", what: chosen.value });
-	setInterval(tick, 16);
 
 	const share = (pressure) => `${Math.min(100, Math.max(0, (100 * pressure) / info.pressure_limit_MPa))}%`;
 	const put = (selector, place) => {
@@ -93,8 +101,9 @@ export function createDrive(section, info, { send, say }) {
 		["cx", "cy"].forEach((name, i) => find(selector).setAttribute(name, at[i]));
 		return at;
 	};
-	return {
+	const drive = {
 		letGo,
+		slide() {},
 		/** Show a frame. */
 		update(next) {
 			frame = next;
@@ -123,4 +132,6 @@ export function createDrive(section, info, { send, say }) {
 			if (now !== told) say((told = now));
 		},
 	};
+	setInterval(tick, 16);
+	return drive;
 }

@@ -193,18 +193,18 @@ export function createRenderer(canvas) {
 			gl.depthMask(true);
 			gl.clearColor(...(view.ground || [0, 0, 0, 0]));
 			gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
-			if (view.inside) return drawSurfaces(view, 2);
 			const glass = (item) => item.opacity <= 0.99;
-			drawSurfaces(view, 0, (item) => !glass(item));
+			drawSurfaces(view, view.inside ? 2 : 0, (item) => view.inside || !glass(item));
 			gl.enable(gl.CULL_FACE);
 			gl.cullFace(gl.BACK);
 			for (const { item, array, count, links } of bodies) {
-				if (!links || item.hidden) continue;
-				const program = use(programs.body, view, item.points ? 0.003 * view.size : item.radius, 0);
+				if (!(links > 0) || item.hidden || (view.inside && !item.seen)) continue;
+				const program = use(programs.body, view, item.radius || 0.003 * view.size, 0);
 				gl.uniform1i(program.lit, item === bodies[0].item ? view.lit : -1);
 				gl.bindVertexArray(array);
 				gl.drawElementsInstanced(gl.TRIANGLES, count, gl.UNSIGNED_INT, 0, links);
 			}
+			if (view.inside) return;
 			gl.cullFace(gl.FRONT);
 			if (view.clip) drawSurfaces(view, 1, glass);
 			gl.enable(gl.BLEND);

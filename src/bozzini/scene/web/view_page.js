@@ -33,6 +33,8 @@ export function createViewer(root, data, source) {
 
 	const renderer = createRenderer(canvas), camera = createCamera(data, () => paint());
 	const night = matchMedia("(prefers-color-scheme: dark)"), isDark = () => (root.dataset.theme || (night.matches && "dark")) === "dark";
+	/** How much of the stage, from the left, the picture from the tip takes beside that from outside. */
+	const beside = () => (root.classList.contains("twin") ? 0.5 : 0);
 	const say = (text) => (said.textContent = text);
 
 	function paint() {
@@ -46,7 +48,7 @@ export function createViewer(root, data, source) {
 		return eye && {
 			box, eye: eye.place, inside: true, hand: camera.hand, reach: 6 * radius, ground: [0.02, 0.01, 0.01, 1],
 			camera: lookAlong(eye.place, eye.way, eye.up, camera.hand),
-			projection: perspective(1.75, box[2] / box[3], 0.05 * radius, 2 * camera.box.size),
+			projection: perspective(eye.fov || 1.75, box[2] / box[3], 0.05 * radius, 2 * camera.box.size),
 		};
 	}
 
@@ -62,13 +64,13 @@ export function createViewer(root, data, source) {
 		const all = canvas.getBoundingClientRect(), box = inset.getBoundingClientRect(), [w, h] = pixels(all.width, all.height);
 		if (!w || !h) return;
 		if (canvas.width !== w || canvas.height !== h) [canvas.width, canvas.height] = [w, h];
-		const full = [0, 0, w, h], small = pixels(box.left - all.left, all.bottom - box.bottom, box.width, box.height);
+		const left = Math.round(beside() * w), full = [left, 0, w - left, h], small = pixels(box.left - all.left, all.bottom - box.bottom, box.width, box.height);
 		if (renderer) {
 			renderer.draw((inside && tipView(full)) || outsideView(full));
 			const view = !inset.hidden && (inside ? outsideView(small, [0.04, 0.07, 0.1, 1]) : tipView(small));
 			if (view) renderer.draw(view);
 		}
-		overlay.replaceChildren(...(inside ? [] : drawOverlay(outsideView(full), all.width, all.height)));
+		overlay.replaceChildren(...(inside ? [] : drawOverlay(outsideView(full), all.width * (1 - beside()), all.height)));
 	}
 
 	/** Make an element of the overlay: attributes only, as its properties cannot be written. */
@@ -109,8 +111,10 @@ export function createViewer(root, data, source) {
 		const { step, joints, clearance } = frame, { scope, steps } = data;
 		data.bodies.forEach((body, i) => {
 			if (body === scope) joints && renderer?.setPose(i, joints, clearance, data.scale);
+			else if (body.live) renderer?.setPose(i, body.joints);
 			else if (body.steps > 1) renderer?.setPose(i, jointsAt(body, step));
 		});
+		data.clouds.forEach((item, i) => item.live && renderer?.setPose(data.bodies.length + i, item.points));
 		const inserted = scope?.insertion?.[step], least = smallest(clearance), words = [];
 		if (inserted !== undefined) words.push(`${show(inserted)} mm in`);
 		if (clearance) words.push(Number.isFinite(least) ? `clearance ${show(least, 2)} mm` : "all in the introducer");
@@ -178,7 +182,7 @@ export function createViewer(root, data, source) {
 
 	function click(x, y) {
 		if (inside) return;
-		const ray = camera.ray(x, y), walls = data.walls.filter((item) => !item.hidden);
+		const ray = camera.ray((x - beside()) / (1 - beside()), y), walls = data.walls.filter((item) => !item.hidden);
 		const [wall] = walls.map((item) => ({ item, ...pickSurface(item, ray, clip) })).filter((hit) => hit.place).sort((a, b) => a.far - b.far);
 		if (!wall && (taker || measuring)) say("There is no wall.");
 		else if (taker) taker(wall);
@@ -279,7 +283,7 @@ export function createViewer(root, data, source) {
 		const { key } = event, [x, y] = arrows[key] || [];
 		if (arrows[key]) camera[event.shiftKey ? "pan" : "turn"](0.1 * x, 0.1 * y);
 		else if ("+=-".includes(key)) camera.zoom(key === "-" ? 1.18 : 0.85);
-		else if (key === "Enter") click(0.5, 0.5);
+		else if (key === "Enter") click(0.5 + beside() / 2, 0.5);
 		else return;
 		event.preventDefault();
 	});

@@ -1,0 +1,53 @@
+/** A distal head: its bodies in the pictures, slide, camera, targets and the trace of the tip. */
+const LONGEST = 600, STEP = 0.5; // places of the trace, and mm between them
+
+/** Fill the section by what `info.json` says of the head. */
+export function createHead(root, info, send) {
+	const find = (selector) => root.querySelector(`.drive ${selector}`), out = find(".out"), eye = find(".eye"), aim = find(".aim");
+	const cloud = (name, color, radius) => ({ name, color, radius, points: new Float32Array(), live: true, seen: true });
+	const trace = cloud("trace", "#ffd166", 0.35), targets = cloud("targets", "#37c8ff", 1.2), goal = cloud("next target", "#3ddc84", 1.6);
+	const parts = info.parts.map(({ points, ...part }) => ({ ...part, role: "part", links: points - 1, steps: 1, live: true, joints: new Float32Array(3 * points) }));
+	const slideTo = (share) => send({ kind: "slide", out: Math.min(1, Math.max(0, share)), time: performance.now() });
+	let step = -1, moved = 0;
+
+	root.classList.add("twin");
+	find(".scope").hidden = find(".more").hidden = false;
+	out.oninput = () => slideTo(Number(out.value));
+	eye.onchange = aim.onclick = ({ target }) => send({ kind: "head", what: target.value });
+	const head = {
+		told: "",
+		/** Let data of a view have the head's bodies. */
+		add(data) {
+			data.bodies.push(...parts);
+			data.clouds.push(trace, targets, goal);
+		},
+		/** Slide the instrument by a share of its reach. */
+		slide(share) {
+			out.value = Number(out.value) + share;
+			slideTo(Number(out.value));
+			moved = performance.now();
+		},
+		/** Put bodies and trace where a frame has them. */
+		move(frame) {
+			let at = 0;
+			for (const part of parts) part.joints = frame.parts.slice(3 * at, 3 * (at += part.links + 1));
+			const tip = frame.parts.slice(-3), last = trace.points.slice(-3);
+			if (frame.step !== step) trace.points = tip;
+			else if (!(Math.hypot(...tip.map((v, i) => v - last[i])) < STEP)) trace.points = new Float32Array([...trace.points.slice(-3 * LONGEST), ...tip]);
+			step = frame.step;
+			if (frame.camera) frame.camera.fov = info.view;
+		},
+		tell({ head: now }) {
+			const { camera, hidden, targets: places, touches } = now, done = touches.length, all = places.length;
+			eye.value = root.dataset.camera = camera;
+			if (document.activeElement !== out && performance.now() - moved > 500) out.value = now.out;
+			for (const part of parts) part.seen = !hidden.includes(part.name);
+			targets.points = new Float32Array(places.slice(done + 1).flat());
+			goal.points = new Float32Array((places[done] || []).flat());
+			const sum = (key) => touches.reduce((all, row) => all + row[key], 0), { error_mm: error } = touches[done - 1] || {};
+			find(".touches").textContent = all ? `${done} of ${all} touched${done ? `: ${sum("time_s").toFixed(1)} s, ${sum("path_mm").toFixed(0)} mm of way, last error ${error.toFixed(1)} mm` : ""}` : "Touch targets on the wall: slide the instrument out until it meets them.";
+			head.told = `${camera} ${done} ${places}`;
+		},
+	};
+	return head;
+}

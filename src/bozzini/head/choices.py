@@ -1,0 +1,5 @@
+"""Words to choose from, without what they stand for."""
+
+CAMERAS = ("still", "tip")
+"""The head's camera on its arm; or one at the end of the holder, which turns with it, as
+conventional scopes have it."""
