@@ -194,7 +194,7 @@ def test_a_task_that_cannot_be_a_command_is_refused_alone(arc, tmp_path) -> None
     (tmp_path / "site/ways.py").write_text(ways, encoding="utf-8")
     (tmp_path / "site/arcs-1.0.dist-info/entry_points.txt").write_text(points, encoding="utf-8")
     TASKS.__dict__.pop("plugins", None)
-    assert {"arc", "plan-setup"} <= {form["name"] for form in list_forms()}
+    assert {"arc", "vision-plan-setup"} <= {form["name"] for form in list_forms()}
     for name, said in (
         ("bow", "its command is 'arc'"),
         ("no", "cannot be imported"),

@@ -43,20 +43,23 @@ class Task(ABC):
     result : type of Result
         What `run` returns. Its single numbers made by `measured` or `tabulated` are the outputs of
         a study; with a method `plot` it has a picture.
-    command : str
-        The words of its command, made of `group` and `name`.
+    command, key : str
+        The words of its command, made of `group` and `name`, with blanks and with hyphens; files,
+        studies and forms know the task by the second.
     """
 
     name: ClassVar[str]
     group: ClassVar[str] = ""
     result: ClassVar[type[Result]]
     command: ClassVar[str]
+    key: ClassVar[str]
 
     def __init_subclass__(cls) -> None:
         """Join the words of the command."""
         super().__init_subclass__()
         if "name" in vars(cls):
             cls.command = f"{cls.group} {cls.name}".strip()
+            cls.key = cls.command.replace(" ", "-")
 
     def __post_init__(self) -> None:
         check_fields(self)

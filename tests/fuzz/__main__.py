@@ -135,7 +135,7 @@ LEGAL: dict[str, tuple[int, str]] = {
     "new head": (1, "--out >.yaml"),
     "new manoeuvre": (1, "--out >.yaml"),
     "new study": (1, "--out >.yaml"),
-    "new task": (1, "plan-setup --out >.yaml"),
+    "new task": (1, "vision-plan-setup --out >.yaml"),
     "continuum pose": (8, "<robot --displacement T1=1mm"),
     "continuum tip-error": (3, "<robot --displacement T1=1mm --displacement-sd 50um --draws 64"),
     "continuum jacobian": (2, "<robot --tension T1=1N"),

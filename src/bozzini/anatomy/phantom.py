@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..checks import check_integer, check_number, check_points, show_apart
 from ..errors import GeometryError, InputError
 from ..numeric.level_sets import find_level_set
-from .tract import LabelTract, SurfaceTract
+from .tract import LabelTract, Organ, SurfaceTract
 
 # A smooth line in space from headings, straight pieces and circular bends.
 
@@ -319,7 +320,13 @@ class Phantom:
     seed : int
     dimensions : mapping of str to float
         What it was made from, by the names in `bozzini.anatomy.phantom.DIMENSIONS` [mm].
+    organ, regions, voxel_range
+        What it is, the names of its parts by their labels, and which voxels are legal [mm].
     """
+
+    organ: ClassVar[Organ] = "upper-tract"
+    regions: ClassVar[Mapping[int, str]] = REGIONS
+    voxel_range: ClassVar[tuple[float, float]] = (0.5, 4.0)
 
     centreline: Vector
     radii: Vector
@@ -348,7 +355,7 @@ class Phantom:
     def region_lengths(self) -> dict[str, float]:
         """Return the length of each part along the centreline [mm]."""
         pieces = np.linalg.norm(np.diff(self.centreline, axis=0), axis=1)
-        return {name: float(pieces[self.region[:-1] == at].sum()) for at, name in REGIONS.items()}
+        return {name: float(pieces[self.region[:-1] == at].sum()) for at, name in self.regions.items()}
 
     def signed_distance(self, points: ArrayLike) -> Vector:
         """Return ``min(|p - c| - r)`` over all balls on the line, negative inside [mm].
@@ -380,7 +387,7 @@ class Phantom:
         return result.reshape(array.shape[:-1])
 
     def to_labels(self, voxel: float = 1.0) -> LabelTract:
-        """Return the phantom as voxels with the labels of `REGIONS`.
+        """Return the phantom as voxels with the labels of `regions`.
 
         Parameters
         ----------
@@ -390,11 +397,12 @@ class Phantom:
         Raises
         ------
         InputError
-            If `voxel` is not in [0.5, 4] mm.
+            If `voxel` is not in `voxel_range`.
         """
         from .kernels.meshes import fill_distance
 
-        voxel = check_number("voxel", voxel, low=0.5, high=4.0, unit="mm")
+        low, high = self.voxel_range
+        voxel = check_number("voxel", voxel, low=low, high=high, unit="mm")
         origin, shape = self._grid(voxel, 3.0 * voxel)
         _, owner = fill_distance(shape, origin, voxel, self.centreline, self.radii, 0.0)
         label = np.append(self.region[:-1], np.uint8(0)).astype(np.uint16)
@@ -404,8 +412,8 @@ class Phantom:
             labels=label[owner],
             affine=affine,
             source=self._name(),
-            label_names=dict(REGIONS),
-            organ="upper-tract",
+            label_names=dict(self.regions),
+            organ=self.organ,
             frame="RAS",
         )
 
@@ -421,11 +429,12 @@ class Phantom:
         Raises
         ------
         InputError
-            If `spacing` is not in [0.5, 4] mm.
+            If `spacing` is not in `voxel_range`.
         """
         from .kernels.meshes import fill_distance
 
-        spacing = check_number("spacing", spacing, low=0.5, high=4.0, unit="mm")
+        low, high = self.voxel_range
+        spacing = check_number("spacing", spacing, low=low, high=high, unit="mm")
         reach = 2.0 * spacing
         origin, shape = self._grid(spacing, reach)
         field, _ = fill_distance(shape, origin, spacing, self.centreline, self.radii, reach)
@@ -436,7 +445,7 @@ class Phantom:
             vertices=origin + spacing * index,
             faces=faces,
             source=self._name(),
-            organ="upper-tract",
+            organ=self.organ,
             frame="RAS",
         )
 
@@ -447,7 +456,8 @@ class Phantom:
         return low * step, tuple(int(count) for count in high - low + 1)
 
     def _name(self) -> str:
-        return f"phantom (seed {self.seed})"
+        named = "" if self.organ == "upper-tract" else f" {self.organ}"
+        return f"phantom{named} (seed {self.seed})"
 
 
 def make_phantom(*, seed: int = 0) -> Phantom:

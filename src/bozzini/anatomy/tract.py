@@ -146,11 +146,11 @@ def check_mesh(vertices: ArrayLike, faces: ArrayLike, source: str) -> tuple[Vert
     return points, triangles.astype(np.int64)
 
 
-Organ = Literal["upper-tract", "small-bowel", "colon"]
+Organ = Literal["upper-tract", "small-bowel", "colon", "airway", "vessel"]
 """An organ whose entry is known: the upper tract and the small bowel are entered from their higher
 end, the colon from its lower end (the anus)."""
 
-ORGANS: tuple[Organ, ...] = ("upper-tract", "small-bowel", "colon")
+ORGANS: tuple[Organ, ...] = ("upper-tract", "small-bowel", "colon", "airway", "vessel")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -201,7 +201,7 @@ class TractSource:
         Where it came from, for reports.
     findings : tuple of Finding
         What the checks found.
-    organ : {"upper-tract", "small-bowel", "colon"}, optional
+    organ : {"upper-tract", "small-bowel", "colon", "airway", "vessel"}, optional
         Which organ this is, as far as the file states it; None where it does not.
     landmarks : mapping of str to (x, y, z)
         Named places in the world frame [mm], as far as the file has them.

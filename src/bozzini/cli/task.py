@@ -32,7 +32,7 @@ def make_command(kind: type[Task]) -> click.Command:
 
     @click.command(kind.name, cls=CheckedCommand, help=inspect.getdoc(kind))
     @gather("task", lambda **given: kind.from_inputs(given), *map(_make, fields))
-    @options_file(kind.list_fields(), f"bozzini new task {kind.name}")
+    @options_file(kind.list_fields(), f"bozzini new task {kind.key}")
     @answer_options(".csv", *(PICTURES if drawn else ()), help=help)
     def command(task: Task, answer: Answer) -> None:
         with answer.show_progress() as progress:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from ..anatomy.tract import Finding, LabelTract, SurfaceTract
 from ..checks import check_kind, floor_mm
-from ..duct import Centreline, SampledField, build_field
+from ..duct import Centreline, LumenTree, SampledField, build_field, find_tree
 from ..duct.field import RefinedField, check_tract, refine_field
 from ..motion.largest import Largest, find_largest
 from ..motion.moving import plan_with_soft_wall, replan
@@ -233,6 +233,12 @@ class Case:
                 reverse=self.options.reverse,
                 progress=self.progress,
             )
+
+    @cached_property
+    def tree(self) -> LumenTree:
+        """All branches of the lumen, from its root: the start that was given, or the widest end."""
+        with self._clock("tree"), explain_scale(self.tract):
+            return find_tree(self.field, root=find_root(self.start), progress=self.progress)
 
     @property
     def line(self) -> Centreline:

@@ -24,8 +24,10 @@ if TYPE_CHECKING:
 
     from ..anatomy.tract import LabelTract, SurfaceTract
     from ..motion import Scope
+    from ..progress import Progress
+    from .case import Case
 
-ORGANS = ("upper-tract", "small-bowel", "colon")
+ORGANS = ("upper-tract", "small-bowel", "colon", "airway", "vessel")
 """As `bozzini.anatomy.ORGANS`."""
 
 FITTED_KINDS = ("cones", "cylinders", "superellipsoids")
@@ -49,7 +51,7 @@ class ReadOptions:
     ----------
     labels, part, unit, frame, repair
         See `bozzini.anatomy.read_tract`.
-    organ : {"upper-tract", "small-bowel", "colon"}, optional
+    organ : {"upper-tract", "small-bowel", "colon", "airway", "vessel"}, optional
         Which organ it is, in place of what the file states.
 
     Raises
@@ -198,6 +200,41 @@ class PathOptions:
         check_fields(self)
 
 
+def _as_path(name: str) -> Any:
+    """Return a field as `PathOptions` has it."""
+    known = PathOptions.__dataclass_fields__[name]
+    return field(default=known.default, metadata=known.metadata)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LumenOptions:
+    """The grid of a lumen that branches, and where its root is.
+
+    Parameters
+    ----------
+    voxel, inflate
+        As `PathOptions` has them.
+    start
+        The root, as `PathOptions` has a start; by default the widest end.
+    """
+
+    voxel: float | None = _as_path("voxel")
+    inflate: float = _as_path("inflate")
+    start: ArrayLike | int | str | None = _as_path("start")
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+
+    def open(
+        self, source: str | os.PathLike[str], reading: ReadOptions, progress: Progress
+    ) -> Case:
+        """Return the case of a file."""
+        from .case import Case
+
+        path = PathOptions(voxel=self.voxel, inflate=self.inflate, start=self.start)
+        return Case.open(source, path, reading=reading, progress=progress)
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TractFitOptions(PathOptions):
     """What shapes are fitted to a tract.
@@ -240,7 +277,7 @@ class TractFitOptions(PathOptions):
     )
 
 
-def _as_planner(name: str) -> Any:
+def as_planner(name: str) -> Any:
     """Return a field as `PlannerOptions` has it."""
     known = PlannerOptions.__dataclass_fields__[name]
     return field(default=known.default, metadata=known.metadata)
@@ -272,9 +309,9 @@ class InsertionOptions(PathOptions):
         default="best",
         words=tuple(PLANNERS),
     )
-    head_step: float = _as_planner("head_step")
-    slip: float = _as_planner("slip")
-    angle_limit: float | None = _as_planner("angle_limit")
+    head_step: float = as_planner("head_step")
+    slip: float = as_planner("slip")
+    angle_limit: float | None = as_planner("angle_limit")
     route: Sequence[float] | str = quantity(
         "text",
         "Advance only, or also retract, or go in again.",

@@ -25,12 +25,13 @@ def _find_own() -> dict[str, type[Task]]:
     from ..head.operate import HeadComparing
     from ..motion.chain_task import ChainTask
     from ..vision.planning import SetupPlanning
+    from .branches import TreeReaching
 
     kinds: tuple[type[Task], ...] = (
         SetupPlanning, EffectorSimulation, EffectorTracking, ChainTask,
-        HeadShow, HeadChecking, HeadViewing, HeadReaching, HeadComparing,
+        HeadShow, HeadChecking, HeadViewing, HeadReaching, HeadComparing, TreeReaching,
     )  # fmt: skip
-    return {kind.name: kind for kind in kinds}
+    return {kind.key: kind for kind in kinds}
 
 
 class TaskRegistry(Registry[Task]):
@@ -69,7 +70,7 @@ class TaskJob(RowJob):
     def of(cls, kind: type[Task]) -> type[TaskJob]:
         """Return the job of a task."""
         needed = [name for name, known in kind.list_fields().items() if known.default is MISSING]
-        more = {"kind": kind, "name": kind.name, "needed": tuple((name,) for name in needed)}
+        more = {"kind": kind, "name": kind.key, "needed": tuple((name,) for name in needed)}
         return type(f"{kind.__name__}Job", (cls,), {**more, "__doc__": kind.__doc__})
 
     @property

@@ -1,0 +1,709 @@
+"""How far a scope comes into every branch of a lumen, certified, and near which targets."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields, replace
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..checks import ceil_mm, check_kind, check_number, check_points, floor_mm, quantity
+from ..duct import Centreline
+from ..duct.base import Duct
+from ..duct.tree import LumenTree
+from ..errors import InputError
+from ..motion.plan import Plan
+from ..motion.planner import Planner, make_planner
+from ..motion.planners import PlannerOptions
+from ..motion.scope import SIZE_MIN_MM, Scope
+from ..motion.space import FreeSpace
+from ..motion.tube import MARGINS
+from ..numeric.arrays import Floats
+from ..numeric.polylines import measure_arc_length
+from ..progress import Progress, no_progress
+from ..results import (
+    Json,
+    ReasonedResult,
+    format_rows,
+    measured,
+    rows_of,
+    tabulated,
+    take_axes,
+    to_plain,
+)
+from ..task import Task
+from ..units import add_unit, parse_quantity, parse_vector
+from .options import LumenOptions, ReadOptions, as_planner
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+Stop = Literal["", "diameter", "link", "bend", "angle", "length", "proof"]
+
+STOPS: dict[str, Stop] = {
+    "ENTRY_CLEARANCE": "diameter",
+    "GOAL_CLEARANCE": "diameter",
+    "HEAD_CLEARANCE": "diameter",
+    "NO_PASSAGE": "diameter",
+    "LINK_TOO_LONG": "link",
+    "LIMBS_JOINED": "link",
+    "FOLD": "bend",
+    "ANGLE": "angle",
+    "SCOPE_TOO_SHORT": "length",
+    "CERTIFICATE_UNRESOLVED": "proof",
+}
+"""What stops a scope, by the code of a refusal."""
+
+MARGIN = MARGINS[-1]
+"""Clearance beyond its radius that a scope needs at its head [mm]."""
+
+END = 1.0
+"""A branch is passed, or reached to its end, if no more than this of it is left [mm]."""
+
+SHOWN = 3
+"""Approaches to a target that people are told of."""
+
+PLACES = 20_000
+"""Places of the organ round a tree at which the share of its volume is counted."""
+
+
+@dataclass(frozen=True, eq=False)
+class Way:
+    """The motion of a scope from the root towards one end of a tree, as far as it is certified.
+
+    Attributes
+    ----------
+    branch : int
+        Number of the end's branch.
+    depth : float
+        How far the head gets along the centreline from the root [mm].
+    plan : Plan or None
+        The motion; None where the scope does not enter.
+    stop : str
+        What stops it: the lumen's width against the ``diameter``, the ``link``'s length, a
+        ``bend`` in which the scope would fold, the limit of a joint's ``angle``, the scope's
+        ``length``, or the ``proof``; empty at the end of the branch.
+    needs, offers : float or None
+        Clearance of the scope's axis that is needed and that there is at that place [mm].
+    reason : str
+    """
+
+    branch: int
+    depth: float
+    plan: Plan | None
+    stop: Stop = ""
+    needs: float | None = None
+    offers: float | None = None
+    reason: str = ""
+
+    @property
+    def clearance(self) -> float:
+        """Certified clearance of the whole motion [mm]; NaN without one."""
+        proved = None if self.plan is None else self.plan.proved
+        return math.nan if proved is None else proved
+
+
+@dataclass(frozen=True, kw_only=True)
+class BranchReach:
+    """How far a scope comes into one branch.
+
+    Parameters
+    ----------
+    diameter, link : float
+        Of the scope [mm].
+    branch : str
+        Its name.
+    generation : int
+    length : float
+        Of the branch [mm].
+    reached : float
+        How much of it the scope's head gets along [mm].
+    depth : float
+        The same from the root of the tree [mm].
+    clearance : float
+        Certified clearance of the motion that gets there [mm]; NaN where none enters.
+    stop : str
+        What stops it in or before this branch, see `Way`; empty if it is passed.
+    reason : str
+    """
+
+    diameter: float = tabulated("mm")
+    link: float = tabulated("mm")
+    branch: str = tabulated()
+    generation: int = tabulated()
+    length: float = tabulated("mm")
+    reached: float = tabulated("mm")
+    depth: float = tabulated("mm")
+    clearance: float = tabulated("mm")
+    stop: Stop = tabulated()
+    reason: str = tabulated()
+
+    @property
+    def passed(self) -> bool:
+        """Whether the head comes to its end."""
+        return self.reached >= self.length - END
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScopeReach:
+    """What of a tree one scope reaches.
+
+    Parameters
+    ----------
+    diameter, link : float
+        Of the scope [mm].
+    entered, passed : float
+        Share of the branches whose beginning, and whose end, the head comes beyond and to.
+    ends : float
+        Share of the ends of the tree that are reached.
+    length : float
+        Share of the length of all branches.
+    volume : float
+        Share of the organ: of the convex hull of the tree beyond its first branching, every place
+        of which belongs to the nearest place of the tree.
+    generation : int
+        The highest that is entered.
+    depth : float
+        The largest, from the root [mm].
+    clearance : float
+        The smallest that is certified of a motion [mm]; NaN without one.
+    """
+
+    diameter: float = tabulated("mm")
+    link: float = tabulated("mm")
+    entered: float = tabulated()
+    passed: float = tabulated()
+    ends: float = tabulated()
+    length: float = tabulated()
+    volume: float = tabulated()
+    generation: int = tabulated()
+    depth: float = tabulated("mm")
+    clearance: float = tabulated("mm")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Approach:
+    """A way to a target from one branch.
+
+    Parameters
+    ----------
+    diameter : float
+        Of the scope [mm].
+    branch : str
+    depth : float
+        How far the head is in, from the root [mm].
+    needle : float
+        From the tip, straight, to the target's surface [mm]; 0 if the tip is in it.
+    angle : float
+        Between the scope's axis and the needle [rad].
+    clearance : float
+        Certified clearance of the motion [mm].
+    """
+
+    diameter: float = tabulated("mm")
+    branch: str = tabulated()
+    depth: float = tabulated("mm")
+    needle: float = tabulated("mm")
+    angle: float = tabulated("rad")
+    clearance: float = tabulated("mm")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TreeReach(ReasonedResult):
+    """How far scopes come into every branch of a tree.
+
+    Attributes
+    ----------
+    tree : LumenTree
+    scopes : tuple of ScopeReach
+        What each scope reaches.
+    rows : tuple of BranchReach
+        Every branch for every scope.
+    ways : tuple of tuple of Way
+        For every scope one to each end of the tree; ends behind the same stop share it.
+    approaches : tuple of Approach
+        To a target, the shortest needle first; empty without one.
+    ends, volume : float
+        Shares that the first scope reaches, see `ScopeReach`.
+    depth : float
+        The largest of the first scope [mm].
+    needle : float or None
+        The shortest to the target, of any scope [mm]; None without a target, or a way to it.
+    reason : str
+        Why no scope enters; empty otherwise.
+    """
+
+    tree: LumenTree
+    scopes: tuple[ScopeReach, ...]
+    rows: tuple[BranchReach, ...] = rows_of(BranchReach)
+    ways: tuple[tuple[Way, ...], ...] = field(repr=False)
+    approaches: tuple[Approach, ...] = ()
+    ends: float = measured("")
+    volume: float = measured("")
+    depth: float = measured("mm")
+    needle: float | None = measured("mm", default=None)
+    reason: str = ""
+
+    @property
+    def residual(self) -> float:
+        """Nothing is left over: every motion is certified, or its depth is 0."""
+        return 0.0
+
+    def to_dict(self) -> Json:
+        """Return plain values with units in their names."""
+        return {
+            "converged": self.converged,
+            "reason": self.reason,
+            "scopes": [name_units(each) for each in self.scopes],
+            "branches": [name_units(each) for each in self.rows],
+            "approaches": [name_units(each) for each in self.approaches],
+        }
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw how far each scope gets into each branch, by generation, and return the axes."""
+        ax = take_axes(ax, x="generation", y="share of the length that is reached")
+        highest = max(row.generation for row in self.rows)
+        for scope in self.scopes:
+            own = [row for row in self.rows if row.diameter == scope.diameter]
+            shares = []
+            for generation in range(highest + 1):
+                there = [row for row in own if row.generation == generation]
+                whole = sum(row.length for row in there)
+                shares.append(sum(row.reached for row in there) / whole if whole else math.nan)
+            ax.plot(range(highest + 1), shares, "o-", label=f"{scope.diameter:g} mm")
+        ax.set_ylim(-0.02, 1.02)
+        ax.legend(title="diameter")
+        return ax
+
+
+def name_units(item: object) -> Json:
+    """Return a dataclass of `tabulated` fields as plain values, their units in the names."""
+    return {
+        add_unit(each.name, each.metadata.get("unit", "")): to_plain(getattr(item, each.name))
+        for each in fields(item)  # type: ignore[arg-type]
+    }
+
+
+def find_ways(
+    space: FreeSpace | Duct,
+    tree: LumenTree,
+    *,
+    scope: Scope,
+    options: PlannerOptions | None = None,
+    progress: Progress = no_progress,
+) -> tuple[Way, ...]:
+    """Plan a scope's motion from the root of a tree towards each of its ends.
+
+    The head gets along the centreline until the lumen is too narrow for it, if a certified motion
+    to there is found; else as far as one is. Ends that lie behind the same place share the motion.
+
+    Parameters
+    ----------
+    space : FreeSpace or Duct
+        The lumen.
+    tree : LumenTree
+        Of that lumen.
+    scope : Scope
+    options : PlannerOptions, optional
+        As for `plan_insertion`; what would fit is not sought.
+    progress : Progress
+
+    Raises
+    ------
+    InputError
+        If an option is not legal.
+    """
+    duct = space.duct if isinstance(space, FreeSpace) else space
+    check_kind("tree", tree, LumenTree)
+    check_kind("scope", scope, Scope)
+    options = replace(options or PlannerOptions(), advise=False)
+    planner = make_planner("tube")
+    planner.check(scope, options)
+    known: dict[tuple[int, float], Way] = {}
+    ways = []
+    ends = [k for k, branch in enumerate(tree.branches) if branch.is_end]
+    for number, end in enumerate(ends):
+        progress("reach", number / len(ends))
+        points, _ = tree.path(end)
+        line = Centreline.from_points(points, duct)
+        offered = np.asarray(duct.clearance_bound(line.points))
+        narrow = np.flatnonzero(offered < scope.radius + MARGIN)
+        last = int(narrow[0]) - 1 if len(narrow) else len(offered) - 1
+        arc = float(line.arc_length[max(last, 0)])
+        key = _find_branch(tree, end, arc), round(arc, 6)
+        if key not in known:
+            known[key] = _plan_way(duct, line, last, end, scope, options, planner)
+        ways.append(replace(known[key], branch=end))
+    progress("reach", 1.0)
+    return tuple(ways)
+
+
+def _find_branch(tree: LumenTree, end: int, arc: float) -> int:
+    """Return the branch on the way to an end in which an arc length from the root lies."""
+    begins = find_begins(tree)
+    for k in trace_branches(tree, end):
+        if arc <= begins[k] + tree.branches[k].length + 1e-9:
+            return k
+    return end
+
+
+def trace_branches(tree: LumenTree, end: int) -> list[int]:
+    """Return the numbers of the branches from the root to one, that included."""
+    found = []
+    while end >= 0:
+        found.append(end)
+        end = tree.branches[end].parent
+    return found[::-1]
+
+
+def find_begins(tree: LumenTree) -> Floats:
+    """Return how far from the root every branch begins [mm]."""
+    lengths = [branch.length for branch in tree.branches]
+    return np.array(
+        [sum(lengths[k] for k in trace_branches(tree, end)[:-1]) for end in range(len(lengths))]
+    )
+
+
+def _plan_way(
+    duct: Duct,
+    line: Centreline,
+    last: int,
+    end: int,
+    scope: Scope,
+    options: PlannerOptions,
+    planner: Planner,
+) -> Way:
+    """Plan along a line up to its point `last`, beyond which it is too narrow for the scope."""
+    whole = last == len(line.points) - 1
+    offered = float(duct.clearance_bound(line.points[min(last + 1, len(line.points) - 1)]))
+    needs = scope.radius + MARGIN
+    wide = float(line.arc_length[max(last, 0)])
+    at = tuple(round(float(x), 1) for x in line.points[max(last, 0)])
+    narrow = (
+        f"the lumen is too narrow beyond {wide:.1f} mm, near {at} mm: the scope needs "
+        f"{ceil_mm(needs)} mm from its axis to the wall, and {floor_mm(offered)} mm are sure"
+    )
+    if last < 1 or wide < scope.link_length:
+        return Way(end, 0.0, None, "diameter", needs, offered, narrow)
+    cut = line if whole else line.cut(wide)
+    plan = planner.plan(FreeSpace(duct, cut), scope, options=options)
+    refusal = plan.refusal
+    if refusal is None:
+        if whole:
+            return Way(end, cut.length, plan, "", None, None, "")
+        return Way(end, cut.length, plan, "diameter", needs, offered, narrow)
+    depth = refusal.at if refusal.ends_at is None else refusal.ends_at
+    if plan.steps < 2 or not plan.certified:
+        depth, plan = 0.0, None
+    code = refusal.ends_code or refusal.code
+    reason = refusal.ends_what or refusal.reason
+    return Way(end, depth, plan, STOPS.get(code, "proof"), refusal.needs, refusal.offers, reason)
+
+
+def reach_tree(
+    duct: Duct,
+    tree: LumenTree,
+    *,
+    scopes: Sequence[Scope],
+    options: PlannerOptions | None = None,
+    target: ArrayLike | None = None,
+    target_radius: float = 0.0,
+    progress: Progress = no_progress,
+) -> TreeReach:
+    """Find how far scopes come into every branch of a tree, each motion certified.
+
+    Parameters
+    ----------
+    duct : Duct
+        The lumen.
+    tree : LumenTree
+        Of that lumen.
+    scopes : sequence of Scope
+    options : PlannerOptions, optional
+        As for `plan_insertion`.
+    target : (3,) float, optional
+        A place to come near to, world frame [mm].
+    target_radius : float
+        Of the target [mm].
+    progress : Progress
+
+    Raises
+    ------
+    InputError
+        If an option is not legal.
+    """
+    ways, rows, found = [], [], []
+    shares = _share_volume(tree)
+    for number, scope in enumerate(scopes):
+
+        def tell(stage: str, share: float, number: int = number) -> None:
+            progress(stage, (number + share) / len(scopes))
+
+        own = find_ways(duct, tree, scope=scope, options=options, progress=tell)
+        branches = _list_branches(tree, own, scope)
+        ways.append(own)
+        rows += branches
+        found.append(_sum_up(tree, branches, scope, shares))
+    entered = any(row.depth > 0.0 for row in rows)
+    first = found[0]
+    reached = TreeReach(
+        tree=tree,
+        scopes=tuple(found),
+        rows=tuple(rows),
+        ways=tuple(ways),
+        ends=first.ends,
+        volume=first.volume,
+        depth=first.depth,
+        reason="" if entered else f"no scope enters: {ways[0][0].reason}",
+    )
+    if target is None:
+        return reached
+    near = find_approaches(reached, target, radius=target_radius)
+    needle = min((each.needle for each in near), default=None)
+    return replace(reached, approaches=near, needle=needle)
+
+
+def _list_branches(
+    tree: LumenTree, ways: Sequence[Way], scope: Scope
+) -> list[BranchReach]:
+    """Return a row for every branch: the way that gets farthest into it counts.
+
+    Of those that pass it that with the most certified clearance.
+    """
+    begins = find_begins(tree)
+    through = {k: [] for k in range(len(tree.branches))}  # type: dict[int, list[Way]]
+    for way in ways:
+        for k in trace_branches(tree, way.branch):
+            through[k].append(way)
+    rows = []
+    for k, branch in enumerate(tree.branches):
+        past = begins[k] + branch.length
+
+        def judge(way: Way, past: float = past) -> tuple[float, float]:
+            return min(way.depth, past - END), np.nan_to_num(way.clearance, nan=-1.0)
+
+        best = max(through[k], key=judge)
+        reached = float(np.clip(best.depth - begins[k], 0.0, branch.length))
+        stops = best.depth < past - END
+        rows.append(
+            BranchReach(
+                diameter=scope.diameter,
+                link=scope.link_length,
+                branch=branch.name,
+                generation=branch.generation,
+                length=branch.length,
+                reached=reached,
+                depth=min(best.depth, past),
+                clearance=best.clearance if reached > 0.0 else math.nan,
+                stop=best.stop if stops else "",
+                reason=best.reason if stops else "",
+            )
+        )
+    return rows
+
+
+def _sum_up(
+    tree: LumenTree, rows: Sequence[BranchReach], scope: Scope, shares: Sequence[Floats]
+) -> ScopeReach:
+    entered = [row for row in rows if row.reached > 0.0]
+    ends = [row for row, branch in zip(rows, tree.branches, strict=True) if branch.is_end]
+    volume = sum(
+        float(np.count_nonzero(arcs <= row.reached))
+        for row, arcs in zip(rows, shares, strict=True)
+    )
+    total = sum(len(arcs) for arcs in shares)
+    return ScopeReach(
+        diameter=scope.diameter,
+        link=scope.link_length,
+        entered=len(entered) / len(rows),
+        passed=sum(row.passed for row in rows) / len(rows),
+        ends=sum(row.passed for row in ends) / len(ends),
+        length=sum(row.reached for row in rows) / sum(row.length for row in rows),
+        volume=volume / total if total else math.nan,
+        generation=max((row.generation for row in entered), default=0),
+        depth=max((row.depth for row in entered), default=0.0),
+        clearance=min((row.clearance for row in entered), default=math.nan),
+    )
+
+
+def _share_volume(tree: LumenTree) -> list[Floats]:
+    """Return for every branch where along it the places of the organ lie that are nearest to it.
+
+    The organ is the convex hull of all branches but those without a parent. Its places are those of
+    a regular grid, some `PLACES` of them.
+    """
+    from scipy.spatial import Delaunay, QhullError, cKDTree
+
+    beyond = [branch.points for branch in tree.branches if branch.parent >= 0]
+    empty = [np.zeros(0) for _ in tree.branches]
+    if not beyond:
+        return empty
+    points = np.concatenate(beyond)
+    try:
+        hull = Delaunay(points[_find_hull(points)])
+    except QhullError:  # a planar tree
+        return empty
+    low, high = points.min(axis=0), points.max(axis=0)
+    volume = float(np.prod(high - low))
+    pitch = (volume / (3.0 * PLACES)) ** (1.0 / 3.0)
+    axes = [np.arange(a + 0.5 * pitch, b, pitch) for a, b in zip(low, high, strict=True)]
+    grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    grid = grid[hull.find_simplex(grid) >= 0]
+    owner = np.repeat(np.arange(len(tree.branches)), [len(b.points) for b in tree.branches])
+    arcs = np.concatenate([measure_arc_length(branch.points) for branch in tree.branches])
+    _, near = cKDTree(np.concatenate([b.points for b in tree.branches])).query(grid)
+    return [arcs[near[owner[near] == k]] for k in range(len(tree.branches))]
+
+
+def _find_hull(points: Floats) -> Floats:
+    from scipy.spatial import ConvexHull
+
+    return np.asarray(ConvexHull(points).vertices)
+
+
+def find_approaches(
+    reached: TreeReach, target: ArrayLike, *, radius: float = 0.0
+) -> tuple[Approach, ...]:
+    """Find from which branches a target is near, the shortest needle first.
+
+    Of every branch that a scope enters the place of its centreline that is nearest to the target
+    counts, as far as the head gets.
+
+    Parameters
+    ----------
+    reached : TreeReach
+    target : (3,) float
+        Its middle, world frame [mm].
+    radius : float
+        Of the target [mm].
+
+    Raises
+    ------
+    InputError
+        If the target is no point.
+    """
+    check_kind("reached", reached, TreeReach)
+    place = check_points("target", target)
+    if place.shape != (3,):
+        raise InputError(f"target has shape {place.shape}: it must be (3,)")
+    check_number("target radius", radius, low=0.0, high=1e3, unit="mm")
+    branches = {branch.name: branch for branch in reached.tree.branches}
+    found = []
+    for row in reached.rows:
+        if row.reached <= 0.0:
+            continue
+        points = branches[row.branch].points
+        tip, way, arc = _find_nearest(points, place, row.reached)
+        away = place - tip
+        distance = float(np.linalg.norm(away))
+        cosine = float(away @ way) / distance if distance > 1e-9 else 1.0
+        found.append(
+            Approach(
+                diameter=row.diameter,
+                branch=row.branch,
+                depth=row.depth - row.reached + arc,
+                needle=max(distance - radius, 0.0),
+                angle=math.acos(min(max(cosine, -1.0), 1.0)),
+                clearance=row.clearance,
+            )
+        )
+    return tuple(sorted(found, key=lambda each: (-each.diameter, each.needle)))
+
+
+def _find_nearest(points: Floats, place: Floats, most: float) -> tuple[Floats, Floats, float]:
+    """Return the place on the first `most` mm of a polyline nearest to another, its way and arc."""
+    arc = measure_arc_length(points)
+    start, step = points[:-1], np.diff(points, axis=0)
+    length = np.diff(arc)
+    along = ((place - start) * step).sum(axis=1) / length
+    along = np.clip(along, 0.0, np.clip(most - arc[:-1], 0.0, length))
+    near = start + (along / length)[:, None] * step
+    gap = np.where(arc[:-1] <= most, np.linalg.norm(near - place, axis=1), np.inf)
+    k = int(np.argmin(gap))
+    return near[k], step[k] / length[k], float(arc[k] + along[k])
+
+
+@dataclass(frozen=True, kw_only=True)
+class TreeReaching(Task):
+    """Find how far scopes come into every branch of the lumen in INPUT, each motion certified.
+
+    INPUT is a label volume or a surface of airways, vessels or another lumen that branches. The
+    scope is planned from the root towards every end, up to where the lumen is too narrow for it, or
+    else as far as a certified motion is found; the table says for every branch how far it gets and
+    what stops it. With --target the branches are listed from which the target is near.
+
+    Exit code 0: a scope enters; 1: none does; 2: bad input.
+    """
+
+    name = "reach"
+    result = TreeReach
+
+    input: str = quantity("file", "A label volume or a surface.")
+    reading: ReadOptions
+    lumen: LumenOptions
+    diameter: float = quantity(
+        "length", "Outer diameter of the scope.", default=3.5, low=SIZE_MIN_MM, high=500.0
+    )
+    diameters: str | None = quantity(
+        "text", "Several, in place of --diameter: LENGTH,LENGTH,...", default=None,
+        example="2.2mm,2.8mm,3.5mm,4.2mm",
+    )  # fmt: skip
+    link: float = quantity(
+        "length", "Length of a rigid link.", default=5.0, low=SIZE_MIN_MM, high=1e4
+    )
+    angle_limit: float | None = as_planner("angle_limit")
+    target: str | None = quantity(
+        "text", "A place to come near to: X,Y,Z with units.", default=None,
+        example="12mm,-5mm,0mm",
+    )  # fmt: skip
+    target_radius: float = quantity(
+        "length", "Radius of the target.", default=0.0, low=0.0, high=1e3
+    )
+
+    def run(self, progress: Progress = no_progress) -> TreeReach:
+        """Return what is reached."""
+        sizes = [self.diameter]
+        if self.diameters is not None:
+            sizes = [parse_quantity(part, "length") for part in self.diameters.split(",")]
+        scopes = [Scope(diameter=size, link_length=self.link) for size in sizes]
+        goal = None if self.target is None else parse_vector(self.target, "length")
+        case = self.lumen.open(self.input, self.reading, progress)
+        return reach_tree(
+            case.field,
+            case.tree,
+            scopes=scopes,
+            options=PlannerOptions(angle_limit=self.angle_limit),
+            target=goal,
+            target_radius=self.target_radius,
+            progress=progress,
+        )
+
+    def describe(self, found: TreeReach) -> str:
+        """Return a table of the scopes, and the nearest approaches."""
+        head = ["diameter [mm]", "branches entered", "ends", "length", "volume", "deepest [mm]"]
+        rows = [
+            [
+                f"{each.diameter:g}",
+                f"{100.0 * each.entered:.0f} %",
+                f"{100.0 * each.ends:.0f} %",
+                f"{100.0 * each.length:.0f} %",
+                f"{100.0 * each.volume:.0f} %",
+                floor_mm(each.depth, 1),
+            ]
+            for each in found.scopes
+        ]
+        tree = found.tree
+        ends = sum(branch.is_end for branch in tree.branches)
+        lines = [f"{len(tree.branches)} branches with {ends} ends", format_rows(head, rows)]
+        for size in dict.fromkeys(each.diameter for each in found.approaches):
+            near = [each for each in found.approaches if each.diameter == size][:SHOWN]
+            lines += [
+                f"{size:g} mm to the target: from branch {each.branch} at {each.depth:.1f} mm, "
+                f"needle {ceil_mm(each.needle, 1)} mm at {math.degrees(each.angle):.0f} deg to the "
+                "axis"
+                for each in near
+            ]
+        return "\n".join([*lines, *filter(None, [found.reason])])
