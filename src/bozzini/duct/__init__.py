@@ -20,10 +20,12 @@ from .shapes.points import PointCloud
 from .shapes.polyhedron import ConvexPolyhedra
 from .shapes.quads import Polygon, StitchedQuads
 from .shapes.super_ellipses import SuperEllipses, SuperEllipsoids
+from .tree import Branch, LumenTree, find_tree
 
 __all__ = [
     "DUCT_SHAPES",
     "BetweenCurves",
+    "Branch",
     "Centreline",
     "Circles",
     "ConnectedCylinders",
@@ -32,6 +34,7 @@ __all__ = [
     "Eroded",
     "ShapeFitOptions",
     "FittedDuct",
+    "LumenTree",
     "Moved",
     "MovedField",
     "MovingField",
@@ -54,6 +57,7 @@ __all__ = [
     "field_from_mask",
     "field_from_mesh",
     "find_centreline",
+    "find_tree",
     "fit",
     "load",
     "refine_field",

@@ -1,0 +1,103 @@
+"""Numba kernels that take the lines of a tree out of the paths of one flood (see `graph`)."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ...numeric.compiling import kernel
+
+
+@kernel(nogil=True)
+def add_lengths(order, number, nodes, before, step, lengths):
+    """Fill `lengths` (n,) with that of each node's path [mm]; `order`: a node after its `before`.
+
+    It is 0 where a path begins.
+    """
+    _, ny, nz = number.shape
+    for here in order:
+        last = before[here]
+        if last < 0:
+            lengths[here] = 0.0
+            continue
+        one, two = nodes[here], nodes[last]
+        x = (one // (ny * nz) - two // (ny * nz)) * step[0]
+        y = ((one // nz) % ny - (two // nz) % ny) * step[1]
+        z = (one % nz - two % nz) * step[2]
+        lengths[here] = lengths[last] + math.sqrt(x * x + y * y + z * z)
+
+
+@kernel(nogil=True)
+def take_lines(order, number, nodes, before, depths, step, least, owner, tips):
+    """Trace back paths, the farthest node first, each until it meets another; return how many.
+
+    A path covers what is joined with each of its nodes within a ball round it: as far beyond the
+    wall as the node has clearance, and at least `least`. No path begins where another covers
+    (Sato et al., TEASAR, 2000).
+
+    Parameters
+    ----------
+    order : (m,) int
+        Nodes, the one with the longest path first.
+    before : (n,) int32
+        The node before on the path.
+    depths : (n,) float
+        Clearance [mm].
+    owner : (n,) int32
+        -1 at first; filled with the number of the path that a node is on.
+    tips : (k,) int32
+        Filled with the nodes where the paths begin; no more than k are taken.
+    """
+    nx, ny, nz = number.shape
+    count = nodes.shape[0]
+    covered = np.zeros(count, np.bool_)
+    seen = np.full(count, -1, np.int32)
+    stack = np.empty(count, np.int32)
+    found = 0
+    for tip in order:
+        if covered[tip]:
+            continue
+        if found == tips.shape[0]:
+            break
+        tips[found] = tip
+        here = tip
+        left = 0.0  # until the next ball: one in each sixth of a radius is enough
+        while here >= 0 and owner[here] < 0:
+            owner[here] = found
+            covered[here] = True
+            flat = nodes[here]
+            i, j, k = flat // (ny * nz), (flat // nz) % ny, flat % nz
+            if left <= 0.0:
+                left = depths[here] / 6.0
+                reach = depths[here] + max(depths[here], least)
+                stack[0], top = here, 1
+                seen[here] = here
+                while top > 0:
+                    top -= 1
+                    other = nodes[stack[top]]
+                    p, q, r = other // (ny * nz), (other // nz) % ny, other % nz
+                    for a in range(max(p - 1, 0), min(p + 2, nx)):
+                        for b in range(max(q - 1, 0), min(q + 2, ny)):
+                            for c in range(max(r - 1, 0), min(r + 2, nz)):
+                                there = number[a, b, c]
+                                if there < 0 or seen[there] == here:
+                                    continue
+                                x = (a - i) * step[0]
+                                y = (b - j) * step[1]
+                                z = (c - k) * step[2]
+                                if x * x + y * y + z * z <= reach * reach:
+                                    seen[there] = here
+                                    covered[there] = True
+                                    stack[top] = there
+                                    top += 1
+            last = before[here]
+            if last >= 0:
+                flat = nodes[last]
+                x = (flat // (ny * nz) - i) * step[0]
+                y = ((flat // nz) % ny - j) * step[1]
+                z = (flat % nz - k) * step[2]
+                left -= math.sqrt(x * x + y * y + z * z)
+            here = last
+        found += 1
+    return found
