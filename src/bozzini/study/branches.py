@@ -244,7 +244,7 @@ class TreeReach(ReasonedResult):
     ends: float = measured("")
     volume: float = measured("")
     depth: float = measured("mm")
-    needle: float | None = measured("mm", default=None)
+    needle: float | None = measured("mm")
     reason: str = ""
 
     @property
@@ -327,8 +327,7 @@ def find_ways(
     ends = [k for k, branch in enumerate(tree.branches) if branch.is_end]
     for number, end in enumerate(ends):
         progress("reach", number / len(ends))
-        points, _ = tree.path(end)
-        line = Centreline.from_points(points, duct)
+        line = tree.path(end)
         offered = np.asarray(duct.clearance_bound(line.points))
         narrow = np.flatnonzero(offered < scope.radius + MARGIN)
         last = int(narrow[0]) - 1 if len(narrow) else len(offered) - 1
@@ -344,26 +343,17 @@ def find_ways(
 def _find_branch(tree: LumenTree, end: int, arc: float) -> int:
     """Return the branch on the way to an end in which an arc length from the root lies."""
     begins = find_begins(tree)
-    for k in trace_branches(tree, end):
+    for k in tree.list_route(end):
         if arc <= begins[k] + tree.branches[k].length + 1e-9:
             return k
     return end
-
-
-def trace_branches(tree: LumenTree, end: int) -> list[int]:
-    """Return the numbers of the branches from the root to one, that included."""
-    found = []
-    while end >= 0:
-        found.append(end)
-        end = tree.branches[end].parent
-    return found[::-1]
 
 
 def find_begins(tree: LumenTree) -> Floats:
     """Return how far from the root every branch begins [mm]."""
     lengths = [branch.length for branch in tree.branches]
     return np.array(
-        [sum(lengths[k] for k in trace_branches(tree, end)[:-1]) for end in range(len(lengths))]
+        [sum(lengths[k] for k in tree.list_route(end)[:-1]) for end in range(len(lengths))]
     )
 
 
@@ -457,6 +447,7 @@ def reach_tree(
         ends=first.ends,
         volume=first.volume,
         depth=first.depth,
+        needle=None,
         reason="" if entered else f"no scope enters: {ways[0][0].reason}",
     )
     if target is None:
@@ -476,7 +467,7 @@ def _list_branches(
     begins = find_begins(tree)
     through = {k: [] for k in range(len(tree.branches))}  # type: dict[int, list[Way]]
     for way in ways:
-        for k in trace_branches(tree, way.branch):
+        for k in tree.list_route(way.branch):
             through[k].append(way)
     rows = []
     for k, branch in enumerate(tree.branches):

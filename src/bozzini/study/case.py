@@ -28,7 +28,16 @@ from ..motion.scope import Scope
 from ..motion.space import FreeSpace, Passage, find_passage
 from ..progress import Progress, no_progress
 from ..results import Json, show_briefly
-from .ends import OrientedCentreline, Place, orient_centreline, resolve_places, turn_centreline
+from .ends import (
+    TREES,
+    OrientedCentreline,
+    Place,
+    choose_branch,
+    find_root,
+    orient_centreline,
+    resolve_places,
+    turn_centreline,
+)
 from .options import InsertionOptions, PathOptions, ReadOptions, explain_scale
 from .reach import Unreached, find_unreached, measure_unreached
 
@@ -225,6 +234,10 @@ class Case:
     @cached_property
     def centreline(self) -> OrientedCentreline:
         """The line from the entry to the other end, and why that end is the entry."""
+        given = self.options
+        by_itself = given.end is None and not given.via and not given.reverse
+        if given.branch is not None or (self.tract.organ in TREES and by_itself):
+            return choose_branch(self.tract, self.tree, given.branch, start=self.start)
         with self._clock("centreline"), explain_scale(self.tract):
             return orient_centreline(
                 self.tract,
@@ -238,7 +251,8 @@ class Case:
     def tree(self) -> LumenTree:
         """All branches of the lumen, from its root: the start that was given, or the widest end."""
         with self._clock("tree"), explain_scale(self.tract):
-            return find_tree(self.field, root=find_root(self.start), progress=self.progress)
+            root = None if self.start is None else find_root(self.field, self.start)
+            return find_tree(self.field, root, progress=self.progress)
 
     @property
     def line(self) -> Centreline:
@@ -397,6 +411,8 @@ class Case:
                 given[name] = place.given
         if via:
             given["via"] = [place.given for place in via]
+        if self.options.branch is not None:
+            given["branch"] = self.options.branch
         return TractInput.read(given)
 
     def _make_plan(

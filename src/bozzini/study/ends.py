@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..anatomy.frame import find_axis
 from ..anatomy.tract import Finding, LabelTract, Opening, SurfaceTract, name_place
 from ..checks import check_points
-from ..duct import Centreline, SampledField, find_centreline
+from ..duct import Centreline, LumenTree, SampledField, find_centreline
 from ..duct.centreline import CREST_AHEAD, CREST_NEXT, TIPS_APART
 from ..duct.field import INFLATION_MAX
 from ..errors import GeometryError, InputError
@@ -45,6 +45,9 @@ Point = NDArray[np.float64]
 End = ArrayLike | int | str | None
 """An end of the centreline: a point (3,) [mm], a label (number or name), the name of a landmark or
 of an opening, ``"largest-opening"``, or None to find it."""
+
+TREES = ("airway", "vessel")
+"""Organs that branch: a way is sought in all their branches, from the widest end."""
 
 ENTRY_LANDMARKS = {
     "colon": re.compile(r"\b(anus|anal)\b"),
@@ -513,6 +516,45 @@ def _step_inside(field: SampledField, place: Place) -> Point:
     )
 
 
+def choose_branch(
+    tract: Tract, tree: LumenTree, branch: str | None, *, start: Place | None
+) -> OrientedCentreline:
+    """Return the way from the root of a tree to the end of a branch, by default the farthest end.
+
+    Raises
+    ------
+    InputError
+        If the tree has no such branch.
+    """
+    findings: tuple[Finding, ...] = ()
+    if branch is None:
+        branch = max(tree.ends, key=lambda end: tree.path(end).length).name
+        message = (
+            f"the lumen branches: the way is that to its farthest end, branch {branch}; give "
+            "--branch to choose, 'bozzini tree' lists them, 'bozzini reach' tries all"
+        )
+        findings = (Finding("branches", "warning", message),)
+    line = tree.path(branch)
+    organ = tract.organ or "tree"
+    return OrientedCentreline(
+        line=line,
+        basis="it was given" if start else f"{_article(organ)} is entered at its widest end",
+        decided=True,
+        goal=f"the end of branch {branch}",
+        candidates=_list_candidates(tract, line),
+        findings=findings,
+        given=True,
+        goal_given=True,
+    )
+
+
+def find_root(field: SampledField, place: Place) -> Point:
+    """Return a point in the lumen for the root of a tree: of a label the place with most room."""
+    if place.kind != "label":
+        return _step_inside(field, place)
+    return np.asarray(place.points[np.argmin(field.signed_distance(place.points))])
+
+
 def _orient(tract: Tract, line: Centreline) -> tuple[Centreline, str, bool, str]:
     """Turn a line so that it begins at the organ's entry.
 
@@ -548,7 +590,7 @@ def _orient(tract: Tract, line: Centreline) -> tuple[Centreline, str, bool, str]
 
 def _article(organ: str) -> str:
     name = organ.replace("-", " ")
-    return f"an {name}" if name.startswith("upper") else f"a {name}"
+    return f"an {name}" if name.startswith(("upper", "airway")) else f"a {name}"
 
 
 def _guess_organ(tract: Tract) -> str | None:
@@ -615,7 +657,7 @@ def list_branches(line: Centreline) -> tuple[Finding, ...]:
         opposite = "start" if other.end == "end" else "end"
         message = (
             f"another end was found near ({place}) mm, about {other.distance:.0f} mm of centreline "
-            f"from the {opposite}: give --{other.end} to choose"
+            f"from the {opposite}: give --{other.end} to choose; 'bozzini tree' lists all branches"
         )
         found.append(Finding("branches", "warning", message))
     return tuple(found)

@@ -157,6 +157,9 @@ class PathOptions:
         Places that the centreline passes, in this order; each as `start`.
     reverse : bool
         Begin at the other end.
+    branch : str, optional
+        Of a lumen that branches: the line is the way from the root, which is the start or else the
+        widest end, to the end of this branch of `bozzini.duct.find_tree`.
 
     Raises
     ------
@@ -195,9 +198,19 @@ class PathOptions:
         example="[pylorus]",
     )
     reverse: bool = quantity("flag", "Enter at the other end.", default=False)
+    branch: str | None = quantity(
+        "text",
+        "Go from the root of a tree to the end of this branch; 'bozzini tree' names them.",
+        default=None,
+        example="0.1.0",
+    )
 
     def __post_init__(self) -> None:
         check_fields(self)
+        if self.branch is not None:
+            for name in ("end", "via", "reverse"):
+                if getattr(self, name) not in (None, (), False):
+                    raise InputError(f"branch cannot be used with {name}: it ends at the branch's")
 
 
 def _as_path(name: str) -> Any:
