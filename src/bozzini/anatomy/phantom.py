@@ -355,7 +355,9 @@ class Phantom:
     def region_lengths(self) -> dict[str, float]:
         """Return the length of each part along the centreline [mm]."""
         pieces = np.linalg.norm(np.diff(self.centreline, axis=0), axis=1)
-        return {name: float(pieces[self.region[:-1] == at].sum()) for at, name in self.regions.items()}
+        return {
+            name: float(pieces[self.region[:-1] == at].sum()) for at, name in self.regions.items()
+        }
 
     def signed_distance(self, points: ArrayLike) -> Vector:
         """Return ``min(|p - c| - r)`` over all balls on the line, negative inside [mm].

@@ -56,8 +56,8 @@ def command(organ: str, seed: int, voxel: float, answer: Answer) -> None:
     trachea on (label 1), made from published dimensions. Everything is in mm, GLB too; +x to the
     patient's right, +y to the front, +z to the head.
     """
-    from ..anatomy.files import check_target, write_tract
     from ..anatomy.airway import AirwayPhantom, make_airway
+    from ..anatomy.files import check_target, write_tract
     from ..anatomy.phantom import Phantom, make_phantom
     from ..checks import check_number
 

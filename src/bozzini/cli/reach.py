@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ..study.branches import TreeReaching
+from ..study.reaching import TreeReaching
 from .task import make_command
 
 __all__ = ["command"]

@@ -8,40 +8,38 @@ from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from ..checks import ceil_mm, check_kind, check_number, check_points, floor_mm, quantity
+from ..checks import ceil_mm, check_kind, floor_mm
 from ..duct import Centreline
 from ..duct.base import Duct
 from ..duct.tree import LumenTree
-from ..errors import InputError
 from ..motion.plan import Plan
 from ..motion.planner import Planner, make_planner
 from ..motion.planners import PlannerOptions
-from ..motion.scope import SIZE_MIN_MM, Scope
+from ..motion.scope import Scope
 from ..motion.space import FreeSpace
 from ..motion.tube import MARGINS
 from ..numeric.arrays import Floats
-from ..numeric.polylines import measure_arc_length
+from ..numeric.polylines import interpolate_polyline, measure_arc_length
 from ..progress import Progress, no_progress
 from ..results import (
     Json,
     ReasonedResult,
-    format_rows,
     measured,
     rows_of,
     tabulated,
     take_axes,
     to_plain,
 )
-from ..task import Task
-from ..units import add_unit, parse_quantity, parse_vector
-from .options import LumenOptions, ReadOptions, as_planner
+from ..units import add_unit
+from .approach import Approach, find_begins
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Stop = Literal["", "diameter", "link", "bend", "angle", "length", "proof"]
+    from ..continuum import ContinuumRobot
+
+Stop = Literal["", "diameter", "link", "bend", "angle", "length", "proof", "robot"]
 
 STOPS: dict[str, Stop] = {
     "ENTRY_CLEARANCE": "diameter",
@@ -63,9 +61,6 @@ MARGIN = MARGINS[-1]
 END = 1.0
 """A branch is passed, or reached to its end, if no more than this of it is left [mm]."""
 
-SHOWN = 3
-"""Approaches to a target that people are told of."""
-
 PLACES = 20_000
 """Places of the organ round a tree at which the share of its volume is counted."""
 
@@ -85,7 +80,7 @@ class Way:
     stop : str
         What stops it: the lumen's width against the ``diameter``, the ``link``'s length, a
         ``bend`` in which the scope would fold, the limit of a joint's ``angle``, the scope's
-        ``length``, or the ``proof``; empty at the end of the branch.
+        ``length``, the ``proof``, or what the ``robot`` can do; empty at the end of the branch.
     needs, offers : float or None
         Clearance of the scope's axis that is needed and that there is at that place [mm].
     reason : str
@@ -184,33 +179,6 @@ class ScopeReach:
     clearance: float = tabulated("mm")
 
 
-@dataclass(frozen=True, kw_only=True)
-class Approach:
-    """A way to a target from one branch.
-
-    Parameters
-    ----------
-    diameter : float
-        Of the scope [mm].
-    branch : str
-    depth : float
-        How far the head is in, from the root [mm].
-    needle : float
-        From the tip, straight, to the target's surface [mm]; 0 if the tip is in it.
-    angle : float
-        Between the scope's axis and the needle [rad].
-    clearance : float
-        Certified clearance of the motion [mm].
-    """
-
-    diameter: float = tabulated("mm")
-    branch: str = tabulated()
-    depth: float = tabulated("mm")
-    needle: float = tabulated("mm")
-    angle: float = tabulated("rad")
-    clearance: float = tabulated("mm")
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TreeReach(ReasonedResult):
     """How far scopes come into every branch of a tree.
@@ -293,6 +261,7 @@ def find_ways(
     *,
     scope: Scope,
     options: PlannerOptions | None = None,
+    robot: ContinuumRobot | None = None,
     progress: Progress = no_progress,
 ) -> tuple[Way, ...]:
     """Plan a scope's motion from the root of a tree towards each of its ends.
@@ -309,6 +278,8 @@ def find_ways(
     scope : Scope
     options : PlannerOptions, optional
         As for `plan_insertion`; what would fit is not sought.
+    robot : ContinuumRobot, optional
+        As for `reach_tree`.
     progress : Progress
 
     Raises
@@ -334,10 +305,27 @@ def find_ways(
         arc = float(line.arc_length[max(last, 0)])
         key = _find_branch(tree, end, arc), round(arc, 6)
         if key not in known:
-            known[key] = _plan_way(duct, line, last, end, scope, options, planner)
+            way = _plan_way(duct, line, last, end, scope, options, planner)
+            known[key] = way if robot is None else _follow(way, robot, duct, line)
         ways.append(replace(known[key], branch=end))
     progress("reach", 1.0)
     return tuple(ways)
+
+
+def _follow(way: Way, robot: ContinuumRobot, duct: Duct, line: Centreline) -> Way:
+    """Return a way as far as a robot can follow it, certified."""
+    from ..motion.actuate.actuate import actuate_plan
+
+    if way.plan is None:
+        return way
+    driven = actuate_plan(way.plan, robot, duct)
+    if driven.reason_code in ("", "PLAN_STOPPED") and driven.fits | (driven.status == "stopped"):
+        return way
+    arc = float(driven.head_arc_length[-1])
+    tip = interpolate_polyline(way.plan.path, way.plan.path_arc_length, np.array([arc]))[0]
+    near = int(np.argmin(np.linalg.norm(line.points - tip, axis=1)))
+    depth = float(line.arc_length[near]) if len(driven.head_arc_length) > 1 else 0.0
+    return Way(way.branch, min(depth, way.depth), way.plan, "robot", None, None, driven.reason)
 
 
 def _find_branch(tree: LumenTree, end: int, arc: float) -> int:
@@ -347,14 +335,6 @@ def _find_branch(tree: LumenTree, end: int, arc: float) -> int:
         if arc <= begins[k] + tree.branches[k].length + 1e-9:
             return k
     return end
-
-
-def find_begins(tree: LumenTree) -> Floats:
-    """Return how far from the root every branch begins [mm]."""
-    lengths = [branch.length for branch in tree.branches]
-    return np.array(
-        [sum(lengths[k] for k in tree.list_route(end)[:-1]) for end in range(len(lengths))]
-    )
 
 
 def _plan_way(
@@ -386,11 +366,11 @@ def _plan_way(
             return Way(end, cut.length, plan, "", None, None, "")
         return Way(end, cut.length, plan, "diameter", needs, offered, narrow)
     depth = refusal.at if refusal.ends_at is None else refusal.ends_at
-    if plan.steps < 2 or not plan.certified:
-        depth, plan = 0.0, None
+    moved = plan if plan.steps > 1 and plan.certified else None
+    depth = 0.0 if moved is None else depth
     code = refusal.ends_code or refusal.code
     reason = refusal.ends_what or refusal.reason
-    return Way(end, depth, plan, STOPS.get(code, "proof"), refusal.needs, refusal.offers, reason)
+    return Way(end, depth, moved, STOPS.get(code, "proof"), refusal.needs, refusal.offers, reason)
 
 
 def reach_tree(
@@ -399,8 +379,7 @@ def reach_tree(
     *,
     scopes: Sequence[Scope],
     options: PlannerOptions | None = None,
-    target: ArrayLike | None = None,
-    target_radius: float = 0.0,
+    robot: ContinuumRobot | None = None,
     progress: Progress = no_progress,
 ) -> TreeReach:
     """Find how far scopes come into every branch of a tree, each motion certified.
@@ -414,10 +393,8 @@ def reach_tree(
     scopes : sequence of Scope
     options : PlannerOptions, optional
         As for `plan_insertion`.
-    target : (3,) float, optional
-        A place to come near to, world frame [mm].
-    target_radius : float
-        Of the target [mm].
+    robot : ContinuumRobot, optional
+        That has to follow each motion; where it cannot, it stops.
     progress : Progress
 
     Raises
@@ -432,14 +409,14 @@ def reach_tree(
         def tell(stage: str, share: float, number: int = number) -> None:
             progress(stage, (number + share) / len(scopes))
 
-        own = find_ways(duct, tree, scope=scope, options=options, progress=tell)
+        own = find_ways(duct, tree, scope=scope, options=options, robot=robot, progress=tell)
         branches = _list_branches(tree, own, scope)
         ways.append(own)
         rows += branches
         found.append(_sum_up(tree, branches, scope, shares))
     entered = any(row.depth > 0.0 for row in rows)
     first = found[0]
-    reached = TreeReach(
+    return TreeReach(
         tree=tree,
         scopes=tuple(found),
         rows=tuple(rows),
@@ -450,16 +427,9 @@ def reach_tree(
         needle=None,
         reason="" if entered else f"no scope enters: {ways[0][0].reason}",
     )
-    if target is None:
-        return reached
-    near = find_approaches(reached, target, radius=target_radius)
-    needle = min((each.needle for each in near), default=None)
-    return replace(reached, approaches=near, needle=needle)
 
 
-def _list_branches(
-    tree: LumenTree, ways: Sequence[Way], scope: Scope
-) -> list[BranchReach]:
+def _list_branches(tree: LumenTree, ways: Sequence[Way], scope: Scope) -> list[BranchReach]:
     """Return a row for every branch: the way that gets farthest into it counts.
 
     Of those that pass it that with the most certified clearance.
@@ -502,8 +472,7 @@ def _sum_up(
     entered = [row for row in rows if row.reached > 0.0]
     ends = [row for row, branch in zip(rows, tree.branches, strict=True) if branch.is_end]
     volume = sum(
-        float(np.count_nonzero(arcs <= row.reached))
-        for row, arcs in zip(rows, shares, strict=True)
+        float(np.count_nonzero(arcs <= row.reached)) for row, arcs in zip(rows, shares, strict=True)
     )
     total = sum(len(arcs) for arcs in shares)
     return ScopeReach(
@@ -553,148 +522,3 @@ def _find_hull(points: Floats) -> Floats:
     from scipy.spatial import ConvexHull
 
     return np.asarray(ConvexHull(points).vertices)
-
-
-def find_approaches(
-    reached: TreeReach, target: ArrayLike, *, radius: float = 0.0
-) -> tuple[Approach, ...]:
-    """Find from which branches a target is near, the shortest needle first.
-
-    Of every branch that a scope enters the place of its centreline that is nearest to the target
-    counts, as far as the head gets.
-
-    Parameters
-    ----------
-    reached : TreeReach
-    target : (3,) float
-        Its middle, world frame [mm].
-    radius : float
-        Of the target [mm].
-
-    Raises
-    ------
-    InputError
-        If the target is no point.
-    """
-    check_kind("reached", reached, TreeReach)
-    place = check_points("target", target)
-    if place.shape != (3,):
-        raise InputError(f"target has shape {place.shape}: it must be (3,)")
-    check_number("target radius", radius, low=0.0, high=1e3, unit="mm")
-    branches = {branch.name: branch for branch in reached.tree.branches}
-    found = []
-    for row in reached.rows:
-        if row.reached <= 0.0:
-            continue
-        points = branches[row.branch].points
-        tip, way, arc = _find_nearest(points, place, row.reached)
-        away = place - tip
-        distance = float(np.linalg.norm(away))
-        cosine = float(away @ way) / distance if distance > 1e-9 else 1.0
-        found.append(
-            Approach(
-                diameter=row.diameter,
-                branch=row.branch,
-                depth=row.depth - row.reached + arc,
-                needle=max(distance - radius, 0.0),
-                angle=math.acos(min(max(cosine, -1.0), 1.0)),
-                clearance=row.clearance,
-            )
-        )
-    return tuple(sorted(found, key=lambda each: (-each.diameter, each.needle)))
-
-
-def _find_nearest(points: Floats, place: Floats, most: float) -> tuple[Floats, Floats, float]:
-    """Return the place on the first `most` mm of a polyline nearest to another, its way and arc."""
-    arc = measure_arc_length(points)
-    start, step = points[:-1], np.diff(points, axis=0)
-    length = np.diff(arc)
-    along = ((place - start) * step).sum(axis=1) / length
-    along = np.clip(along, 0.0, np.clip(most - arc[:-1], 0.0, length))
-    near = start + (along / length)[:, None] * step
-    gap = np.where(arc[:-1] <= most, np.linalg.norm(near - place, axis=1), np.inf)
-    k = int(np.argmin(gap))
-    return near[k], step[k] / length[k], float(arc[k] + along[k])
-
-
-@dataclass(frozen=True, kw_only=True)
-class TreeReaching(Task):
-    """Find how far scopes come into every branch of the lumen in INPUT, each motion certified.
-
-    INPUT is a label volume or a surface of airways, vessels or another lumen that branches. The
-    scope is planned from the root towards every end, up to where the lumen is too narrow for it, or
-    else as far as a certified motion is found; the table says for every branch how far it gets and
-    what stops it. With --target the branches are listed from which the target is near.
-
-    Exit code 0: a scope enters; 1: none does; 2: bad input.
-    """
-
-    name = "reach"
-    result = TreeReach
-
-    input: str = quantity("file", "A label volume or a surface.")
-    reading: ReadOptions
-    lumen: LumenOptions
-    diameter: float = quantity(
-        "length", "Outer diameter of the scope.", default=3.5, low=SIZE_MIN_MM, high=500.0
-    )
-    diameters: str | None = quantity(
-        "text", "Several, in place of --diameter: LENGTH,LENGTH,...", default=None,
-        example="2.2mm,2.8mm,3.5mm,4.2mm",
-    )  # fmt: skip
-    link: float = quantity(
-        "length", "Length of a rigid link.", default=5.0, low=SIZE_MIN_MM, high=1e4
-    )
-    angle_limit: float | None = as_planner("angle_limit")
-    target: str | None = quantity(
-        "text", "A place to come near to: X,Y,Z with units.", default=None,
-        example="12mm,-5mm,0mm",
-    )  # fmt: skip
-    target_radius: float = quantity(
-        "length", "Radius of the target.", default=0.0, low=0.0, high=1e3
-    )
-
-    def run(self, progress: Progress = no_progress) -> TreeReach:
-        """Return what is reached."""
-        sizes = [self.diameter]
-        if self.diameters is not None:
-            sizes = [parse_quantity(part, "length") for part in self.diameters.split(",")]
-        scopes = [Scope(diameter=size, link_length=self.link) for size in sizes]
-        goal = None if self.target is None else parse_vector(self.target, "length")
-        case = self.lumen.open(self.input, self.reading, progress)
-        return reach_tree(
-            case.field,
-            case.tree,
-            scopes=scopes,
-            options=PlannerOptions(angle_limit=self.angle_limit),
-            target=goal,
-            target_radius=self.target_radius,
-            progress=progress,
-        )
-
-    def describe(self, found: TreeReach) -> str:
-        """Return a table of the scopes, and the nearest approaches."""
-        head = ["diameter [mm]", "branches entered", "ends", "length", "volume", "deepest [mm]"]
-        rows = [
-            [
-                f"{each.diameter:g}",
-                f"{100.0 * each.entered:.0f} %",
-                f"{100.0 * each.ends:.0f} %",
-                f"{100.0 * each.length:.0f} %",
-                f"{100.0 * each.volume:.0f} %",
-                floor_mm(each.depth, 1),
-            ]
-            for each in found.scopes
-        ]
-        tree = found.tree
-        ends = sum(branch.is_end for branch in tree.branches)
-        lines = [f"{len(tree.branches)} branches with {ends} ends", format_rows(head, rows)]
-        for size in dict.fromkeys(each.diameter for each in found.approaches):
-            near = [each for each in found.approaches if each.diameter == size][:SHOWN]
-            lines += [
-                f"{size:g} mm to the target: from branch {each.branch} at {each.depth:.1f} mm, "
-                f"needle {ceil_mm(each.needle, 1)} mm at {math.degrees(each.angle):.0f} deg to the "
-                "axis"
-                for each in near
-            ]
-        return "\n".join([*lines, *filter(None, [found.reason])])

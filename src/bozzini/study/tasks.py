@@ -25,7 +25,7 @@ def _find_own() -> dict[str, type[Task]]:
     from ..head.operate import HeadComparing
     from ..motion.chain_task import ChainTask
     from ..vision.planning import SetupPlanning
-    from .branches import TreeReaching
+    from .reaching import TreeReaching
 
     kinds: tuple[type[Task], ...] = (
         SetupPlanning, EffectorSimulation, EffectorTracking, ChainTask,

@@ -1,0 +1,169 @@
+"""The job of ``bozzini reach``: scopes in a tree, and a target."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..anatomy.fiducials import read_fiducial
+from ..anatomy.frame import find_axis
+from ..anatomy.tract import LabelTract
+from ..checks import ceil_mm, floor_mm, quantity
+from ..errors import InputError
+from ..motion.planners import PlannerOptions
+from ..motion.scope import SIZE_MIN_MM, Scope
+from ..numeric.arrays import Floats
+from ..progress import Progress, no_progress
+from ..results import format_rows
+from ..task import Task
+from ..units import parse_quantity, parse_vector
+from .approach import Approach, find_approaches
+from .branches import TreeReach, reach_tree
+from .options import LumenOptions, ReadOptions, as_planner
+
+if TYPE_CHECKING:
+    from .case import Case
+
+SHOWN = 3
+"""Approaches to a target that people are told of."""
+
+
+def _tell_vessels(near: Approach) -> str:
+    return "" if near.vessels is None else f", {floor_mm(near.vessels, 1)} mm from vessels"
+
+
+@dataclass(frozen=True, kw_only=True)
+class TreeReaching(Task):
+    """Find how far scopes come into every branch of the lumen in INPUT, each motion certified.
+
+    INPUT is a label volume or a surface of airways, vessels or another lumen that branches. The
+    scope is planned from the root towards every end, up to where the lumen is too narrow for it, or
+    else as far as a certified motion is found; the table says for every branch how far it gets and
+    what stops it. With --target the branches are listed from which the target is near.
+
+    Exit code 0: a scope enters; 1: none does; 2: bad input.
+    """
+
+    name = "reach"
+    result = TreeReach
+
+    input: str = quantity("file", "A label volume or a surface.")
+    reading: ReadOptions
+    lumen: LumenOptions
+    diameter: float = quantity(
+        "length", "Outer diameter of the scope.", default=3.5, low=SIZE_MIN_MM, high=500.0
+    )
+    diameters: str | None = quantity(
+        "text", "Several, in place of --diameter: LENGTH,LENGTH,...", default=None,
+        example="2.2mm,2.8mm,3.5mm,4.2mm",
+    )  # fmt: skip
+    link: float = quantity(
+        "length", "Length of a rigid link.", default=5.0, low=SIZE_MIN_MM, high=1e4
+    )
+    angle_limit: float | None = as_planner("angle_limit")
+    robot: str | None = quantity(
+        "file", "A tendon robot (.yaml) that has to follow each motion.", default=None,
+        example="robot.yaml",
+    )  # fmt: skip
+    target: str | None = quantity(
+        "text",
+        "A place to come near to: X,Y,Z with units; a label in INPUT; a fiducial of Slicer "
+        "(.mrk.json, .fcsv).",
+        default=None,
+        example="12mm,-5mm,0mm",
+    )
+    target_radius: float = quantity(
+        "length", "Radius of a target that is a point.", default=0.0, low=0.0, high=1e3
+    )
+    needle_angle: float | None = quantity(
+        "angle", "Largest angle between the scope's axis and a needle (default: any).",
+        default=None, low=0.0, high=math.pi, example="45 deg",
+    )  # fmt: skip
+    vessels: str | None = quantity(
+        "text", "Labels in INPUT that are vessels: how far the needle stays from them is told.",
+        default=None, example="3,4",
+    )  # fmt: skip
+
+    def run(self, progress: Progress = no_progress) -> TreeReach:
+        """Return what is reached."""
+        sizes = [self.diameter]
+        if self.diameters is not None:
+            sizes = [parse_quantity(part, "length") for part in self.diameters.split(",")]
+        scopes = [Scope(diameter=size, link_length=self.link) for size in sizes]
+        robot = None
+        if self.robot is not None:
+            from ..continuum import ContinuumRobot
+
+            robot = ContinuumRobot.from_yaml(self.robot)
+        case = self.lumen.open(self.input, self.reading, progress)
+        target, radius = self._find_target(case)
+        vessels = None if self.vessels is None else self._find_label(case, self.vessels)
+        found = reach_tree(
+            case.field,
+            case.tree,
+            scopes=scopes,
+            options=PlannerOptions(angle_limit=self.angle_limit),
+            robot=robot,
+            progress=progress,
+        )
+        if target is None:
+            return found
+        near = find_approaches(
+            found,
+            target,
+            radius=radius,
+            most=math.pi if self.needle_angle is None else self.needle_angle,
+            vessels=vessels,
+            up=find_axis(case.tract.frame or "RAS", "A"),
+        )
+        return replace(
+            found, approaches=near, needle=min((each.needle for each in near), default=None)
+        )
+
+    def _find_target(self, case: Case) -> tuple[Floats | None, float]:
+        """Return places of the target, world frame, and its radius about them [mm]."""
+        if self.target is None:
+            return None, 0.0
+        if self.target.lower().endswith((".json", ".fcsv")):
+            return read_fiducial(self.target, case.tract.frame), self.target_radius
+        if "," in self.target:
+            return np.array(parse_vector(self.target, "length")), self.target_radius
+        return self._find_label(case, self.target), 0.0
+
+    def _find_label(self, case: Case, names: str) -> Floats:
+        """Return the centres (k, 3) of the voxels of labels in the input [mm]."""
+        tract = replace(self.reading, labels=tuple(names.split(",")), organ=None).read(self.input)
+        if not isinstance(tract, LabelTract):
+            raise InputError(f"{self.input} is a surface: it has no label {names}")
+        voxels = np.argwhere(tract.labels > 0)
+        return np.asarray(voxels @ tract.affine[:3, :3].T + tract.affine[:3, 3])
+
+    def describe(self, found: TreeReach) -> str:
+        """Return a table of the scopes, and the nearest approaches."""
+        head = ["diameter [mm]", "branches entered", "ends", "length", "volume", "deepest [mm]"]
+        rows = [
+            [
+                f"{each.diameter:g}",
+                f"{100.0 * each.entered:.0f} %",
+                f"{100.0 * each.ends:.0f} %",
+                f"{100.0 * each.length:.0f} %",
+                f"{100.0 * each.volume:.0f} %",
+                floor_mm(each.depth, 1),
+            ]
+            for each in found.scopes
+        ]
+        tree = found.tree
+        ends = sum(branch.is_end for branch in tree.branches)
+        lines = [f"{len(tree.branches)} branches with {ends} ends", format_rows(head, rows)]
+        for size in dict.fromkeys(each.diameter for each in found.approaches):
+            near = [each for each in found.approaches if each.diameter == size][:SHOWN]
+            lines += [
+                f"{size:g} mm to the target: from branch {each.branch} at {each.depth:.1f} mm, "
+                f"needle {ceil_mm(each.needle, 1)} mm at {math.degrees(each.angle):.0f} deg to the "
+                f"axis{_tell_vessels(each)}; {each.route or 'straight on'}"
+                for each in near
+            ]
+        return "\n".join([*lines, *filter(None, [found.reason])])
