@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -28,7 +27,7 @@ from .centreline import (
 )
 
 if TYPE_CHECKING:
-    from scipy.sparse import csr_array
+    pass
 
 LEAST_SPUR = 1.75
 """A branch reaches at least this many voxels beyond the wall of what it leaves: the steps of a wall

@@ -48,7 +48,7 @@ class Approach:
     vessels : float or None
         Distance of the needle's axis from vessels [mm]; None where they are not known.
     route : str
-        Where the scope turns on the way, as its camera sees it, see `describe_route`.
+        Where the scope turns on the way, as its camera sees it, see `describe_routes`.
     """
 
     diameter: float = tabulated("mm")
@@ -76,7 +76,6 @@ def find_approaches(
     radius: float = 0.0,
     most: float = math.pi,
     vessels: Floats | None = None,
-    up: ArrayLike = (0.0, 1.0, 0.0),
 ) -> tuple[Approach, ...]:
     """Find from which branches a target is near, the shortest needle first.
 
@@ -94,8 +93,6 @@ def find_approaches(
         The largest angle between the scope's axis and the needle [rad].
     vessels : (n, 3) float, optional
         Places that vessels are full of, world frame [mm].
-    up : (3,) float
-        What is up in the camera's picture at the root, world frame.
 
     Raises
     ------
@@ -137,7 +134,7 @@ def find_approaches(
                 angle=float(angle[k]),
                 clearance=row.clearance,
                 vessels=_clear_needle(tips[k], end, vessels),
-                route=describe_route(tree, row.branch, up=up),
+                route=row.route,
             )
         )
     return tuple(sorted(found, key=lambda each: (-each.diameter, each.needle)))
@@ -153,45 +150,56 @@ def _clear_needle(start: Floats, end: Floats, vessels: Floats | None) -> float |
     return float(np.linalg.norm(start + share[:, None] * along - vessels, axis=1).min())
 
 
-def describe_route(tree: LumenTree, branch: str, *, up: ArrayLike = (0.0, 1.0, 0.0)) -> str:
-    """Return which way a camera at the tip has to take at each place where the lumen branches.
+def describe_routes(tree: LumenTree, *, up: ArrayLike = (0.0, 1.0, 0.0)) -> list[str]:
+    """Return for each branch which way a camera has to take at each branching on the way there.
 
     The camera looks along the scope; it is not turned about its axis on the way in.
 
     Parameters
     ----------
     tree : LumenTree
-    branch : str
-        Where to.
     up : (3,) float
-        What is up in its picture at the root.
+        What is up in its picture at the root, world frame.
     """
-    line = tree.path(branch)
-    steps = np.diff(line.points, axis=0)
-    frames = carry_frames(steps / np.linalg.norm(steps, axis=1, keepdims=True))
-    wanted = np.asarray(up, dtype=np.float64) @ frames[0][:, :2]
-    if np.linalg.norm(wanted) < 1e-6:  # it looks up
-        wanted = np.array([1.0, 0.0])
-    wanted /= np.linalg.norm(wanted)
-    words = []
-    for number in tree.list_route(branch)[1:]:
-        own = tree.branches[number]
+    begins = find_begins(tree)
+    frames: list[Floats] = []
+    routes: list[str] = []
+    for number, branch in enumerate(tree.branches):
+        steps = np.diff(branch.points, axis=0)
+        tangents = steps / np.linalg.norm(steps, axis=1, keepdims=True)
+        if branch.parent < 0:
+            frames.append(_carry(_look(tangents[0], np.asarray(up, dtype=np.float64)), tangents))
+            routes.append("")
+            continue
+        before = frames[branch.parent]
+        frames.append(_carry(before, tangents))
         sisters = [
-            other
+            _find_way(other)
             for k, other in enumerate(tree.branches)
-            if other.parent == own.parent and k != number
+            if other.parent == branch.parent and k != number
         ]
-        at = find_begins(tree)[number]
-        k = min(int(np.searchsorted(line.arc_length, at)), len(frames)) - 1
-        frame = frames[max(k, 0)]
-        apart = _find_way(own) - np.mean([_find_way(other) for other in sisters], axis=0)
-        x, y = apart @ frame[:, :2]
-        rise = x * wanted[0] + y * wanted[1]
-        # Right is forward x up: a frame's third column, then its first two turned by its up.
-        right = y * wanted[0] - x * wanted[1]
-        turn = round(math.degrees(math.atan2(right, rise)) / 45.0) % 8
-        words.append(f"{DIRECTIONS[turn]} at {at:.0f} mm")
-    return ", ".join(words)
+        apart = _find_way(branch) - np.mean(sisters, axis=0)
+        right, rise, _ = apart @ before
+        turn = round(math.degrees(math.atan2(right, rise)) / 45.0) % len(DIRECTIONS)
+        word = f"{DIRECTIONS[turn]} at {begins[number]:.0f} mm"
+        routes.append(", ".join(filter(None, [routes[branch.parent], word])))
+    return routes
+
+
+def _look(way: Floats, up: Floats) -> Floats:
+    """Return the axes (3, 3) of a camera, right, up and ahead in its columns."""
+    up = up - (up @ way) * way
+    if np.linalg.norm(up) < 1e-6:  # it looks up itself
+        up = np.eye(3)[int(np.argmin(np.abs(way)))]
+        up = up - (up @ way) * way
+    up /= np.linalg.norm(up)
+    return np.stack([np.cross(way, up), up, way], axis=1)
+
+
+def _carry(frame: Floats, tangents: Floats) -> Floats:
+    """Return the axes of a camera carried along a line without twist."""
+    carried = carry_frames(np.concatenate([frame[:, 2][None], tangents]))
+    return np.asarray(carried[-1] @ (carried[0].T @ frame))
 
 
 def _find_way(branch: Branch) -> Floats:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..checks import ceil_mm, check_kind, floor_mm
 from ..duct import Centreline
@@ -32,7 +33,7 @@ from ..results import (
     to_plain,
 )
 from ..units import add_unit
-from .approach import Approach, find_begins
+from .approach import Approach, describe_routes, find_begins
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -123,6 +124,8 @@ class BranchReach:
     stop : str
         What stops it in or before this branch, see `Way`; empty if it is passed.
     reason : str
+    route : str
+        Which way to take at each branching, as the scope's camera sees it.
     """
 
     diameter: float = tabulated("mm")
@@ -135,6 +138,7 @@ class BranchReach:
     clearance: float = tabulated("mm")
     stop: Stop = tabulated()
     reason: str = tabulated()
+    route: str = tabulated()
 
     @property
     def passed(self) -> bool:
@@ -225,6 +229,10 @@ class TreeReach(ReasonedResult):
         return {
             "converged": self.converged,
             "reason": self.reason,
+            "ends": self.ends,
+            "volume": self.volume,
+            "depth_mm": self.depth,
+            "needle_mm": self.needle,
             "scopes": [name_units(each) for each in self.scopes],
             "branches": [name_units(each) for each in self.rows],
             "approaches": [name_units(each) for each in self.approaches],
@@ -380,6 +388,7 @@ def reach_tree(
     scopes: Sequence[Scope],
     options: PlannerOptions | None = None,
     robot: ContinuumRobot | None = None,
+    up: ArrayLike = (0.0, 1.0, 0.0),
     progress: Progress = no_progress,
 ) -> TreeReach:
     """Find how far scopes come into every branch of a tree, each motion certified.
@@ -395,6 +404,8 @@ def reach_tree(
         As for `plan_insertion`.
     robot : ContinuumRobot, optional
         That has to follow each motion; where it cannot, it stops.
+    up : (3,) float
+        What is up in the camera's picture at the root, world frame.
     progress : Progress
 
     Raises
@@ -404,13 +415,14 @@ def reach_tree(
     """
     ways, rows, found = [], [], []
     shares = _share_volume(tree)
+    routes = describe_routes(tree, up=up)
     for number, scope in enumerate(scopes):
 
         def tell(stage: str, share: float, number: int = number) -> None:
             progress(stage, (number + share) / len(scopes))
 
         own = find_ways(duct, tree, scope=scope, options=options, robot=robot, progress=tell)
-        branches = _list_branches(tree, own, scope)
+        branches = _list_branches(tree, own, scope, routes)
         ways.append(own)
         rows += branches
         found.append(_sum_up(tree, branches, scope, shares))
@@ -429,7 +441,9 @@ def reach_tree(
     )
 
 
-def _list_branches(tree: LumenTree, ways: Sequence[Way], scope: Scope) -> list[BranchReach]:
+def _list_branches(
+    tree: LumenTree, ways: Sequence[Way], scope: Scope, routes: Sequence[str]
+) -> list[BranchReach]:
     """Return a row for every branch: the way that gets farthest into it counts.
 
     Of those that pass it that with the most certified clearance.
@@ -461,6 +475,7 @@ def _list_branches(tree: LumenTree, ways: Sequence[Way], scope: Scope) -> list[B
                 clearance=best.clearance if reached > 0.0 else math.nan,
                 stop=best.stop if stops else "",
                 reason=best.reason if stops else "",
+                route=routes[k],
             )
         )
     return rows

@@ -107,6 +107,7 @@ class TreeReaching(Task):
             scopes=scopes,
             options=PlannerOptions(angle_limit=self.angle_limit),
             robot=robot,
+            up=find_axis(case.tract.frame or "RAS", "A"),
             progress=progress,
         )
         if target is None:
@@ -117,7 +118,6 @@ class TreeReaching(Task):
             radius=radius,
             most=math.pi if self.needle_angle is None else self.needle_angle,
             vessels=vessels,
-            up=find_axis(case.tract.frame or "RAS", "A"),
         )
         return replace(
             found, approaches=near, needle=min((each.needle for each in near), default=None)

@@ -1,0 +1,228 @@
+"""How far a scope comes into every branch of a tree, and targets near it."""
+
+from __future__ import annotations
+
+import json
+import math
+from functools import cache
+
+import numpy as np
+import pytest
+
+from bozzini import Scope
+from bozzini.anatomy.airway import AirwayPhantom, make_airway
+from bozzini.cli.main import main
+from bozzini.errors import InputError
+from bozzini.motion import certify_motion, plan_insertion
+from bozzini.motion.planners import PlannerOptions
+from bozzini.numeric.polylines import measure_arc_length
+from bozzini.study import Case
+from bozzini.study.approach import describe_routes, find_approaches
+from bozzini.study.branches import TreeReach, reach_tree
+
+VOXEL = 1.0
+SCOPES = (Scope(diameter=6.0, link_length=4.0), Scope(diameter=4.0, link_length=4.0))
+
+
+@cache
+def open_airway(seed: int = 0) -> tuple[AirwayPhantom, Case]:
+    phantom = make_airway(seed=seed)
+    return phantom, Case.open(phantom.to_labels(VOXEL))
+
+
+@cache
+def reach_airway(seed: int = 0) -> TreeReach:
+    _, case = open_airway(seed)
+    return reach_tree(case.field, case.tree, scopes=SCOPES)
+
+
+def allow_depth(phantom: AirwayPhantom, end: int, radius: float) -> float:
+    """Return how far from the root the branches to one of them are wider than a radius [mm]."""
+    route = [end]
+    while phantom.branches[route[-1]].parent >= 0:
+        route.append(phantom.branches[route[-1]].parent)
+    depth = 0.0
+    for number in route[::-1]:
+        branch = phantom.branches[number]
+        if branch.radius < radius:
+            break
+        depth += float(np.linalg.norm(branch.end - branch.start))
+    return depth
+
+
+def test_depths_are_those_that_the_radii_of_the_phantom_allow() -> None:
+    """Never deeper than the tree is wide enough, and with short links nearly as deep."""
+    phantom, case = open_airway()
+    reached = reach_airway()
+    for scope, ways in zip(SCOPES, reached.ways, strict=True):
+        for way in ways:
+            tip = case.tree.branches[way.branch].points[-1]
+            gaps = [np.linalg.norm(phantom.branches[k].end - tip) for k in phantom.ends]
+            end = phantom.ends[int(np.argmin(gaps))]
+            if min(gaps) > 6.0:  # a branch that is not seen at this voxel
+                continue
+            most = allow_depth(phantom, end, scope.radius)
+            # In a junction's ball the head gets beyond the end of the wide branch.
+            assert way.depth <= most + 9.0
+            least = allow_depth(phantom, end, scope.radius + 0.9 * VOXEL)
+            assert way.depth >= 0.9 * least - 9.0
+
+
+def test_every_motion_is_proved_by_another_look() -> None:
+    """The certificate of each way holds for its joints in the field, and nothing else is said."""
+    _, case = open_airway()
+    seen = set()
+    for scope, ways in zip(SCOPES, reach_airway().ways, strict=True):
+        for way in ways:
+            assert (way.plan is None) == math.isnan(way.clearance) or way.depth == 0.0
+            if way.plan is None or id(way.plan) in seen:
+                continue
+            seen.add(id(way.plan))
+            again = certify_motion(way.plan.joints, case.field, radius=scope.radius)
+            inside = way.plan.joints[:, 0]
+            assert way.clearance >= 0.0
+            assert again.wall == way.plan.wall
+            assert (case.field.signed_distance(inside) <= -scope.radius + 1e-6).all()
+    assert len(seen) < sum(map(len, reach_airway().ways))  # ends behind one place share a motion
+
+
+def test_a_branch_is_reached_as_far_as_the_best_way_through_it() -> None:
+    reached = reach_airway()
+    tree = reached.tree
+    for number, ways in enumerate(reached.ways):
+        rows = reached.rows[number * len(tree.branches) : (number + 1) * len(tree.branches)]
+        for k, row in enumerate(rows):
+            deepest = max(way.depth for way in ways if k in tree.list_route(way.branch))
+            begin = tree.path(k).length - row.length
+            assert row.reached == pytest.approx(np.clip(deepest - begin, 0.0, row.length), abs=1.01)
+            assert bool(row.stop) == (not row.passed)
+            assert bool(row.stop) == bool(row.reason)
+            if row.generation:  # nobody comes into a branch whose parent is not passed
+                parent = rows[tree.branches[k].parent]
+                assert row.reached == 0.0 or parent.reached == pytest.approx(
+                    parent.length, abs=1.01
+                )
+
+
+def test_a_thinner_scope_gets_as_far_or_farther() -> None:
+    thick, thin = reach_airway().scopes
+    for name in ("entered", "passed", "ends", "length", "volume", "generation", "depth"):
+        assert getattr(thin, name) >= getattr(thick, name)
+    assert 0.0 < thick.volume < 1.0
+    assert thin.entered > thick.entered
+
+
+def test_whole_way_is_that_of_a_plan_along_the_same_line() -> None:
+    """Where the lumen is wide enough to the end of a branch a plan to it gets there too."""
+    _, case = open_airway()
+    scope = SCOPES[0]
+    row = next(r for r in reach_airway().rows if r.generation == 1 and r.passed)
+    found = case.change(branch=row.branch, method="tube").plan(scope, advise=False)
+    assert found.plan.status == "complete"
+    assert found.plan.certified
+    assert found.line.length == pytest.approx(row.depth, abs=1.01)
+    other = plan_insertion(case.field, case.tree.path(row.branch), scope=scope, method="tube")
+    assert np.array_equal(other.joints, found.plan.joints)
+
+
+def test_limit_of_the_joints_stops_the_scope_and_is_named() -> None:
+    _, case = open_airway()
+    tight = reach_tree(
+        case.field, case.tree, scopes=SCOPES[:1], options=PlannerOptions(angle_limit=0.06)
+    )
+    assert "angle" in {row.stop for row in tight.rows}
+    assert tight.scopes[0].length < reach_airway().scopes[0].length
+
+
+def test_approaches_are_those_of_brute_force() -> None:
+    """500 targets in the box of the tree: the nearest place that the head gets to."""
+    reached = reach_airway()
+    random = np.random.default_rng(3)
+    tree = reached.tree
+    every = np.concatenate([branch.points for branch in tree.branches])
+    targets = random.uniform(every.min(axis=0), every.max(axis=0), (500, 3))
+    own = [row for row in reached.rows if row.diameter == SCOPES[1].diameter]
+    places = []
+    for branch, row in zip(tree.branches, own, strict=True):
+        arc = measure_arc_length(branch.points)
+        fine = np.arange(0.0, row.reached, 0.02) if row.reached > 0.0 else np.zeros(0)
+        places.append(np.stack([np.interp(fine, arc, branch.points[:, k]) for k in range(3)], 1))
+    cloud = np.concatenate(places)
+    for target in targets:
+        near = [
+            each
+            for each in find_approaches(reached, target, radius=2.0)
+            if each.diameter == SCOPES[1].diameter
+        ]
+        truth = max(np.linalg.norm(cloud - target, axis=1).min() - 2.0, 0.0)
+        assert truth - 0.01 <= near[0].needle <= truth + 0.13
+        assert all(a.needle <= b.needle for a, b in zip(near, near[1:], strict=False))
+
+
+def test_needles_keep_to_their_angle_and_measure_vessels() -> None:
+    reached = reach_airway()
+    target = reached.tree.branches[4].points[-1] + [12.0, 8.0, -10.0]
+    free = find_approaches(reached, target)
+    held = find_approaches(reached, target, most=math.radians(30.0))
+    assert held[0].needle >= free[0].needle
+    assert all(each.angle <= math.radians(30.0) + 1e-9 for each in held)
+    vessels = target + np.array([[0.0, 0.0, 3.0]])
+    (near, *_) = find_approaches(reached, target, vessels=vessels)
+    assert near.vessels is not None and near.vessels <= 3.0
+    far = find_approaches(reached, target, vessels=vessels + 500.0)[0].vessels
+    assert far is not None and far > 100.0
+    assert free[0].vessels is None
+
+
+def test_route_turns_with_the_picture_and_is_mirrored() -> None:
+    """The right bronchus is to the right if the front is up, to the left if the back is."""
+    phantom, case = open_airway()
+    tree = case.tree
+    main = [branch for branch in tree.branches if branch.generation == 1]
+    right = max(main, key=lambda branch: branch.points[-1, 0])
+    left = min(main, key=lambda branch: branch.points[-1, 0])
+    front = dict(zip(tree.names, describe_routes(tree, up=(0.0, 1.0, 0.0)), strict=True))
+    back = dict(zip(tree.names, describe_routes(tree, up=(0.0, -1.0, 0.0)), strict=True))
+    assert "right" in front[right.name] and "left" in back[right.name]
+    assert "left" in front[left.name] and "right" in back[left.name]
+    assert front["0"] == ""
+    deep = max(tree.ends, key=lambda end: end.generation)
+    assert len(front[deep.name].split(", ")) == deep.generation
+
+
+def test_command_reaches_and_writes_a_table(tmp_path, capsys) -> None:  # type: ignore[no-untyped-def]
+    from bozzini.anatomy.files import write_tract
+
+    phantom, _ = open_airway()
+    file = tmp_path / "airway.nii.gz"
+    write_tract(file, phantom.to_labels(VOXEL))
+    mark = tmp_path / "nodule.mrk.json"
+    place = [40.0, 20.0, -30.0]
+    point = {"position": [-place[0], -place[1], place[2]]}
+    mark.write_text(
+        json.dumps({"markups": [{"coordinateSystem": "LPS", "controlPoints": [point]}]})
+    )
+    line = ["reach", str(file), "--diameters", "6mm,4mm", "--link", "4mm"]
+    answers = []
+    table = str(tmp_path / "reach.csv")
+    for more in (["--target", "40,20,-30", "--out", table], ["--target", str(mark)]):
+        assert main([*line, *more, "--json", "--quiet"]) == 0
+        answers.append(json.loads(capsys.readouterr().out))
+    given, marked = answers
+    assert given["approaches"] == marked["approaches"]
+    assert given["needle_mm"] == min(each["needle_mm"] for each in given["approaches"])
+    reached = reach_airway()
+    assert [each["depth_mm"] for each in given["scopes"]] == pytest.approx(
+        [each.depth for each in reached.scopes]
+    )
+    assert len((tmp_path / "reach.csv").read_text().splitlines()) == 1 + len(reached.rows)
+
+
+def test_wrong_input_is_one_line() -> None:
+    _, case = open_airway()
+    with pytest.raises(InputError, match="there is no branch 'x'"):
+        _ = case.change(branch="x").line
+    with pytest.raises(InputError, match="branch cannot be used with end"):
+        case.change(branch="0", end=(0.0, 0.0, 0.0))
+    with pytest.raises(InputError, match="needle angle"):
+        find_approaches(reach_airway(), (0.0, 0.0, 0.0), most=4.0)
