@@ -23,7 +23,6 @@ from .centreline import (
     Centreline,
     LumenGraph,
     _stay_inside,
-    find_first_crest,
 )
 
 if TYPE_CHECKING:
@@ -36,7 +35,7 @@ of voxels, the half voxel between a node and the middle, and their diagonals."""
 MOST_LINES = 100_000
 """So many ends a tree has at most."""
 
-SWEEPS = 60
+SWEEPS = 20
 """How often the lines are smoothed and pushed back."""
 
 KEEP = 0.95
@@ -338,12 +337,13 @@ def _rate_end(points: Floats, graph: LumenGraph) -> tuple[int, float]:
 def _find_crest(points: Floats, graph: LumenGraph) -> int:
     """Return the index where a line that starts in a closed tip comes out of it.
 
-    Not where it is in the lumen of what it leaves at its other end.
+    That is the last ball that still holds the tip, but not one that holds the other end.
     """
     depth = graph.measure_depth(points)
-    beyond = np.linalg.norm(points - points[-1], axis=1) > depth[-1]
-    count = int(np.argmin(beyond)) if not beyond.all() else len(points) - 1
-    return find_first_crest(points[:count], depth[:count]) if count > 1 else 0
+    slack = 0.5 * float(np.linalg.norm(graph.field.spacing))  # from a node to the wall
+    holds = np.linalg.norm(points - points[0], axis=1) <= depth + slack
+    holds &= np.linalg.norm(points - points[-1], axis=1) > depth
+    return int(np.max(np.flatnonzero(holds), initial=0))
 
 
 def _trim(lines: list[_Line], graph: LumenGraph, root: Floats | None) -> None:
@@ -461,9 +461,7 @@ def _name(lines: list[_Line], field: SampledField) -> tuple[Branch, ...]:
             angle = _measure_angle(named[parent], branch)
         after = sorted(kids.get(number, []), key=rank)
         waiting += [(kid, len(named), f"{name}.{k}") for k, kid in enumerate(after)][::-1]
-        named.append(
-            replace(branch, name=name, parent=parent, generation=generation, angle=angle)
-        )
+        named.append(replace(branch, name=name, parent=parent, generation=generation, angle=angle))
     return tuple(named)
 
 
