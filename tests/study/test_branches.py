@@ -106,9 +106,10 @@ def test_a_branch_is_reached_as_far_as_the_best_way_through_it() -> None:
 
 def test_a_thinner_scope_gets_as_far_or_farther() -> None:
     thick, thin = reach_airway().scopes
-    for name in ("entered", "passed", "ends", "length", "volume", "generation", "depth"):
+    for name in ("entered", "passed", "ends", "length", "volume", "near", "depth"):
         assert getattr(thin, name) >= getattr(thick, name)
     assert 0.0 < thick.volume < 1.0
+    assert thick.near > thick.volume  # a needle of 20 mm gets beyond the branches' own territory
     assert thin.entered > thick.entered
 
 
@@ -145,7 +146,8 @@ def test_approaches_are_those_of_brute_force() -> None:
     places = []
     for branch, row in zip(tree.branches, own, strict=True):
         arc = measure_arc_length(branch.points)
-        fine = np.arange(0.0, row.reached, 0.02) if row.reached > 0.0 else np.zeros(0)
+        fine = np.append(np.arange(0.0, row.reached, 0.02), row.reached)
+        fine = fine[: len(fine) if row.reached > 0.0 else 0]
         places.append(np.stack([np.interp(fine, arc, branch.points[:, k]) for k in range(3)], 1))
     cloud = np.concatenate(places)
     for target in targets:

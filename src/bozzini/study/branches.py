@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from ..checks import ceil_mm, check_kind, floor_mm
 from ..duct import Centreline
@@ -61,6 +61,9 @@ MARGIN = MARGINS[-1]
 
 END = 1.0
 """A branch is passed, or reached to its end, if no more than this of it is left [mm]."""
+
+NEEDLE = 20.0
+"""How far a biopsy needle reaches from the tip [mm]."""
 
 PLACES = 20_000
 """Places of the organ round a tree at which the share of its volume is counted."""
@@ -163,6 +166,8 @@ class ScopeReach:
     volume : float
         Share of the organ: of the convex hull of the tree beyond its first branching, every place
         of which belongs to the nearest place of the tree.
+    near : float
+        Share of that organ within a needle's reach of where the scope gets to.
     generation : int
         The highest that is entered.
     depth : float
@@ -178,6 +183,7 @@ class ScopeReach:
     ends: float = tabulated()
     length: float = tabulated()
     volume: float = tabulated()
+    near: float = tabulated()
     generation: int = tabulated()
     depth: float = tabulated("mm")
     clearance: float = tabulated("mm")
@@ -198,7 +204,7 @@ class TreeReach(ReasonedResult):
         For every scope one to each end of the tree; ends behind the same stop share it.
     approaches : tuple of Approach
         To a target, the shortest needle first; empty without one.
-    ends, volume : float
+    ends, volume, near : float
         Shares that the first scope reaches, see `ScopeReach`.
     depth : float
         The largest of the first scope [mm].
@@ -215,6 +221,7 @@ class TreeReach(ReasonedResult):
     approaches: tuple[Approach, ...] = ()
     ends: float = measured("")
     volume: float = measured("")
+    near: float = measured("")
     depth: float = measured("mm")
     needle: float | None = measured("mm")
     reason: str = ""
@@ -231,6 +238,7 @@ class TreeReach(ReasonedResult):
             "reason": self.reason,
             "ends": self.ends,
             "volume": self.volume,
+            "near": self.near,
             "depth_mm": self.depth,
             "needle_mm": self.needle,
             "scopes": [name_units(each) for each in self.scopes],
@@ -389,6 +397,7 @@ def reach_tree(
     options: PlannerOptions | None = None,
     robot: ContinuumRobot | None = None,
     up: ArrayLike = (0.0, 1.0, 0.0),
+    needle: float = NEEDLE,
     progress: Progress = no_progress,
 ) -> TreeReach:
     """Find how far scopes come into every branch of a tree, each motion certified.
@@ -406,6 +415,8 @@ def reach_tree(
         That has to follow each motion; where it cannot, it stops.
     up : (3,) float
         What is up in the camera's picture at the root, world frame.
+    needle : float
+        How far a needle reaches from the scope [mm].
     progress : Progress
 
     Raises
@@ -414,7 +425,7 @@ def reach_tree(
         If an option is not legal.
     """
     ways, rows, found = [], [], []
-    shares = _share_volume(tree)
+    organ = _fill_organ(tree)
     routes = describe_routes(tree, up=up)
     for number, scope in enumerate(scopes):
 
@@ -425,7 +436,7 @@ def reach_tree(
         branches = _list_branches(tree, own, scope, routes)
         ways.append(own)
         rows += branches
-        found.append(_sum_up(tree, branches, scope, shares))
+        found.append(_sum_up(tree, branches, scope, organ, needle))
     entered = any(row.depth > 0.0 for row in rows)
     first = found[0]
     return TreeReach(
@@ -435,6 +446,7 @@ def reach_tree(
         ways=tuple(ways),
         ends=first.ends,
         volume=first.volume,
+        near=first.near,
         depth=first.depth,
         needle=None,
         reason="" if entered else f"no scope enters: {ways[0][0].reason}",
@@ -482,14 +494,11 @@ def _list_branches(
 
 
 def _sum_up(
-    tree: LumenTree, rows: Sequence[BranchReach], scope: Scope, shares: Sequence[Floats]
+    tree: LumenTree, rows: Sequence[BranchReach], scope: Scope, organ: _Organ, needle: float
 ) -> ScopeReach:
     entered = [row for row in rows if row.reached > 0.0]
     ends = [row for row, branch in zip(rows, tree.branches, strict=True) if branch.is_end]
-    volume = sum(
-        float(np.count_nonzero(arcs <= row.reached)) for row, arcs in zip(rows, shares, strict=True)
-    )
-    total = sum(len(arcs) for arcs in shares)
+    volume, near = _measure_shares(tree, rows, organ, needle)
     return ScopeReach(
         diameter=scope.diameter,
         link=scope.link_length,
@@ -497,43 +506,69 @@ def _sum_up(
         passed=sum(row.passed for row in rows) / len(rows),
         ends=sum(row.passed for row in ends) / len(ends),
         length=sum(row.reached for row in rows) / sum(row.length for row in rows),
-        volume=volume / total if total else math.nan,
+        volume=volume,
+        near=near,
         generation=max((row.generation for row in entered), default=0),
         depth=max((row.depth for row in entered), default=0.0),
         clearance=min((row.clearance for row in entered), default=math.nan),
     )
 
 
-def _share_volume(tree: LumenTree) -> list[Floats]:
-    """Return for every branch where along it the places of the organ lie that are nearest to it.
+@dataclass(frozen=True, eq=False)
+class _Organ:
+    """Places (m, 3) of the organ round a tree, each with the branch and the arc nearest to it."""
 
-    The organ is the convex hull of all branches but those without a parent. Its places are those of
-    a regular grid, some `PLACES` of them.
+    places: Floats
+    branch: NDArray[np.int64]
+    arc: Floats
+
+
+def _fill_organ(tree: LumenTree) -> _Organ:
+    """Return places in the convex hull of all branches that have a parent, on a regular grid.
+
+    There are some `PLACES` of them; none where the tree is planar or does not branch.
     """
-    from scipy.spatial import Delaunay, QhullError, cKDTree
+    from scipy.spatial import ConvexHull, Delaunay, QhullError, cKDTree
 
+    none = _Organ(np.zeros((0, 3)), np.zeros(0, dtype=np.int64), np.zeros(0))
     beyond = [branch.points for branch in tree.branches if branch.parent >= 0]
-    empty = [np.zeros(0) for _ in tree.branches]
     if not beyond:
-        return empty
+        return none
     points = np.concatenate(beyond)
     try:
-        hull = Delaunay(points[_find_hull(points)])
-    except QhullError:  # a planar tree
-        return empty
+        whole = ConvexHull(points)
+        hull = Delaunay(points[whole.vertices])
+    except QhullError:
+        return none
     low, high = points.min(axis=0), points.max(axis=0)
-    volume = float(np.prod(high - low))
-    pitch = (volume / (3.0 * PLACES)) ** (1.0 / 3.0)
+    pitch = (whole.volume / PLACES) ** (1.0 / 3.0)
     axes = [np.arange(a + 0.5 * pitch, b, pitch) for a, b in zip(low, high, strict=True)]
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     grid = grid[hull.find_simplex(grid) >= 0]
-    owner = np.repeat(np.arange(len(tree.branches)), [len(b.points) for b in tree.branches])
+    counts = [len(branch.points) for branch in tree.branches]
+    owner = np.repeat(np.arange(len(counts)), counts)
     arcs = np.concatenate([measure_arc_length(branch.points) for branch in tree.branches])
-    _, near = cKDTree(np.concatenate([b.points for b in tree.branches])).query(grid)
-    return [arcs[near[owner[near] == k]] for k in range(len(tree.branches))]
+    _, near = cKDTree(np.concatenate([branch.points for branch in tree.branches])).query(grid)
+    return _Organ(grid, owner[near], arcs[near])
 
 
-def _find_hull(points: Floats) -> Floats:
-    from scipy.spatial import ConvexHull
+def _measure_shares(
+    tree: LumenTree, rows: Sequence[BranchReach], organ: _Organ, needle: float
+) -> tuple[float, float]:
+    """Return which share of an organ belongs to what is reached, and which a needle gets to."""
+    from scipy.spatial import cKDTree
 
-    return np.asarray(ConvexHull(points).vertices)
+    reached = np.array([row.reached for row in rows])
+    places = [
+        branch.points[measure_arc_length(branch.points) <= row.reached]
+        for branch, row in zip(tree.branches, rows, strict=True)
+        if row.reached > 0.0
+    ]
+    if len(organ.places) == 0:
+        return math.nan, math.nan
+    own = organ.arc <= reached[organ.branch]
+    own &= reached[organ.branch] > 0.0
+    if not places:
+        return 0.0, 0.0
+    away, _ = cKDTree(np.concatenate(places)).query(organ.places)
+    return float(np.mean(own)), float(np.mean(away <= needle))

@@ -21,7 +21,7 @@ from ..results import format_rows
 from ..task import Task
 from ..units import parse_quantity, parse_vector
 from .approach import Approach, find_approaches
-from .branches import TreeReach, reach_tree
+from .branches import NEEDLE, TreeReach, reach_tree
 from .options import LumenOptions, ReadOptions, as_planner
 
 if TYPE_CHECKING:
@@ -78,6 +78,13 @@ class TreeReaching(Task):
     target_radius: float = quantity(
         "length", "Radius of a target that is a point.", default=0.0, low=0.0, high=1e3
     )
+    needle: float = quantity(
+        "length",
+        "How far a needle reaches: the share of the organ within it is told.",
+        default=NEEDLE,
+        low=0.0,
+        high=1e3,
+    )
     needle_angle: float | None = quantity(
         "angle", "Largest angle between the scope's axis and a needle (default: any).",
         default=None, low=0.0, high=math.pi, example="45 deg",
@@ -108,6 +115,7 @@ class TreeReaching(Task):
             options=PlannerOptions(angle_limit=self.angle_limit),
             robot=robot,
             up=find_axis(case.tract.frame or "RAS", "A"),
+            needle=self.needle,
             progress=progress,
         )
         if target is None:
@@ -143,7 +151,8 @@ class TreeReaching(Task):
 
     def describe(self, found: TreeReach) -> str:
         """Return a table of the scopes, and the nearest approaches."""
-        head = ["diameter [mm]", "branches entered", "ends", "length", "volume", "deepest [mm]"]
+        near = f"within {self.needle:g} mm"
+        head = ["diameter [mm]", "branches", "ends", "length", "volume", near, "deepest [mm]"]
         rows = [
             [
                 f"{each.diameter:g}",
@@ -151,13 +160,18 @@ class TreeReaching(Task):
                 f"{100.0 * each.ends:.0f} %",
                 f"{100.0 * each.length:.0f} %",
                 f"{100.0 * each.volume:.0f} %",
+                f"{100.0 * each.near:.0f} %",
                 floor_mm(each.depth, 1),
             ]
             for each in found.scopes
         ]
         tree = found.tree
         ends = sum(branch.is_end for branch in tree.branches)
-        lines = [f"{len(tree.branches)} branches with {ends} ends", format_rows(head, rows)]
+        what = "shares that are reached, of the organ the volume nearest to it or a needle gets to"
+        lines = [
+            f"{len(tree.branches)} branches with {ends} ends; {what}:",
+            format_rows(head, rows),
+        ]
         for size in dict.fromkeys(each.diameter for each in found.approaches):
             near = [each for each in found.approaches if each.diameter == size][:SHOWN]
             lines += [
