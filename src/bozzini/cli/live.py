@@ -65,8 +65,8 @@ class TissueOptions:
         default=None,
     )
 
-    def prepare(self) -> Callable[[Centreline], TissueMotion]:
-        """Return what makes the motion along a line, which peristalsis needs.
+    def prepare(self) -> Callable[[Centreline, str | None, tuple[float, float]], TissueMotion]:
+        """Return what makes the motion from a line, the organ, and its lowest and highest z [mm].
 
         Raises
         ------
@@ -87,16 +87,17 @@ class TissueOptions:
         if self.motion == "peristalsis":
             if self.depth is not None:
                 check_number("depth", self.depth, low=0.0, high=DEPTH_MAX)
-            return lambda line: Peristalsis(line=line.points, **given)
+            return lambda line, *_: Peristalsis(line=line.points, **given)
         if self.motion == "breathing":
-            motion: TissueMotion = Breathing(**given)
-        elif self.motion.endswith(".npz"):
-            motion = RecordedMotion.load(self.motion)
+            Breathing(**given)  # wrong numbers are told before any long work
+            return lambda _, organ, ends: Breathing.of_organ(organ, ends, **given)
+        if self.motion.endswith(".npz"):
+            motion: TissueMotion = RecordedMotion.load(self.motion)
         else:
             raise InputError(
                 f"--motion is '{self.motion}': it must be breathing, peristalsis or an .npz file"
             )
-        return lambda line: motion
+        return lambda *_: motion
 
 
 @click.command(name="live", cls=CheckedCommand)
@@ -139,7 +140,9 @@ def command(
         summary = {"input": source.name, "converged": False, "reason": study.plan.reason}
         answer.give(summary, f"The scope does not fit at rest: {study.plan.reason}.")
         run_exit(EXIT_NEGATIVE)
-    motion = make_motion(study.line)
+    low, high = study.field.bounds
+    ends = float(low[2]), float(high[2])
+    motion = make_motion(study.line, tract.organ, ends)
     surface = None if tract.kind == "labels" else tract
     with answer.show_progress() as progress:
         progress("live", 0.0)

@@ -252,7 +252,7 @@ class Bench:
         if self.job.moving is None or found is None or not self._completes:
             return
         plan, field = found.plan, found.field
-        motion = make_motion(self.job.moving, found.line)
+        motion = make_motion(self.job.moving, found.line, found.case)
         surface = self.tract if isinstance(self.tract, SurfaceTract) else None
         rest = self.view_wall(field).surfaces[0].vertices
         options = LiveOptions(rate=FRAME_RATE, duration=1e5)
@@ -454,7 +454,7 @@ def find_beside(field: SampledField, line: Centreline, click: Floats) -> Floats:
     return np.asarray(seen[int(np.argmin(np.linalg.norm(seen - click, axis=1)))])
 
 
-def make_motion(name: str, line: Centreline) -> TissueMotion:
+def make_motion(name: str, line: Centreline, case: Case) -> TissueMotion:
     """Return a motion of the tissue by its name, or from a file (.npz).
 
     Raises
@@ -465,7 +465,8 @@ def make_motion(name: str, line: Centreline) -> TissueMotion:
     from ..anatomy.tissue import Breathing, Peristalsis, RecordedMotion
 
     if name == "breathing":
-        return Breathing()
+        low, high = case.field.bounds
+        return Breathing.of_organ(case.tract.organ, (float(low[2]), float(high[2])))
     if name == "peristalsis":
         return Peristalsis(line=line.points)
     return RecordedMotion.load(name)

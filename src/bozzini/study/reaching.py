@@ -151,8 +151,8 @@ class TreeReaching(Task):
 
     def describe(self, found: TreeReach) -> str:
         """Return a table of the scopes, and the nearest approaches."""
-        near = f"within {self.needle:g} mm"
-        head = ["diameter [mm]", "branches", "ends", "length", "volume", near, "deepest [mm]"]
+        within = f"within {self.needle:g} mm"
+        head = ["diameter [mm]", "branches", "ends", "length", "volume", within, "deepest [mm]"]
         rows = [
             [
                 f"{each.diameter:g}",
@@ -167,9 +167,9 @@ class TreeReaching(Task):
         ]
         tree = found.tree
         ends = sum(branch.is_end for branch in tree.branches)
-        what = "shares that are reached, of the organ the volume nearest to it or a needle gets to"
         lines = [
-            f"{len(tree.branches)} branches with {ends} ends; {what}:",
+            f"{len(tree.branches)} branches with {ends} ends; shares that are reached, and of the "
+            "organ's volume those nearest to it and in a needle's reach:",
             format_rows(head, rows),
         ]
         for size in dict.fromkeys(each.diameter for each in found.approaches):
