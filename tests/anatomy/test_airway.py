@@ -76,8 +76,8 @@ def test_another_seed_is_another_tree_and_the_same_one_the_same() -> None:
 
 
 def test_command_writes_airways(tmp_path, capsys) -> None:  # type: ignore[no-untyped-def]
-    line = ["phantom", "--organ", "airway", "--voxel", "2mm", "--out"]
-    assert main([*line, str(tmp_path / "a.nii.gz"), "--json"]) == 0
+    line = ["phantom", "--organ", "airway", "--out"]
+    assert main([*line, str(tmp_path / "a.nii.gz"), "--voxel", "2mm", "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert told["ends"] == len(make_airway().ends)
     assert told["labels"] == {"airway": 1}

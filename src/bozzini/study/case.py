@@ -33,6 +33,7 @@ from .ends import (
     OrientedCentreline,
     Place,
     choose_branch,
+    find_entry,
     find_root,
     orient_centreline,
     resolve_places,
@@ -234,18 +235,23 @@ class Case:
     @cached_property
     def centreline(self) -> OrientedCentreline:
         """The line from the entry to the other end, and why that end is the entry."""
-        given = self.options
-        by_itself = given.end is None and not given.via and not given.reverse
-        if given.branch is not None or (self.tract.organ in TREES and by_itself):
-            return choose_branch(self.tract, self.tree, given.branch, start=self.start)
+        options = self.options
+        start, end, via = self._places
+        branches = self.tract.organ in TREES and not options.reverse
+        if options.branch is not None or (branches and end is None and not via):
+            return choose_branch(self.tract, self.tree, options.branch, start=start)
+        basis = ""
+        if branches and start is None:
+            start, basis = find_entry(self.tract, self.tree)
         with self._clock("centreline"), explain_scale(self.tract):
-            return orient_centreline(
+            found = orient_centreline(
                 self.tract,
                 self.field,
-                self._places,
-                reverse=self.options.reverse,
+                (start, end, via),
+                reverse=options.reverse,
                 progress=self.progress,
             )
+        return replace(found, basis=basis) if basis else found
 
     @cached_property
     def tree(self) -> LumenTree:

@@ -516,6 +516,13 @@ def _step_inside(field: SampledField, place: Place) -> Point:
     )
 
 
+def find_entry(tract: Tract, tree: LumenTree) -> tuple[Place, str]:
+    """Return the root of a tree as the place of an entry, and why it is that."""
+    point = tree.branches[0].points[0]
+    basis = f"{_article(tract.organ or 'tree')} is entered at its widest end"
+    return Place(name="the widest end", given=point.tolist(), kind="point", points=point), basis
+
+
 def choose_branch(
     tract: Tract, tree: LumenTree, branch: str | None, *, start: Place | None
 ) -> OrientedCentreline:
@@ -535,10 +542,9 @@ def choose_branch(
         )
         findings = (Finding("branches", "warning", message),)
     line = tree.path(branch)
-    organ = tract.organ or "tree"
     return OrientedCentreline(
         line=line,
-        basis="it was given" if start else f"{_article(organ)} is entered at its widest end",
+        basis="it was given" if start else find_entry(tract, tree)[1],
         decided=True,
         goal=f"the end of branch {branch}",
         candidates=_list_candidates(tract, line),
