@@ -28,6 +28,9 @@ if TYPE_CHECKING:
 COST_POWER = 2.5
 """The path costs ``length / clearance**COST_POWER``: so that it keeps to the middle."""
 
+LAST_WAY = 1e6
+"""So many times as much costs a place that is to be avoided."""
+
 Key = tuple[tuple[int, ...], ...]
 
 
@@ -206,6 +209,15 @@ class LumenGraph:
             find_costs(*arguments, self._number(source), costs, before)
             self._last = (key, ShortestPaths(graph=self, costs=costs, before=before))
         return self._last[1]
+
+    def avoid(self, numbers: NDArray[np.int64]) -> None:
+        """Make paths take the places of nodes (k,) and what is beside them only as a last way."""
+        places = self.places() * self.field.spacing
+        beside = 1.5 * float(self.field.spacing.max())
+        for here in numbers:
+            away = np.linalg.norm(places - places[here], axis=1)
+            self.weights[away <= self.depths[here] + beside] *= LAST_WAY
+        self._last = None
 
     def measure_lengths(self, source: NDArray[np.int64]) -> NDArray[np.float64]:
         """Length (n,) of the shortest path from nodes (3,) or (k, 3) to all nodes [mm]."""

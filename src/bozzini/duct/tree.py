@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
+import itertools
 import math
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..anatomy.tract import Finding
 from ..checks import check_points, choose
-from ..errors import GeometryError, InputError
+from ..errors import BozziniError, GeometryError, InputError
 from ..numeric.arrays import Floats
 from ..numeric.polylines import interpolate_polyline, measure_arc_length, resample_polyline
 from ..progress import Progress, no_progress
-from ..results import ClosedForm, Json, to_plain
+from ..results import ClosedForm, Json, take_axes, to_plain
 from .base import SampledField
 from .centreline import (
     SPACING,
@@ -26,7 +28,7 @@ from .centreline import (
 )
 
 if TYPE_CHECKING:
-    pass
+    from matplotlib.axes import Axes
 
 LEAST_SPUR = 1.75
 """A branch reaches at least this many voxels beyond the wall of what it leaves: the steps of a wall
@@ -40,6 +42,16 @@ SWEEPS = 20
 
 KEEP = 0.95
 """Smoothing takes at most the rest of the clearance."""
+
+
+FLOODS = 4
+"""How often the flood is done at most, where it went through a bridge."""
+
+BRIDGE = 0.8
+"""A place of a loop with less than this share of the clearance where it closes is a bridge."""
+
+LEAK = 1.5
+"""A branch so many times as wide as its parent is reported."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -56,19 +68,23 @@ class Branch:
     points : (n, 3) float
         World frame [mm], from the place where it leaves its parent, a point of that too.
     radius : (n,) float
-        Inscribed radius: distance to the (inflated) wall [mm].
+        Of the lumen [mm]: the clearance and, where corners of voxels stand into it, what these
+        take away, half a voxel's diagonal. An estimate.
+    clearance : (n,) float
+        Distance to the (inflated) wall, voxels taken as they are [mm].
     generation : int
         How many branches lie between it and the root.
     angle : float
         Between its direction and that of the end of its parent [rad]; 0 at the root.
     is_end : bool
-        Whether nothing leaves its end.
+        Whether nothing leaves its end, and no loop closes there.
     """
 
     name: str
     parent: int
     points: Floats
     radius: Floats
+    clearance: Floats
     generation: int
     angle: float
     is_end: bool
@@ -80,16 +96,45 @@ class Branch:
 
     @property
     def mean_radius(self) -> float:
-        """The median of its radius, where it has a parent beyond the ball in which it begins [mm]."""
+        """The median of its radius, beyond the ball in which it leaves its parent [mm]."""
+        return float(np.median(self.radius[self.own]))
+
+    @property
+    def own(self) -> NDArray[np.bool_]:
+        """Which points (n,) lie beyond the ball in which it leaves its parent; the last does."""
         beyond = np.linalg.norm(self.points - self.points[0], axis=1) > self.radius[0]
-        known = beyond.any() and self.parent >= 0
-        return float(np.median(self.radius[beyond] if known else self.radius))
+        beyond |= self.parent < 0
+        beyond[-1] = True
+        return np.asarray(beyond)
 
     def __repr__(self) -> str:
         return (
             f"Branch({self.name!r}, generation={self.generation}, length={self.length:.1f} mm, "
             f"radius={self.mean_radius:.2f} mm{', end' * self.is_end})"
         )
+
+
+@dataclass(frozen=True)
+class TreeFinding(Finding):
+    """One thing that is odd about a tree.
+
+    Parameters
+    ----------
+    code : str
+        ``"loop"``, ``"leak"``, ``"loose-part"``, ``"hole"``, ``"thin-end"`` or ``"root-inside"``.
+    branch : str
+        The name of the branch that it is about; empty for none.
+    point : (float, float, float)
+        Where [mm].
+    size : float
+        Of a loop its length [mm], of a leak by what factor it is wider than the parent, of a loose
+        part or a hole its volume [mm^3], of a thin end its width [mm], and of a root inside a
+        branch the length behind it [mm].
+    """
+
+    branch: str
+    point: tuple[float, float, float]
+    size: float
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -99,15 +144,18 @@ class LumenTree(ClosedForm):
     Parameters
     ----------
     branches : tuple of Branch
-        Each after its parent; those of one parent side by side, the widest first.
+        Each after its parent, in the order of their names.
+    findings : tuple of TreeFinding
+        Loops, leaks, parts and ends that are not what they seem.
     """
 
     branches: tuple[Branch, ...]
+    findings: tuple[TreeFinding, ...] = ()
 
     def __repr__(self) -> str:
         return (
             f"LumenTree({len(self.branches)} branches, {len(self.ends)} ends, "
-            f"{self.generations} generations, {self.length:.0f} mm)"
+            f"{self.generations} generations, {self.length:.0f} mm, {len(self.findings)} findings)"
         )
 
     @cached_property
@@ -117,7 +165,7 @@ class LumenTree(ClosedForm):
 
     @property
     def ends(self) -> tuple[Branch, ...]:
-        """The branches that nothing leaves."""
+        """The branches that end in the lumen's ends."""
         return tuple(branch for branch in self.branches if branch.is_end)
 
     @property
@@ -157,14 +205,15 @@ class LumenTree(ClosedForm):
     def path(self, branch: str | int | Branch) -> Centreline:
         """Return the line from the root to the end of a branch: those of its route, joined.
 
-        Two paths have the same points as far as they have the same branches.
+        Two paths have the same points as far as they have the same branches. Its radius is the
+        clearance.
         """
         route = [self.branches[index] for index in self.list_route(branch)]
         points = [route[0].points, *(part.points[1:] for part in route[1:])]
-        radius = [route[0].radius, *(part.radius[1:] for part in route[1:])]
+        clearance = [route[0].clearance, *(part.clearance[1:] for part in route[1:])]
         joined = np.concatenate(points)
         return Centreline(
-            points=joined, arc_length=measure_arc_length(joined), radius=np.concatenate(radius)
+            points=joined, arc_length=measure_arc_length(joined), radius=np.concatenate(clearance)
         )
 
     def nearest(self, points: ArrayLike) -> tuple[NDArray[np.int64], Floats]:
@@ -194,7 +243,7 @@ class LumenTree(ClosedForm):
             "generation": [branch.generation for branch in rows],
             "length_mm": [branch.length for branch in rows],
             "radius_mm": [branch.mean_radius for branch in rows],
-            "radius_min_mm": [float(branch.radius.min()) for branch in rows],
+            "clearance_min_mm": [float(branch.clearance.min()) for branch in rows],
             "angle_rad": [branch.angle for branch in rows],
             "is_end": [branch.is_end for branch in rows],
         }
@@ -210,7 +259,72 @@ class LumenTree(ClosedForm):
             | {"points_mm": branch.points, "radii_mm": branch.radius}
             for k, branch in enumerate(self.branches)
         ]
-        return to_plain({"branches": rows, "converged": True, "reason": "", "residual": 0.0})
+        findings = [asdict(finding) for finding in self.findings]
+        verdict = {"converged": self.converged, "reason": self.reason, "residual": self.residual}
+        found: Json = to_plain({"branches": rows, "findings": findings, **verdict})
+        return found
+
+    def to_networkx(self) -> Any:
+        """Return the tree as a directed graph of ``networkx``: an edge for each branch.
+
+        Nodes are the root, ``""``, and the ends of the branches by name, each with its ``point``;
+        an edge has the row of the table, ``points`` and ``radius``.
+
+        Raises
+        ------
+        BozziniError
+            If ``networkx`` is not installed.
+        """
+        try:
+            import networkx  # type: ignore[import-untyped]
+        except ImportError:
+            raise BozziniError(
+                "this needs the package 'networkx', which is not installed: pip install networkx"
+            ) from None
+        graph = networkx.DiGraph()
+        graph.add_node("", point=self.branches[0].points[0])
+        table = self.list_columns()
+        for k, branch in enumerate(self.branches):
+            row = {name: column[k] for name, column in table.items()}
+            graph.add_node(branch.name, point=branch.points[-1])
+            graph.add_edge(row["parent"], branch.name, **row, points=branch.points,
+                           radius=branch.radius)  # fmt: skip
+        return graph
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the tree laid flat and return the axes: down from the root, a line for each branch.
+
+        It is as long as the branch, and as wide as its radius is beside the others'.
+        """
+        ax = take_axes(ax, x="ends, side by side", y="way from the root [mm]")
+        column: dict[int, float] = {}
+        begin = np.zeros(len(self.branches))
+        for k, branch in enumerate(self.branches):
+            begin[k] = 0.0 if branch.parent < 0 else _end_at(self.branches, begin, branch.parent)
+        count = 0
+        for k in range(len(self.branches) - 1, -1, -1):  # each before its parent
+            kids = [j for j, other in enumerate(self.branches) if other.parent == k]
+            column[k] = float(np.mean([column[j] for j in kids])) if kids else float(-count)
+            count += not kids
+        widest = max(branch.mean_radius for branch in self.branches)
+        for k, branch in enumerate(self.branches):
+            x, top = column[k], begin[k]
+            wide = max(8.0 * branch.mean_radius / widest, 0.5)
+            ax.plot([x, x], [top, top + branch.length], "C0", linewidth=wide,
+                    solid_capstyle="butt")  # fmt: skip
+            if branch.parent >= 0:
+                ax.plot([column[branch.parent], x], [top, top], "C7", linewidth=0.5)
+            if branch.is_end:
+                ax.annotate(branch.name, (x, top + branch.length), rotation=90, fontsize=5,
+                            ha="center", va="top", xytext=(0, -2),
+                            textcoords="offset points")  # fmt: skip
+        ax.set_xticks([])
+        ax.invert_yaxis()
+        return ax
+
+
+def _end_at(branches: tuple[Branch, ...], begin: Floats, number: int) -> float:
+    return float(begin[number]) + branches[number].length
 
 
 def find_tree(
@@ -247,16 +361,21 @@ def find_tree(
         )
     progress("tree", 0.0)
     graph = LumenGraph(field)
-    given = graph.locate("root", root, None)
-    source = _find_root(graph) if given is None else given[0]
+    given = None if root is None else check_points("root", root)
+    nodes = graph.locate("root", given, None)
+    source = _find_root(graph) if nodes is None else nodes[0]
     progress("tree", 0.4)
-    lines = _Skeleton.trace(graph, source).split()
+    skeleton, loops = _trace_without_bridges(graph, source)
+    lines = skeleton.split()
     progress("tree", 0.7)
-    _trim(lines, graph, None if given is None else field.to_grid(check_points("root", root)))
+    _trim(lines, graph, None if given is None else field.to_grid(given))
     _centre(lines, graph)
-    branches = _name(lines, field)
+    tree = LumenTree(branches=_name(lines, field))
+    progress("tree", 0.9)
+    tree = _add_loops(tree, [graph.places(loop) * field.spacing for loop in loops], field)
+    findings = [*tree.findings, *_find_odd_branches(tree, field), *_find_parts(graph, skeleton)]
     progress("tree", 1.0)
-    return LumenTree(branches=branches)
+    return replace(tree, findings=tuple(findings))
 
 
 @dataclass(eq=False)
@@ -274,8 +393,8 @@ class _Skeleton:
 
     graph: LumenGraph
     before: NDArray[np.int32]
+    lengths: Floats
     owner: NDArray[np.int32]
-    tips: NDArray[np.int32]
 
     @classmethod
     def trace(cls, graph: LumenGraph, source: NDArray[np.int64]) -> _Skeleton:
@@ -292,8 +411,8 @@ class _Skeleton:
         owner = np.full(len(graph.nodes), -1, dtype=np.int32)
         tips = np.empty(MOST_LINES, dtype=np.int32)
         least = LEAST_SPUR * float(spacing.max())
-        found = take_lines(farthest, *grid, graph.depths, spacing, least, owner, tips)
-        return cls(graph=graph, before=search.before, owner=owner, tips=tips[:found])
+        take_lines(farthest, *grid, graph.depths, spacing, least, owner, tips)
+        return cls(graph=graph, before=search.before, lengths=lengths, owner=owner)
 
     def split(self) -> list[_Line]:
         """Return the lines between root, branchings and tips; each after its parent."""
@@ -314,6 +433,113 @@ class _Skeleton:
             lines.append(_Line(points=points, parent=parent, is_end=not after))
         return lines
 
+    def find_fronts(self) -> list[NDArray[np.int64]]:
+        """Return the loops of the lumen: for each the way round it, as numbers of nodes.
+
+        The first and the last are neighbours from both of its sides.
+        """
+        from scipy.sparse import coo_array
+        from scipy.sparse.csgraph import connected_components
+        from scipy.spatial import cKDTree
+
+        from .kernels.tree import find_fronts
+
+        graph = self.graph
+        feet = np.where(self.owner >= 0, np.arange(len(self.owner)), self.before)
+        feet[feet < 0] = 0  # of nodes that no path leads to
+        while not np.array_equal(feet, after := feet[feet]):
+            feet = after
+        fronts = np.empty((len(feet), 2), dtype=np.int32)
+        arguments = (graph.number, graph.nodes, self.before, graph.depths, self.lengths, feet)
+        found = find_fronts(*arguments, float(graph.field.spacing.max()), fronts)
+        if found == 0 or count_loops(self.reached) == 0:
+            return []
+        fronts = fronts[:found]
+        places = graph.places(fronts[:, 0].astype(np.int64))
+        pairs = cKDTree(places).query_pairs(1.8, output_type="ndarray")
+        ones = np.ones(len(pairs), dtype=bool)
+        near = coo_array((ones, (pairs[:, 0], pairs[:, 1])), shape=(len(places),) * 2)
+        label = connected_components(near, directed=False)[1]
+        loops = []
+        for one in range(int(label.max()) + 1):
+            own = fronts[label == one]
+            middle = own[int(np.argmax(graph.depths[own].min(axis=1)))]
+            loops.append(self._close(*middle.tolist()))
+        return sorted(loops, key=len, reverse=True)
+
+    @cached_property
+    def reached(self) -> NDArray[np.bool_]:
+        """Which nodes of the grid are reached, cropped to them with one layer of others around."""
+        places = self.graph.places(np.flatnonzero(self.lengths >= 0.0))
+        low, high = places.min(axis=0), places.max(axis=0)
+        mask = np.zeros(high - low + 3, dtype=bool)
+        mask[tuple((places - low + 1).T)] = True
+        return mask
+
+    def _close(self, one: int, two: int) -> NDArray[np.int64]:
+        """Return the way from a node back to where its path and that of another meet, and on."""
+        ways: tuple[list[int], list[int]] = ([one], [two])
+        while ways[0][-1] != ways[1][-1]:
+            longer = max(ways, key=lambda way: float(self.lengths[way[-1]]))
+            longer.append(int(self.before[longer[-1]]))
+        return np.array([*ways[0], *ways[1][-2::-1]])
+
+
+def count_loops(mask: NDArray[np.bool_]) -> int:
+    """Return how many loops a connected set of voxels has, which may meet at corners.
+
+    From its Euler number, that of a complex of cubes: corners - edges + faces - cubes.
+    """
+    euler = 0
+    for axes in itertools.product((False, True), repeat=3):
+        cells = mask
+        for axis in np.flatnonzero(axes):
+            side = [slice(None)] * 3, [slice(None)] * 3
+            side[0][axis], side[1][axis] = slice(1, None), slice(None, -1)
+            cells = cells[tuple(side[0])] | cells[tuple(side[1])]
+        euler += (-1) ** (3 - sum(axes)) * int(np.count_nonzero(cells))
+    return 1 + len(find_holes(mask)) - euler
+
+
+def find_holes(mask: NDArray[np.bool_]) -> list[tuple[NDArray[np.int64], int]]:
+    """Return the holes that voxels enclose: of each a voxel in it, and how many it has."""
+    from scipy.ndimage import label
+
+    outside, count = label(~mask)
+    if count < 2:
+        return []
+    sizes = np.bincount(outside.ravel())
+    firsts = np.unique(outside, return_index=True)[1]
+    around = outside[0, 0, 0]
+    return [
+        (np.array(np.unravel_index(firsts[k], mask.shape)), int(sizes[k]))
+        for k in range(1, count + 1)
+        if k != around
+    ]
+
+
+def _trace_without_bridges(
+    graph: LumenGraph, source: NDArray[np.int64]
+) -> tuple[_Skeleton, list[NDArray[np.int64]]]:
+    """Return the lines, and the loops, each closed where it is narrowest.
+
+    Where the flood went through that place, such as a false bridge between two branches, it is
+    done again, and goes there last.
+    """
+    for _ in range(FLOODS):
+        skeleton = _Skeleton.trace(graph, source)
+        loops = skeleton.find_fronts()
+        narrow = [int(loop[np.argmin(graph.depths[loop])]) for loop in loops]
+        again = [
+            neck
+            for neck, loop in zip(narrow, loops, strict=True)
+            if graph.depths[neck] < BRIDGE * graph.depths[loop[[0, -1]]].min()
+        ]
+        if not again:
+            break
+        graph.avoid(np.array(again))
+    return skeleton, loops
+
 
 def _find_root(graph: LumenGraph) -> NDArray[np.int64]:
     """Return the node (3,) of the widest end; of equally wide ones the one with the largest z."""
@@ -322,8 +548,10 @@ def _find_root(graph: LumenGraph) -> NDArray[np.int64]:
     lines = skeleton.split()
     ends = [line.points for line in lines if line.is_end]
     ends += [line.points[::-1] for line in lines if line.parent < 0]
+    if not ends:  # all is one ball, and refused later
+        return farthest
     best = max(ends, key=lambda points: _rate_end(points, graph))
-    return np.rint(best[-1] / graph.field.spacing).astype(np.int64)
+    return np.asarray(np.rint(best[-1] / graph.field.spacing), dtype=np.int64)
 
 
 def _rate_end(points: Floats, graph: LumenGraph) -> tuple[int, float]:
@@ -402,8 +630,8 @@ def _centre(lines: list[_Line], graph: LumenGraph) -> None:
             moved[fixed] = points[fixed]
             points = moved
     points = _stay_inside(points, graph)
-    for line, own in zip(lines, index, strict=True):
-        line.points = points[own]
+    for line, numbers in zip(lines, index, strict=True):
+        line.points = points[numbers]
 
 
 @dataclass(frozen=True, eq=False)
@@ -432,16 +660,18 @@ class _Web:
         """Return the least value of each point and those up to `times` neighbours away."""
         for _ in range(times):
             values = np.minimum(values, np.minimum.reduceat(values[self.others], self.first))
-        return values
+        return np.asarray(values)
 
 
 def _name(lines: list[_Line], field: SampledField) -> tuple[Branch, ...]:
     """Return the branches, the widest of each place first."""
+    corners = min(field.wall_error or 0.0, 0.5 * float(np.linalg.norm(field.spacing)))
     branches = []
     for line in lines:
         points = field.to_world(line.points)
-        radius = -field.signed_distance(points)
-        branches.append(Branch("", line.parent, points, radius, 0, 0.0, line.is_end))
+        clearance = -field.signed_distance(points)
+        radius = clearance + corners
+        branches.append(Branch("", line.parent, points, radius, clearance, 0, 0.0, line.is_end))
     kids: dict[int, list[int]] = {}
     for number, line in enumerate(lines):
         kids.setdefault(line.parent, []).append(number)
@@ -463,6 +693,104 @@ def _name(lines: list[_Line], field: SampledField) -> tuple[Branch, ...]:
         waiting += [(kid, len(named), f"{name}.{k}") for k, kid in enumerate(after)][::-1]
         named.append(replace(branch, name=name, parent=parent, generation=generation, angle=angle))
     return tuple(named)
+
+
+def _add_loops(tree: LumenTree, loops: list[Floats], field: SampledField) -> LumenTree:
+    """Return the tree with a finding for each loop, and no end where one closes."""
+    findings, closed = [], set()
+    for loop in loops:
+        places = field.to_world(loop)
+        length = float(measure_arc_length(places)[-1])
+        place = 0.5 * (places[0] + places[-1])
+        sides = [tree.branches[k] for k in tree.nearest(places[[0, -1]])[0]]
+        for side in sides:
+            away = float(np.linalg.norm(side.points[-1] - place))
+            if away <= 2.0 * float(side.radius[-1]) + 2.0 * float(field.spacing.max()):
+                closed.add(side.name)
+        names = " and ".join(sorted({f"'{side.name}'" for side in sides}))
+        message = (
+            f"a loop of {length:.1f} mm closes at ({_show(place)}) mm, on branch {names}: branches "
+            "that touch, or a bridge; it is not followed"
+        )
+        findings.append(_find("loop", message, sides[0].name, place, length))
+    branches = tuple(
+        replace(branch, is_end=branch.is_end and branch.name not in closed)
+        for branch in tree.branches
+    )
+    return LumenTree(branches=branches, findings=tuple(findings))
+
+
+def _find_odd_branches(tree: LumenTree, field: SampledField) -> list[TreeFinding]:
+    """Return leaks, ends that are no wider than a voxel, and a root that is not at an end."""
+    voxel = float(field.spacing.max())
+    found = []
+    first = [branch for branch in tree.branches if branch.parent < 0]
+    if len(first) > 1:
+        names = ", ".join(f"'{branch.name}'" for branch in first)
+        least = min(first, key=lambda branch: branch.length)
+        message = (
+            f"the root is at no end of the lumen but inside a branch: {names} leave it, the "
+            f"shortest is {least.length:.1f} mm long"
+        )
+        found.append(_find("root-inside", message, least.name, least.points[0], least.length))
+    for branch in tree.branches:
+        own = np.flatnonzero(branch.own)
+        at = own[int(np.argmax(branch.radius[own]))]
+        widest = float(branch.radius[at])
+        if branch.parent >= 0:
+            before = float(tree.branches[branch.parent].radius.max())
+            if widest > LEAK * before + voxel:
+                factor = widest / before
+                message = (
+                    f"branch '{branch.name}' is {factor:.1f} times as wide as its parent at "
+                    f"({_show(branch.points[at])}) mm, {2.0 * widest:.1f} mm: a leak of the "
+                    "segmentation?"
+                )
+                found.append(_find("leak", message, branch.name, branch.points[at], factor))
+        width = 2.0 * float(np.median(branch.clearance[own]))
+        if branch.is_end and width <= 1.05 * voxel:
+            message = f"the end '{branch.name}' is no wider than a voxel, {width:.2f} mm"
+            end = _find("thin-end", message, branch.name, branch.points[-1], width)
+            found.append(replace(end, severity="note"))
+    return found
+
+
+def _find_parts(graph: LumenGraph, skeleton: _Skeleton) -> list[TreeFinding]:
+    """Return the parts of the lumen that the tree does not reach, and the holes in it."""
+    from scipy.ndimage import label, maximum_position
+
+    field = graph.field
+    volume = float(np.prod(field.spacing))
+    found = []
+    left = np.flatnonzero(skeleton.lengths < 0.0)
+    if len(left):
+        depths = np.zeros(graph.number.shape, dtype=np.float32)
+        depths[tuple(graph.places(left).T)] = graph.depths[left]
+        parts, count = label(depths > 0.0, np.ones((3, 3, 3)))
+        sizes = np.bincount(parts.ravel())[1:]
+        places = np.array(maximum_position(depths, parts, np.arange(1, count + 1)))
+        for k in np.argsort(-sizes, kind="stable"):
+            place, size = field.to_world(places[k] * field.spacing), float(sizes[k]) * volume
+            message = (
+                f"a loose part of {size:.3g} mm^3 at ({_show(place)}) mm is not joined with the "
+                "tree: it is not followed"
+            )
+            found.append(_find("loose-part", message, "", place, size))
+    corner = graph.places(np.flatnonzero(skeleton.lengths >= 0.0)).min(axis=0) - 1
+    for voxel, cells in find_holes(skeleton.reached):
+        place, size = field.to_world((corner + voxel) * field.spacing), cells * volume
+        message = f"the lumen has a hole of {size:.3g} mm^3 at ({_show(place)}) mm, taken as wall"
+        found.append(_find("hole", message, "", place, size))
+    return found
+
+
+def _find(code: str, message: str, branch: str, place: Floats, size: float) -> TreeFinding:
+    x, y, z = (float(value) for value in place)
+    return TreeFinding(code, "warning", message, branch, (x, y, z), size)
+
+
+def _show(place: Floats) -> str:
+    return ", ".join(f"{value:.1f}" for value in place)
 
 
 def _measure_angle(parent: Branch, branch: Branch) -> float:

@@ -101,3 +101,47 @@ def take_lines(order, number, nodes, before, depths, step, least, owner, tips):
             here = last
         found += 1
     return found
+
+
+@kernel(nogil=True)
+def find_fronts(number, nodes, before, depths, lengths, feet, voxel, fronts):
+    """Find neighbours whose ways to the root part long before them: there a loop closes.
+
+    Their feet, where their paths come to a line, are farther from each other along the lines than
+    three times the clearance at both, and four voxels. Return how many there are; so many as
+    `fronts` holds are listed.
+
+    Parameters
+    ----------
+    lengths : (n,) float
+        Of each node's path; negative where none leads.
+    feet : (n,) int
+        Where the path of a node comes to a line.
+    fronts : (k, 2) int32
+        Filled with pairs of nodes.
+    """
+    nx, ny, nz = number.shape
+    found = 0
+    for here in range(nodes.shape[0]):
+        if lengths[here] < 0.0:
+            continue
+        flat = nodes[here]
+        i, j, k = flat // (ny * nz), (flat // nz) % ny, flat % nz
+        for a in range(max(i - 1, 0), min(i + 2, nx)):
+            for b in range(max(j - 1, 0), min(j + 2, ny)):
+                for c in range(max(k - 1, 0), min(k + 2, nz)):
+                    there = number[a, b, c]
+                    if there <= here or feet[there] == feet[here]:
+                        continue
+                    one, two = feet[here], feet[there]
+                    left = 3.0 * (depths[one] + depths[two]) + 4.0 * voxel
+                    while one != two and left >= 0.0:
+                        if lengths[one] < lengths[two]:
+                            one, two = two, one
+                        left -= lengths[one] - lengths[before[one]]
+                        one = before[one]
+                    if left < 0.0:
+                        if found < fronts.shape[0]:
+                            fronts[found, 0], fronts[found, 1] = here, there
+                        found += 1
+    return found
