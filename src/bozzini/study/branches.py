@@ -70,7 +70,7 @@ PLACES = 20_000
 
 
 @dataclass(frozen=True, eq=False)
-class Way:
+class BranchWay:
     """The motion of a scope from the root towards one end of a tree, as far as it is certified.
 
     Attributes
@@ -125,7 +125,7 @@ class BranchReach:
     clearance : float
         Certified clearance of the motion that gets there [mm]; NaN where none enters.
     stop : str
-        What stops it in or before this branch, see `Way`; empty if it is passed.
+        What stops it in or before this branch, see `BranchWay`; empty if it is passed.
     reason : str
     route : str
         Which way to take at each branching, as the scope's camera sees it.
@@ -217,7 +217,7 @@ class TreeReach(ReasonedResult):
     tree: LumenTree
     scopes: tuple[ScopeReach, ...]
     rows: tuple[BranchReach, ...] = rows_of(BranchReach)
-    ways: tuple[tuple[Way, ...], ...] = field(repr=False)
+    ways: tuple[tuple[BranchWay, ...], ...] = field(repr=False)
     approaches: tuple[Approach, ...] = ()
     ends: float = measured("")
     volume: float = measured("")
@@ -279,7 +279,7 @@ def find_ways(
     options: PlannerOptions | None = None,
     robot: ContinuumRobot | None = None,
     progress: Progress = no_progress,
-) -> tuple[Way, ...]:
+) -> tuple[BranchWay, ...]:
     """Plan a scope's motion from the root of a tree towards each of its ends.
 
     The head gets along the centreline until the lumen is too narrow for it, if a certified motion
@@ -309,7 +309,7 @@ def find_ways(
     options = replace(options or PlannerOptions(), advise=False)
     planner = make_planner("tube")
     planner.check(scope, options)
-    known: dict[tuple[int, float], Way] = {}
+    known: dict[tuple[float, ...], BranchWay] = {}
     ways = []
     ends = [k for k, branch in enumerate(tree.branches) if branch.is_end]
     for number, end in enumerate(ends):
@@ -318,17 +318,16 @@ def find_ways(
         offered = np.asarray(duct.clearance_bound(line.points))
         narrow = np.flatnonzero(offered < scope.radius + MARGIN)
         last = int(narrow[0]) - 1 if len(narrow) else len(offered) - 1
-        arc = float(line.arc_length[max(last, 0)])
-        key = _find_branch(tree, end, arc), round(arc, 6)
-        if key not in known:
+        place = tuple(line.points[max(last, 0)].tolist())
+        if place not in known:
             way = _plan_way(duct, line, last, end, scope, options, planner)
-            known[key] = way if robot is None else _follow(way, robot, duct, line)
-        ways.append(replace(known[key], branch=end))
+            known[place] = way if robot is None else _follow(way, robot, duct, line)
+        ways.append(replace(known[place], branch=end))
     progress("reach", 1.0)
     return tuple(ways)
 
 
-def _follow(way: Way, robot: ContinuumRobot, duct: Duct, line: Centreline) -> Way:
+def _follow(way: BranchWay, robot: ContinuumRobot, duct: Duct, line: Centreline) -> BranchWay:
     """Return a way as far as a robot can follow it, certified."""
     from ..motion.actuate.actuate import actuate_plan
 
@@ -341,16 +340,9 @@ def _follow(way: Way, robot: ContinuumRobot, duct: Duct, line: Centreline) -> Wa
     tip = interpolate_polyline(way.plan.path, way.plan.path_arc_length, np.array([arc]))[0]
     near = int(np.argmin(np.linalg.norm(line.points - tip, axis=1)))
     depth = float(line.arc_length[near]) if len(driven.head_arc_length) > 1 else 0.0
-    return Way(way.branch, min(depth, way.depth), way.plan, "robot", None, None, driven.reason)
-
-
-def _find_branch(tree: LumenTree, end: int, arc: float) -> int:
-    """Return the branch on the way to an end in which an arc length from the root lies."""
-    begins = find_begins(tree)
-    for k in tree.list_route(end):
-        if arc <= begins[k] + tree.branches[k].length + 1e-9:
-            return k
-    return end
+    return BranchWay(
+        way.branch, min(depth, way.depth), way.plan, "robot", None, None, driven.reason
+    )
 
 
 def _plan_way(
@@ -361,7 +353,7 @@ def _plan_way(
     scope: Scope,
     options: PlannerOptions,
     planner: Planner,
-) -> Way:
+) -> BranchWay:
     """Plan along a line up to its point `last`, beyond which it is too narrow for the scope."""
     whole = last == len(line.points) - 1
     offered = float(duct.clearance_bound(line.points[min(last + 1, len(line.points) - 1)]))
@@ -373,20 +365,22 @@ def _plan_way(
         f"{ceil_mm(needs)} mm from its axis to the wall, and {floor_mm(offered)} mm are sure"
     )
     if last < 1 or wide < scope.link_length:
-        return Way(end, 0.0, None, "diameter", needs, offered, narrow)
+        return BranchWay(end, 0.0, None, "diameter", needs, offered, narrow)
     cut = line if whole else line.cut(wide)
-    plan = planner.plan(FreeSpace(duct, cut), scope, options=options)
+    plan = replace(planner.plan(FreeSpace(duct, cut), scope, options=options), centreline=cut)
     refusal = plan.refusal
     if refusal is None:
         if whole:
-            return Way(end, cut.length, plan, "", None, None, "")
-        return Way(end, cut.length, plan, "diameter", needs, offered, narrow)
+            return BranchWay(end, cut.length, plan, "", None, None, "")
+        return BranchWay(end, cut.length, plan, "diameter", needs, offered, narrow)
     depth = refusal.at if refusal.ends_at is None else refusal.ends_at
     moved = plan if plan.steps > 1 and plan.certified else None
     depth = 0.0 if moved is None else depth
     code = refusal.ends_code or refusal.code
     reason = refusal.ends_what or refusal.reason
-    return Way(end, depth, moved, STOPS.get(code, "proof"), refusal.needs, refusal.offers, reason)
+    return BranchWay(
+        end, depth, moved, STOPS.get(code, "proof"), refusal.needs, refusal.offers, reason
+    )
 
 
 def reach_tree(
@@ -454,14 +448,14 @@ def reach_tree(
 
 
 def _list_branches(
-    tree: LumenTree, ways: Sequence[Way], scope: Scope, routes: Sequence[str]
+    tree: LumenTree, ways: Sequence[BranchWay], scope: Scope, routes: Sequence[str]
 ) -> list[BranchReach]:
     """Return a row for every branch: the way that gets farthest into it counts.
 
     Of those that pass it that with the most certified clearance.
     """
     begins = find_begins(tree)
-    through = {k: [] for k in range(len(tree.branches))}  # type: dict[int, list[Way]]
+    through = {k: [] for k in range(len(tree.branches))}  # type: dict[int, list[BranchWay]]
     for way in ways:
         for k in tree.list_route(way.branch):
             through[k].append(way)
@@ -469,7 +463,7 @@ def _list_branches(
     for k, branch in enumerate(tree.branches):
         past = begins[k] + branch.length
 
-        def judge(way: Way, past: float = past) -> tuple[float, float]:
+        def judge(way: BranchWay, past: float = past) -> tuple[float, float]:
             return min(way.depth, past - END), np.nan_to_num(way.clearance, nan=-1.0)
 
         best = max(through[k], key=judge)
