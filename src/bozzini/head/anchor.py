@@ -278,6 +278,12 @@ class HeadReach(ResultOfRows, ReasonedResult):
         """Distance of the tip from the target [mm]; 0 without one."""
         return 0.0 if self.miss is None else self.miss
 
+    @property
+    def reached_from(self) -> ReachedFrom | None:
+        """How the target is reached from `insertion`; None if it is not, or there is none."""
+        rows = () if self.reason else self.rows
+        return next((row for row in rows if row.insertion == self.insertion), None)
+
     def list_columns(self) -> Json:
         """Return the target from each insertion; without one, the wall's places and their codes."""
         if self.rows:
@@ -676,8 +682,9 @@ class HeadReaching(Task):
     PLAN is a plan's .npz, TRACT the file that it was made from. The head's face stands at the
     scope's tip, and the head beyond it. With --target all insertions are looked at, --step apart,
     for the one from which the target is reached with the least deflection; with --at only that one.
-    A picture is the wall there, unrolled; a table has the target from each insertion, or else the
-    wall's places: 0 out of reach, 1 something is in the way, 2 reached.
+    A picture is the wall there, unrolled, and a page the same in 3-D with the head; a table has the
+    target from each insertion, or else the wall's places: 0 out of reach, 1 something is in the
+    way, 2 reached.
 
     Exit code 0: the target is reached, or none was given; 1: it is not; 2: bad input.
     """
@@ -685,6 +692,7 @@ class HeadReaching(Task):
     name = "reach"
     group = "head"
     result = HeadReach
+    has_page = True
 
     plan: str = quantity("file", "A plan (.npz).")
     tract: str = quantity("file", "The file that it was made from.")
@@ -723,8 +731,8 @@ class HeadReaching(Task):
             f"In {100.0 * found.free_share:.0f} % of the poses nothing touches; the roll is "
             f"{'free' if self.options.roll is None else 'given'}",
         ]
-        if found.target is not None and not found.reason:
-            row = next(row for row in found.rows if row.insertion == found.insertion)
+        row = found.reached_from
+        if row is not None:
             count = sum(each.miss <= self.options.tolerance for each in found.rows)
             given = ", ".join(f"{k} {1e3 * p:.0f} kPa" for k, p in found.pressures.items())
             lines.append(
