@@ -282,6 +282,8 @@ def test_the_command_finds_a_place(files, tmp_path, capsys) -> None:
         (["--target", "1mm,2mm"], "'1mm,2mm' has 2 part(s): give 3"),
         (["--target", "1mm,2mm,3s"], "3s"),
         (["--samples", "1"], "samples is 1: it must lie in [10, 100000]"),
+        (["--samples", "90000"], "samples is 90000: it must be at most 10162 for 24 rolls"),
+        (["--spacing", "0.25mm"], "spacing is 0.25 mm: it must be at least 0.55 mm"),
         (["--roll", "900deg"], "roll is 15.708 rad"),
         (["--head", "nothing.yaml"], "cannot read nothing.yaml"),
     ],

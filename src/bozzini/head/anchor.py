@@ -34,13 +34,14 @@ from ..task import Task
 from ..units import parse_vector
 from .check import ResultOfRows, head_field
 from .design import Head, PlacedEffector, SectionPoses, read_head
-from .shape import Capsules, make_camera_chains, make_chains, measure_gaps
+from .shape import ROUND_OFF, Capsules, make_camera_chains, make_chains, measure_gaps
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _TRACE_STEP = 0.5  # mm along an instrument
 _ROLLS = 24
+_MOST = 10_000_000  # nodes of the grid round the head, and places of tips, that are looked at
 _ZOOMS = 4
 """How often the places round the best one are looked at more closely."""
 OUT_OF_REACH, BLOCKED, REACHED = 0, 1, 2
@@ -324,8 +325,9 @@ def find_reached(
 
     A place is reached if a legal pressure of the muscles brings the instrument's line to it, its
     tip meets no wall before, and neither the end-effector nor the camera touch the wall, or each
-    other. The instrument slides: its tip is anywhere from the end of the holder to as far as it
-    reaches. Its line is looked at, not its thickness; other end-effectors are at rest.
+    other; the camera and other end-effectors also stay clear of the instrument as far as it
+    reaches. The instrument slides: its tip is anywhere from the end of the holder to as far as it
+    reaches. For the wall its line is looked at, not its thickness; other end-effectors are at rest.
 
     Parameters
     ----------
@@ -343,7 +345,8 @@ def find_reached(
     Raises
     ------
     InputError
-        If there is no stand, or the target is not three finite numbers.
+        If there is no stand, the target is not three finite numbers, or the samples or the grid
+        would be too many.
     """
     check_kind("head", head, Head)
     check_kind("duct", duct, Duct)
@@ -355,6 +358,7 @@ def find_reached(
     places = [stands] if isinstance(stands, Stand) else list(stands)
     if not places:
         raise InputError("there is no stand: give one or more")
+    _check_size(head, known)
     poses = [placed.shape(placed.list_bends(known.samples)) for placed in head.effectors]
     rows = []
     if goal is not None:
@@ -390,6 +394,24 @@ def find_reached(
         notes=(),
         reason="" if row is None or reached else _explain(row, known),
     )
+
+
+def _check_size(head: Head, options: ReachOptions) -> None:
+    """Raise `InputError` if more would be looked at than fits in memory."""
+    longest = max(head.effectors, key=lambda placed: placed.instrument.reach)
+    rolls = len(options.rolls)
+    most = _MOST // (rolls * _count_steps(longest))
+    if options.samples > most:
+        raise InputError(
+            f"samples is {options.samples}: it must be at most {most} for {rolls} rolls and an "
+            f"instrument of {longest.instrument.reach:g} mm"
+        )
+    finest = head.length * (4.0 / _MOST) ** (1.0 / 3.0)
+    if options.spacing < finest:
+        raise InputError(
+            f"spacing is {options.spacing:g} mm: it must be at least {finest:.2g} mm for a head "
+            f"that reaches {head.length:g} mm"
+        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -486,7 +508,8 @@ class _Search:
         if self.duct is not None:
             others = _list_others(self.head, index)
             own = make_chains(placed, poses)
-            clear = np.broadcast_to(measure_gaps(own, others)[:, 0] >= 0.0, free.shape).copy()
+            apart = measure_gaps(own, others)[:, 0] >= -ROUND_OFF
+            clear = np.broadcast_to(apart, free.shape).copy()
             for chain in (*others, own[0]):
                 middles = 0.5 * (chain.lines[:, 1:] + chain.lines[:, :-1])
                 points = place(np.concatenate([chain.lines, middles], axis=1))
