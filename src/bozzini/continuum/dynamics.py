@@ -31,7 +31,6 @@ from .equilibrium import (
     LumpedLoads,
     TendonCommand,
     measure_rest,
-    vary_twice,
 )
 from .kernels import dynamics as kernels
 from .loads import Load, PointLoad, check_loads, pack_loads
@@ -41,7 +40,6 @@ from .wire import GRAVITY
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from scipy.signal import StateSpace
 
 FALL = 1e3 * GRAVITY
 """Standard acceleration of free fall [mm/s^2]."""

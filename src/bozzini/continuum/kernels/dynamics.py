@@ -565,10 +565,11 @@ def find_velocity(rod, q, momentum, base, work, rate):
     motion, beyond, chain, found, force = work
     grid, _, _, body = rod
     count = len(body[0])
-    none = np.zeros((count, 3))
+    still = np.zeros((count, 3))
     rate[:] = 0.0
-    measure_motion(rod, q, rate, (base, none, none, none), motion, beyond, found, force)
-    good = factor_chain(rod, q, 1.0, 0.0, work[1], motion, beyond, chain)
+    measure_motion(rod, q, rate, (base, still, still, still), motion, beyond, found, force)
+    none = np.zeros((len(q), 3, 3))
+    good = factor_chain(rod, q, 1.0, 0.0, none, motion, beyond, chain)
     for j in range(len(q)):
         for i in range(3):
             force[j, i] = momentum[j, i] - found[j, i]
