@@ -59,7 +59,10 @@ SLOW = 0.2
 """Ratio of two of its steps above which the tangent is made anew."""
 
 TURN_TOLERANCE = 1e-9
-"""Rotation of every segment in the last step of Newton's method [rad]."""
+"""Rotation of every segment that a further step of Newton's method would have [rad]."""
+
+LEAST_CONTRACTION = 1e-3
+"""Ratio of two steps that is counted on at best."""
 
 LEAST_PART = 1.0 / 1024.0
 """Smallest part of a step that is tried where Newton's method fails."""
@@ -67,7 +70,15 @@ LEAST_PART = 1.0 / 1024.0
 
 @kernel
 def make_motion(n, p):
-    """Empty arrays of `fill_motion`: of the stations, segments and points."""
+    """Empty arrays of a motion.
+
+    ``stations``: rotations (n + 1, 3, 3), places, velocities, spins (n + 1, 3). ``segments``:
+    functions of ``q`` and of its half (n, 8), and what the change of its own rotation vector does
+    to the segment's end: ``moving`` and ``turning`` (n, 3, 3). ``points``: functions (p, 8), arm
+    from the start of the segment (p, 3), moving and turning (p, 3, 3), which are not filled of
+    points at a segment's end; velocity, spin and angular momentum (p, 3), tensor of inertia (p, 3,
+    3), and the static forces and moments (p, 3) with their sign turned.
+    """
     stations = (
         np.empty((n + 1, 3, 3)),
         np.empty((n + 1, 3)),
@@ -91,81 +102,24 @@ def make_motion(n, p):
 
 
 @kernel
-def fill_motion(grid, q, rate, base, body, motion):
-    """Fill places, velocities and spins of stations and points, and how segments move them.
-
-    ``stations``: rotations (n + 1, 3, 3), places, velocities, spins (n + 1, 3). ``segments``:
-    functions of ``q`` and of its half (n, 8), and what the change of its own rotation vector does
-    to the segment's end: ``moving`` and ``turning`` (n, 3, 3). ``points``: functions (p, 8), arm
-    from the start of the segment (p, 3), moving and turning (p, 3, 3), velocity, spin and angular
-    momentum (p, 3), and tensor of inertia (p, 3, 3). `measure_motion` fills the last two, the
-    forces and moments (p, 3) with their sign turned.
-    """
+def fill_places(grid, q, base, body, motion):
+    """Fill what does not depend on velocities; see `make_motion`."""
     spans, _, _, _, _, kind = grid
-    rotations, places, velocities, spins = motion[0]
+    rotations, places = motion[0][:2]
     functions, halves, moving, turning = motion[1]
-    own_functions, arms, own_moving, own_turning, own_velocity, own_spin = motion[2][:6]
-    angular, tensors = motion[2][6:8]
+    own_functions, arms, own_moving, own_turning = motion[2][:4]
+    tensors = motion[2][7]
     segments, parts, _, inertias, _ = body
     copy_matrix(base[0], rotations[0])
     copy_vector(base[1], places[0])
-    copy_vector(base[2], velocities[0])
-    copy_vector(base[3], spins[0])
     step, slope, turn, inner = np.empty(3), np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
-    axes, way = np.empty((3, 3)), np.empty(3)
+    inner_axes = np.empty((3, 3))
     p = 0
     for j in range(spans.size):
         w, f, half, rotation = q[j], functions[j], halves[j], rotations[j]
         square = w[0] ** 2 + w[1] ** 2 + w[2] ** 2
         fill_functions(square, f)
         fill_functions(0.25 * square, half)
-        while p < segments.size and segments[p] == j:
-            part = parts[p]
-            own = own_functions[p]
-            if part == 0.5:
-                copy_vector(half, own)
-            elif part == 1.0:
-                copy_vector(f, own)
-            else:
-                fill_functions(part * part * square, own)
-            step[:] = 0.0
-            slope[:] = 0.0
-            if kind == CHORD:
-                add_form(w, half, 0, 0.0, 0.0, 1.0, part * spans[j], 0.5, step, slope)
-            else:
-                add_form(w, own, 1, 0.0, 0.0, 1.0, part * spans[j], part, step, slope)
-            for i in range(3):
-                arms[p, i] = (
-                    rotation[i, 0] * step[0] + rotation[i, 1] * step[1] + rotation[i, 2] * step[2]
-                )
-                inner[i] = part * w[i]
-            multiply(rotation, slope, own_moving[p])
-            fill_rotation(inner, own[1:], turn)
-            for i in range(3):
-                for k in range(3):
-                    turn[i, k] *= part
-            multiply(rotation, turn, own_turning[p])
-            fill_rotation(inner, own, turn)
-            multiply(rotation, turn, axes)
-            cross(spins[j], arms[p], way)
-            for i in range(3):
-                own_velocity[p, i] = velocities[j, i] + way[i]
-                own_spin[p, i] = spins[j, i]
-                for k in range(3):
-                    own_velocity[p, i] += own_moving[p, i, k] * rate[j, k]
-                    own_spin[p, i] += own_turning[p, i, k] * rate[j, k]
-                    tensors[p, i, k] = (
-                        axes[i, 0] * inertias[p, 0] * axes[k, 0]
-                        + axes[i, 1] * inertias[p, 1] * axes[k, 1]
-                        + axes[i, 2] * inertias[p, 2] * axes[k, 2]
-                    )
-            for i in range(3):
-                angular[p, i] = (
-                    tensors[p, i, 0] * own_spin[p, 0]
-                    + tensors[p, i, 1] * own_spin[p, 1]
-                    + tensors[p, i, 2] * own_spin[p, 2]
-                )
-            p += 1
         move_forward(w, f, half, spans[j], kind, step, slope)
         multiply(rotation, slope, moving[j])
         fill_rotation(w, f[1:], turn)
@@ -173,26 +127,113 @@ def fill_motion(grid, q, rate, base, body, motion):
         fill_rotation(w, f, turn)
         multiply(rotation, turn, rotations[j + 1])
         for i in range(3):
-            inner[i] = (
-                rotation[i, 0] * step[0] + rotation[i, 1] * step[1] + rotation[i, 2] * step[2]
+            places[j + 1, i] = (
+                places[j, i]
+                + rotation[i, 0] * step[0]
+                + rotation[i, 1] * step[1]
+                + rotation[i, 2] * step[2]
             )
-        cross(spins[j], inner, way)
-        for i in range(3):
-            places[j + 1, i] = places[j, i] + inner[i]
-            velocities[j + 1, i] = velocities[j, i] + way[i]
-            spins[j + 1, i] = spins[j, i]
-            for k in range(3):
-                velocities[j + 1, i] += moving[j, i, k] * rate[j, k]
-                spins[j + 1, i] += turning[j, i, k] * rate[j, k]
+        while p < segments.size and segments[p] == j:
+            part, own, axes = parts[p], own_functions[p], rotations[j + 1]
+            if part < 1.0:
+                axes = inner_axes
+                if part == 0.5:
+                    copy_vector(half, own)
+                else:
+                    fill_functions(part * part * square, own)
+                step[:] = 0.0
+                slope[:] = 0.0
+                if kind == CHORD:
+                    add_form(w, half, 0, 0.0, 0.0, 1.0, part * spans[j], 0.5, step, slope)
+                else:
+                    add_form(w, own, 1, 0.0, 0.0, 1.0, part * spans[j], part, step, slope)
+                for i in range(3):
+                    arms[p, i] = (
+                        rotation[i, 0] * step[0]
+                        + rotation[i, 1] * step[1]
+                        + rotation[i, 2] * step[2]
+                    )
+                    inner[i] = part * w[i]
+                multiply(rotation, slope, own_moving[p])
+                fill_rotation(inner, own[1:], turn)
+                for i in range(3):
+                    for k in range(3):
+                        turn[i, k] *= part
+                multiply(rotation, turn, own_turning[p])
+                fill_rotation(inner, own, turn)
+                multiply(rotation, turn, axes)
+            for i in range(3):
+                for k in range(i + 1):
+                    tensors[p, i, k] = (
+                        axes[i, 0] * inertias[p, 0] * axes[k, 0]
+                        + axes[i, 1] * inertias[p, 1] * axes[k, 1]
+                        + axes[i, 2] * inertias[p, 2] * axes[k, 2]
+                    )
+                    tensors[p, k, i] = tensors[p, i, k]
+            p += 1
 
 
 @kernel
-def _add_transposed(matrix, vector, scale, out):
-    """Add ``scale matrix^T vector`` to ``out`` (3,)."""
+def _add_rates(moving, turning, rate, velocity, spin):
+    for i in range(3):
+        for k in range(3):
+            velocity[i] += moving[i, k] * rate[k]
+            spin[i] += turning[i, k] * rate[k]
+
+
+@kernel
+def _carry(velocity, spin, arm, velocity_there, spin_there):
+    """Velocity and spin of the same rigid body at the end of an arm."""
+    cross(spin, arm, velocity_there)
+    for i in range(3):
+        velocity_there[i] += velocity[i]
+        spin_there[i] = spin[i]
+
+
+@kernel
+def fill_velocities(rate, base, body, motion):
+    """Fill velocities, spins and angular momenta, where places are known."""
+    _, places, velocities, spins = motion[0]
+    moving, turning = motion[1][2:]
+    _, arms, own_moving, own_turning, own_velocity, own_spin, angular, tensors = motion[2][:8]
+    segments, parts = body[0], body[1]
+    copy_vector(base[2], velocities[0])
+    copy_vector(base[3], spins[0])
+    arm, p = np.empty(3), 0
+    for j in range(len(rate)):
+        for i in range(3):
+            arm[i] = places[j + 1, i] - places[j, i]
+        _carry(velocities[j], spins[j], arm, velocities[j + 1], spins[j + 1])
+        _add_rates(moving[j], turning[j], rate[j], velocities[j + 1], spins[j + 1])
+        while p < segments.size and segments[p] == j:
+            if parts[p] < 1.0:
+                _carry(velocities[j], spins[j], arms[p], own_velocity[p], own_spin[p])
+                _add_rates(own_moving[p], own_turning[p], rate[j], own_velocity[p], own_spin[p])
+            else:
+                copy_vector(velocities[j + 1], own_velocity[p])
+                copy_vector(spins[j + 1], own_spin[p])
+            for i in range(3):
+                angular[p, i] = (
+                    tensors[p, i, 0] * own_spin[p, 0]
+                    + tensors[p, i, 1] * own_spin[p, 1]
+                    + tensors[p, i, 2] * own_spin[p, 2]
+                )
+            p += 1
+
+
+@kernel
+def _add_transposed(matrix, vector, out):
+    """Add ``matrix^T vector`` to ``out`` (3,)."""
     for k in range(3):
-        out[k] += scale * (
-            matrix[0, k] * vector[0] + matrix[1, k] * vector[1] + matrix[2, k] * vector[2]
-        )
+        out[k] += matrix[0, k] * vector[0] + matrix[1, k] * vector[1] + matrix[2, k] * vector[2]
+
+
+@kernel
+def _shift(arm, force, moment):
+    """Add the moment of a force at the end of an arm."""
+    moment[0] += arm[1] * force[2] - arm[2] * force[1]
+    moment[1] += arm[2] * force[0] - arm[0] * force[2]
+    moment[2] += arm[0] * force[1] - arm[1] * force[0]
 
 
 @kernel
@@ -205,7 +246,7 @@ def _add_step_hessian(w, f, half, span, part, kind, force, out):
 
 
 @kernel
-def _subtract_inertial(w, kind, segment, state, momentum, out):
+def _subtract_inertial(w, kind, segment, state, momentum, scratch, out):
     """Subtract ``J'^T P`` of one lever: what lies beyond a segment, or a point of it.
 
     ``segment`` are rotation and spin where it begins, its span, the rate of its rotation vector and
@@ -215,11 +256,12 @@ def _subtract_inertial(w, kind, segment, state, momentum, out):
     rotation, spin, span, rate, half = segment
     part, f, moving, turning = state
     linear, angular = momentum
-    way, local, hessian = np.empty(3), np.empty(3), np.zeros((3, 3))
-    cross(linear, spin, way)
-    _add_transposed(moving, way, -1.0, out)
-    cross(angular, spin, way)
-    _add_transposed(turning, way, -1.0, out)
+    way, local, hessian = scratch
+    cross(spin, linear, way)
+    _add_transposed(moving, way, out)
+    cross(spin, angular, way)
+    _add_transposed(turning, way, out)
+    hessian[:] = 0.0
     rotate_back(rotation, linear, local)
     _add_step_hessian(w, f, half, span, part, kind, local, hessian)
     rotate_back(rotation, angular, local)
@@ -238,77 +280,80 @@ def measure_motion(rod, q, rate, drive, motion, beyond, momentum, force):
     [N mm s] and the ``body``; ``drive`` the base, the forces and moments (p, 3), and the weights
     (p, 3) that are among the forces. Fills ``motion``, ``beyond`` (n, 2, 3), the static forces and
     moments beyond each segment with their sign turned, ``momentum`` and ``force`` (n, 3), so that
-    ``momentum' + force = 0``. Returns kinetic, elastic and gravitational energy [N mm], and powers
-    of the loads and of all damping [N mm/s].
+    ``momentum' + force = 0``. Returns the powers of the loads and of all damping [N mm/s].
     """
     grid, rest, damping, body = rod
     base, forces, moments, weights = drive
     spans, stiffness, _, _, _, kind = grid
-    fill_motion(grid, q, rate, base, body, motion)
+    fill_places(grid, q, base, body, motion)
+    fill_velocities(rate, base, body, motion)
     rotations, places, velocities, spins = motion[0]
     functions, halves, moving, turning = motion[1]
     own_functions, arms, own_moving, own_turning, own_velocity, own_spin = motion[2][:6]
     angular, _, pushes, twists = motion[2][6:]
     segments, parts, masses, _, drags = body
-    kinetic, elastic, gravity, power, lost = 0.0, 0.0, 0.0, 0.0, 0.0
+    power, lost = 0.0, 0.0
     linear_beyond, angular_beyond = np.zeros(3), np.zeros(3)
     force_beyond, moment_beyond = np.zeros(3), np.zeros(3)
-    linear, way, moment, arm = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    linear, way, arm = np.empty(3), np.empty(3), np.empty(3)
+    scratch = np.empty(3), np.empty(3), np.empty((3, 3))
+    for p in range(segments.size):
+        for i in range(3):
+            v = own_velocity[p, i]
+            pushes[p, i] = drags[p] * v - forces[p, i]
+            twists[p, i] = -moments[p, i]
+            power += (forces[p, i] - weights[p, i]) * v + moments[p, i] * own_spin[p, i]
+            lost += drags[p] * v * v
     p = segments.size - 1
     for j in range(spans.size - 1, -1, -1):
         w, f, half = q[j], functions[j], halves[j]
         segment = rotations[j], spins[j], spans[j], rate[j], half
+        while p >= 0 and segments[p] == j and parts[p] == 1.0:
+            for i in range(3):
+                linear_beyond[i] += masses[p] * own_velocity[p, i]
+                angular_beyond[i] += angular[p, i]
+                force_beyond[i] += pushes[p, i]
+                moment_beyond[i] += twists[p, i]
+            p -= 1
         copy_vector(force_beyond, beyond[j, 0])
         copy_vector(moment_beyond, beyond[j, 1])
         for i in range(3):
             bent = q[j, i] - rest[j, i]
-            elastic += 0.5 * stiffness[j, i] * bent * bent
             lost += damping[j, i] * rate[j, i] ** 2
             force[j, i] = stiffness[j, i] * bent + damping[j, i] * rate[j, i]
             momentum[j, i] = 0.0
             arm[i] = places[j + 1, i] - places[j, i]
-        _add_transposed(moving[j], linear_beyond, 1.0, momentum[j])
-        _add_transposed(turning[j], angular_beyond, 1.0, momentum[j])
-        _add_transposed(moving[j], force_beyond, 1.0, force[j])
+        _add_transposed(moving[j], linear_beyond, momentum[j])
+        _add_transposed(turning[j], angular_beyond, momentum[j])
+        _add_transposed(moving[j], force_beyond, force[j])
         cross(velocities[j + 1], linear_beyond, way)
         for i in range(3):
             way[i] += moment_beyond[i]
-        _add_transposed(turning[j], way, 1.0, force[j])
+        _add_transposed(turning[j], way, force[j])
         state = 1.0, f, moving[j], turning[j]
-        _subtract_inertial(w, kind, segment, state, (linear_beyond, angular_beyond), force[j])
-        cross(arm, linear_beyond, way)
-        cross(arm, force_beyond, moment)
-        for i in range(3):
-            angular_beyond[i] += way[i]
-            moment_beyond[i] += moment[i]
+        known = linear_beyond, angular_beyond
+        _subtract_inertial(w, kind, segment, state, known, scratch, force[j])
+        _shift(arm, linear_beyond, angular_beyond)
+        _shift(arm, force_beyond, moment_beyond)
         while p >= 0 and segments[p] == j:
-            push, twist = pushes[p], twists[p]
             for i in range(3):
-                v = own_velocity[p, i]
-                linear[i] = masses[p] * v
-                push[i] = drags[p] * v - forces[p, i]
-                twist[i] = -moments[p, i]
-                kinetic += 0.5 * (linear[i] * v + angular[p, i] * own_spin[p, i])
-                gravity -= weights[p, i] * (places[j, i] + arms[p, i])
-                power += (forces[p, i] - weights[p, i]) * v + moments[p, i] * own_spin[p, i]
-                lost += drags[p] * v * v
-            _add_transposed(own_moving[p], linear, 1.0, momentum[j])
-            _add_transposed(own_turning[p], angular[p], 1.0, momentum[j])
-            _add_transposed(own_moving[p], push, 1.0, force[j])
-            _add_transposed(own_turning[p], twist, 1.0, force[j])
+                linear[i] = masses[p] * own_velocity[p, i]
+            _add_transposed(own_moving[p], linear, momentum[j])
+            _add_transposed(own_turning[p], angular[p], momentum[j])
+            _add_transposed(own_moving[p], pushes[p], force[j])
+            _add_transposed(own_turning[p], twists[p], force[j])
             state = parts[p], own_functions[p], own_moving[p], own_turning[p]
-            _subtract_inertial(w, kind, segment, state, (linear, angular[p]), force[j])
-            cross(arms[p], linear, way)
+            known = linear, angular[p]
+            _subtract_inertial(w, kind, segment, state, known, scratch, force[j])
             for i in range(3):
                 linear_beyond[i] += linear[i]
-                angular_beyond[i] += angular[p, i] + way[i]
-                force_beyond[i] += push[i]
-                moment_beyond[i] += twist[i]
-            cross(arms[p], push, way)
-            for i in range(3):
-                moment_beyond[i] += way[i]
+                angular_beyond[i] += angular[p, i]
+                force_beyond[i] += pushes[p, i]
+                moment_beyond[i] += twists[p, i]
+            _shift(arms[p], linear, angular_beyond)
+            _shift(arms[p], pushes[p], moment_beyond)
             p -= 1
-    return kinetic, elastic, gravity, power, lost
+    return power, lost
 
 
 @kernel
@@ -447,6 +492,12 @@ def factor_chain(rod, q, scale, elastic, blocks, motion, beyond, chain):
     p = segments.size - 1
     for j in range(spans.size - 1, -1, -1):
         w, mover, turner, arm = q[j], moving[j], turning[j], kept_arms[j]
+        while p >= 0 and segments[p] == j and parts[p] == 1.0:
+            for i in range(3):
+                whole[i, i] += scale * (scale * masses[p] + elastic * drags[p])
+                for k in range(3):
+                    whole[3 + i, 3 + k] += scale * scale * tensors[p, i, k]
+            p -= 1
         for i in range(3):
             arm[i] = places[j + 1, i] - places[j, i]
         copy_matrix(mover, kept_moving[j])
@@ -467,7 +518,7 @@ def factor_chain(rod, q, scale, elastic, blocks, motion, beyond, chain):
             before[i, 5] += arm[0] * y - arm[1] * x
         for i in range(3):
             for k in range(3):
-                block[i, k] = elastic * blocks[j, i, k]
+                block[i, k] = blocks[j, i, k] if elastic > 0.0 else 0.0
                 lift[i, k] = side[i, k]
                 for m in range(3):
                     block[i, k] += mover[m, i] * side[m, k] + turner[m, i] * side[3 + m, k]
@@ -530,22 +581,19 @@ def solve_chain(chain, right, out):
     for j in range(len(inverses) - 1, -1, -1):
         for i in range(3):
             rest[i] = right[j, i]
-        _add_transposed(moving[j], push, -1.0, rest)
-        _add_transposed(turning[j], twist, -1.0, rest)
+        _add_transposed(moving[j], push, rest)
+        _add_transposed(turning[j], twist, rest)
         for i in range(3):
             out[j, i] = (
                 inverses[j, i, 0] * rest[0]
                 + inverses[j, i, 1] * rest[1]
                 + inverses[j, i, 2] * rest[2]
             )
-        arm = arms[j]
-        twist[0] += arm[1] * push[2] - arm[2] * push[1]
-        twist[1] += arm[2] * push[0] - arm[0] * push[2]
-        twist[2] += arm[0] * push[1] - arm[1] * push[0]
+        _shift(arms[j], push, twist)
         for i in range(3):
             for k in range(3):
-                push[i] += lifts[j, i, k] * out[j, k]
-                twist[i] += lifts[j, 3 + i, k] * out[j, k]
+                push[i] -= lifts[j, i, k] * out[j, k]
+                twist[i] -= lifts[j, 3 + i, k] * out[j, k]
     moved, turned, way = np.zeros(3), np.zeros(3), np.empty(3)
     for j in range(len(inverses)):
         for i in range(3):
@@ -560,21 +608,47 @@ def solve_chain(chain, right, out):
 
 
 @kernel
-def find_velocity(rod, q, momentum, base, work, rate):
-    """Fill the rates (n, 3) that have a momentum (n, 3)."""
+def find_velocity(rod, q, momentum, drive, work, rate):
+    """Fill the rates (n, 3) that have a momentum (n, 3), and the motion; False if there are none.
+
+    ``chain`` of the work then is that of the inertia alone.
+    """
     motion, beyond, chain, found, force = work
     grid, _, _, body = rod
-    count = len(body[0])
-    still = np.zeros((count, 3))
+    base = drive[0]
     rate[:] = 0.0
-    measure_motion(rod, q, rate, (base, still, still, still), motion, beyond, found, force)
-    none = np.zeros((len(q), 3, 3))
-    good = factor_chain(rod, q, 1.0, 0.0, none, motion, beyond, chain)
+    if base[2].any() or base[3].any():
+        measure_motion(rod, q, rate, drive, motion, beyond, found, force)
+    else:
+        fill_places(grid, q, base, body, motion)
+        found[:] = 0.0
+    good = factor_chain(rod, q, 1.0, 0.0, motion[1][2], motion, beyond, chain)
     for j in range(len(q)):
         for i in range(3):
             force[j, i] = momentum[j, i] - found[j, i]
     solve_chain(chain, force, rate)
+    fill_velocities(rate, base, body, motion)
     return good
+
+
+@kernel
+def measure_energies(rod, q, weights, motion):
+    """Kinetic, elastic and gravitational energy of a motion that is known [N mm]."""
+    grid, rest, _, body = rod
+    segments, parts, masses, _, _ = body
+    _, arms, _, _, velocities, spins, angular = motion[2][:7]
+    places = motion[0][1]
+    kinetic, elastic, gravity = 0.0, 0.0, 0.0
+    for p in range(segments.size):
+        j = segments[p]
+        for i in range(3):
+            kinetic += 0.5 * (masses[p] * velocities[p, i] ** 2 + angular[p, i] * spins[p, i])
+            there = places[j + 1, i] if parts[p] == 1.0 else places[j, i] + arms[p, i]
+            gravity -= weights[p, i] * there
+    for j in range(len(q)):
+        for i in range(3):
+            elastic += 0.5 * grid[1][j, i] * (q[j, i] - rest[j, i]) ** 2
+    return kinetic, elastic, gravity
 
 
 @kernel
@@ -692,18 +766,18 @@ def solve_stage(rod, tendons, drive, targets, stage, work, solver, q, rate):
     pull, active, carried, matrix, order, fresh_right, state = solver
     grid = rod[0]
     n = len(q)
-    step, last, known = fresh_right, math.inf, state[0] > 0.0
-    count, energies = int(state[1]), (0.0, 0.0, 0.0, 0.0, 0.0)
+    step, last, known, contraction = fresh_right, math.inf, state[0] > 0.0, state[2]
+    count, powers = int(state[1]), (0.0, 0.0)
     for iteration in range(MOST_ITERATIONS):
         for j in range(n):
             for i in range(3):
                 rate[j, i] = scale * (q[j, i] - q_before[j, i])
-        energies = measure_motion(rod, q, rate, drive, motion, beyond, momentum, force)
+        powers = measure_motion(rod, q, rate, drive, motion, beyond, momentum, force)
         bending = not known
         pull_tendons(grid, tendons, targets, q, bending, pull, force)
-        if last <= TURN_TOLERANCE:
-            state[0], state[1] = 1.0, count
-            return iteration, energies
+        if last * max(contraction, LEAST_CONTRACTION) <= TURN_TOLERANCE:
+            state[0], state[1], state[2] = 1.0, count, contraction
+            return iteration, powers
         if not known:
             if not factor_chain(rod, q, scale, 1.0, pull[4], motion, beyond, chain):
                 break
@@ -743,10 +817,12 @@ def solve_stage(rod, tendons, drive, targets, stage, work, solver, q, rate):
             folded = folded or square > FOLD_ANGLE**2
         if folded:
             break
-        known = largest <= SLOW * last
+        if iteration > 0:
+            contraction = min(largest / last, 1.0)
+        known = contraction <= SLOW or iteration == 0
         last = largest
-    state[0] = 0.0
-    return 0, energies
+    state[0], state[2] = 0.0, 1.0
+    return 0, powers
 
 
 @kernel
@@ -767,8 +843,9 @@ def advance(rod, tendons, tables, scheme, steps, state, rows):
 
     ``scheme`` is a_m, a_f and g; ``steps`` (k - 1,) how many steps there are between two rows.
     ``state`` is the rotations, momenta, and the rates of both (n, 3), which are changed. ``rows``
-    are filled: rotations (k, n + 1, 3, 3), places, velocities (k, n + 1, 3), tensions and lengths (k, t), energies (k, 6): kinetic, elastic, of gravity, of tendons,
-    work of loads and tendons, dissipated; and steps of Newton's method (k,).
+    are filled: rotations (k, s, 3, 3), places, velocities (k, s, 3) of the stations, tensions and
+    lengths (k, t), energies (k, 6): kinetic, elastic, of gravity, of tendons, work of loads and
+    tendons, dissipated; and steps of Newton's method (k,).
     """
     alpha_m, alpha_f, gamma = scheme
     q, momentum, rate, momentum_rate = state
@@ -778,7 +855,8 @@ def advance(rod, tendons, tables, scheme, steps, state, rows):
     drive = base, np.empty((p, 3)), np.empty((p, 3)), weights
     targets, slopes = np.empty(k), np.empty(k)
     work, pull = make_work(n, p), make_pull(n, k)
-    solver_state = np.zeros(2)
+    solver_state = np.ones(3)
+    solver_state[0] = 0.0
     solver = (
         pull,
         np.zeros(k, dtype=np.int64),
@@ -868,7 +946,7 @@ def _measure_powers(energies, tendons, pull, rate, slopes):
     """Powers of loads and tendons, and of damping [N mm/s]."""
     _, held, _ = tendons
     tensions, _, gradients, _, _ = pull
-    power = energies[3]
+    power = energies[0]
     for m in range(tensions.size):
         if held:
             power -= tensions[m] * slopes[m]
@@ -876,16 +954,16 @@ def _measure_powers(energies, tendons, pull, rate, slopes):
             for j in range(len(rate)):
                 for i in range(3):
                     power -= tensions[m] * gradients[m, j, i] * rate[j, i]
-    return power, energies[4]
+    return power, energies[1]
 
 
 @kernel
 def _fill_row(rod, tendons, drive, targets, q, momentum, work, rate, pull, rows, row):
     """Fill a row of `advance` but for work and dissipation; False if momenta have no rates."""
     rotations, places, velocities, tensions, lengths, energies, _ = rows
-    if not find_velocity(rod, q, momentum, drive[0], work, rate):
+    if not find_velocity(rod, q, momentum, drive, work, rate):
         return False
-    found = measure_motion(rod, q, rate, drive, work[0], work[1], work[3], work[4])
+    found = measure_energies(rod, q, drive[3], work[0])
     pull_tendons(rod[0], tendons, targets, q, False, pull, work[4])
     stations = work[0][0]
     for j in range(len(q) + 1):
