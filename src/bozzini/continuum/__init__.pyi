@@ -3,6 +3,15 @@ from .calibration import Marker, RobotCalibration
 from .contact import ContactModel, ContactOptions, ContactShape
 from .continuation import EquilibriumPath
 from .coupling import BendSolution, ParallelModel, check_displacements, coupling_matrix
+from .dynamics import (
+    DynamicsOptions,
+    EnergyBalance,
+    LinearDynamics,
+    MotionState,
+    ShapeHistory,
+    linearise,
+    simulate,
+)
 from .elastic import ElasticModel
 from .energy import EnergyModel
 from .friction import FrictionState
@@ -67,7 +76,9 @@ __all__ = [
     "Dexterity",
     "DexterityMap",
     "DriveTable",
+    "DynamicsOptions",
     "ElasticModel",
+    "EnergyBalance",
     "EnergyModel",
     "EquilibriumPath",
     "FrictionState",
@@ -75,8 +86,10 @@ __all__ = [
     "InsertionResult",
     "InverseOptions",
     "LineLoad",
+    "LinearDynamics",
     "LinkageModel",
     "Manipulability",
+    "MotionState",
     "PackedLoads",
     "ParallelModel",
     "PointLoad",
@@ -85,6 +98,7 @@ __all__ = [
     "Section",
     "SectionResult",
     "Shape",
+    "ShapeHistory",
     "ShapeJacobian",
     "TendonHistory",
     "Tendon",
@@ -99,11 +113,13 @@ __all__ = [
     "displacements_for",
     "insert_robot",
     "jacobian",
+    "linearise",
     "manipulability",
     "measure_dexterity",
     "measure_workspace",
     "pack_loads",
     "sample_workspace",
+    "simulate",
     "solve_curve",
     "solve_pose",
     "solve_section",

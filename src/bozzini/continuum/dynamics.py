@@ -17,10 +17,17 @@ from typing import TYPE_CHECKING, Any, NamedTuple, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_array, check_fields, check_kind, check_number, quantity
+from ..checks import (
+    check_array,
+    check_fields,
+    check_integer,
+    check_kind,
+    check_number,
+    quantity,
+)
 from ..errors import GeometryError, InputError
 from ..numeric.arrays import Floats
-from ..results import Json, Result, list_coordinates, take_axes
+from ..results import ClosedForm, Json, Result, list_coordinates, tabulated, take_axes
 from .checks import check_frame, check_values
 from .coupling import check_displacements
 from .elastic import check_pretensions, check_tension_commands
@@ -32,7 +39,9 @@ from .equilibrium import (
     TendonCommand,
     measure_rest,
 )
+from .gradients import Held
 from .kernels import dynamics as kernels
+from .kernels.loads import locate_stations
 from .loads import Load, PointLoad, check_loads, pack_loads
 from .model import choose_stiffness
 from .robot import RobotDesign, Vector, check_robot
@@ -40,6 +49,7 @@ from .wire import GRAVITY
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from scipy.signal import StateSpace
 
 FALL = 1e3 * GRAVITY
 """Standard acceleration of free fall [mm/s^2]."""
@@ -173,12 +183,12 @@ class EnergyBalance:
     @property
     def total(self) -> Floats:
         """Energy that is there [N mm], shape (k,)."""
-        return self.kinetic + self.elastic + self.gravity + self.tendons
+        return np.asarray(self.kinetic + self.elastic + self.gravity + self.tendons)
 
     @property
     def residual(self) -> Floats:
         """Energy that came from nowhere since the first time [N mm], shape (k,)."""
-        return self.total - self.total[0] - self.work + self.dissipated
+        return np.asarray(self.total - self.total[0] - self.work + self.dissipated)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -200,7 +210,7 @@ class ShapeHistory(Result):
     velocities : (k, s, 3) ndarray
         Of the stations [mm/s].
     tensions, displacements : (k, t) ndarray
-        Of the tendons [N], [mm].
+        Of the tendons at their drives [N], [mm].
     energy : EnergyBalance
         Energies and their balance [N mm].
     iterations : (k,) ndarray of int
@@ -211,7 +221,7 @@ class ShapeHistory(Result):
         Where it is at the last time, for ``initial=`` of what comes after it.
     """
 
-    robot: RobotDesign
+    robot: RobotDesign = field(repr=False)
     time: Floats
     arc_length: Floats
     frames: Floats
@@ -478,7 +488,7 @@ class _Rod:
         return found
 
     def find_limits(self, displacements: Floats) -> Floats:
-        """Lengths of the tendons without tension (..., t) [mm]."""
+        """Lengths of the tendons without tension (..., t) by displacements; and back [mm]."""
         pretension = self.compliances * self.robot.pretensions
         return np.asarray(self.natural_lengths - displacements - pretension)
 
@@ -614,6 +624,8 @@ def _run(
             f"{tables[0][reached]:g} s, with the least step; the robot may fold over"
         )
     own = max(reached, 1)
+    # What is free of tension is as long as the limit of a length that is held.
+    free = tables[-1] if tendons[1] else lengths - rod.compliances * pulls
     kinds = ("kinetic", "elastic", "gravity", "tendons", "work", "dissipated")
     return ShapeHistory(
         robot=rod.robot,
@@ -622,7 +634,7 @@ def _run(
         frames=frames[:own],
         velocities=velocities[:own],
         tensions=pulls[:own],
-        displacements=rod.natural_lengths - lengths[:own],
+        displacements=rod.find_limits(free)[:own],
         energy=EnergyBalance(**{kind: energies[:own, k] for k, kind in enumerate(kinds)}),
         iterations=iterations[:own],
         reason=reason,
@@ -679,3 +691,173 @@ def _take_base(times: Floats, base: ArrayLike | None) -> Floats:
             turns[index] += 2.0 * math.pi * whole * way
     spline = CubicSpline(times, np.concatenate([frames[:, :3, 3], turns], axis=1))
     return np.ascontiguousarray(spline.c.transpose(1, 0, 2))
+
+
+MODES_SHOWN = 6
+"""Modes of a picture of the response."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LinearDynamics(ClosedForm):
+    """Small oscillations of a robot about an equilibrium, ``m`` modes from the slowest on.
+
+    Parameters
+    ----------
+    robot : RobotDesign
+        The robot.
+    arc_length : (s,) ndarray
+        Stations [mm].
+    frames : (s, 4, 4) ndarray
+        Frames of the equilibrium at the stations [mm].
+    tensions : (t,) ndarray
+        Tensions of the tendons in the equilibrium [N].
+    frequency : (m,) ndarray
+        Of the modes without damping [Hz].
+    damping_ratio : (m,) ndarray
+        Of each mode by itself, of critical damping.
+    modes : (m, s, 3) ndarray
+        Motion of the stations in each mode; its kinetic energy at rate 1 is 1/2 [mm].
+    stiffness, damping, mass : (3 n, 3 n) ndarray
+        By the rotation vectors of the segments [N mm], [N mm s], [N mm s^2].
+    by_command : (3 n, t) ndarray
+        Forces on these by tensions [N mm/N], or by displacements [N mm/mm].
+    tip_jacobian : (3, 3 n) ndarray
+        Motion of the tip by these [mm/rad].
+    vectors : (m, 3 n) ndarray
+        The modes in these.
+    given : {"tensions", "displacements"}
+        What of the tendons is commanded.
+    """
+
+    robot: RobotDesign = field(repr=False)
+    arc_length: Floats
+    frames: Floats
+    tensions: Floats
+    frequency: Floats = tabulated("Hz")
+    damping_ratio: Floats = tabulated()
+    modes: Floats
+    stiffness: Floats = field(repr=False)
+    damping: Floats = field(repr=False)
+    mass: Floats = field(repr=False)
+    by_command: Floats = field(repr=False)
+    tip_jacobian: Floats = field(repr=False)
+    vectors: Floats = field(repr=False)
+    given: Held
+
+    def state_space(self, modes: int | None = None) -> StateSpace:
+        """Return the system from commands of tendons to the tip, about the equilibrium.
+
+        Its states are the amplitudes of the slowest `modes`, all unless given, then their rates;
+        inputs are tensions [N] or displacements [mm], outputs the motion of the tip [mm].
+
+        Raises
+        ------
+        InputError
+            If there are not so many modes.
+        """
+        from scipy.signal import StateSpace
+
+        most = len(self.frequency)
+        count = most if modes is None else check_integer("modes", modes, low=1, high=most)
+        own = self.vectors[:count]
+        zero, one = np.zeros((count, count)), np.eye(count)
+        inner = np.diag((2.0 * math.pi * self.frequency[:count]) ** 2)
+        inputs, outputs = own @ self.by_command, self.tip_jacobian @ own.T
+        return StateSpace(
+            np.block([[zero, one], [-inner, -own @ self.damping @ own.T]]),
+            np.concatenate([np.zeros_like(inputs), inputs]),
+            np.concatenate([outputs, np.zeros_like(outputs)], axis=1),
+            np.zeros((3, inputs.shape[1])),
+        )
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw how far the slowest modes move the stations across the robot."""
+        axes = take_axes(ax, x="arc length [mm]", y="motion, by the largest")
+        for mode, frequency in zip(self.modes[:MODES_SHOWN], self.frequency, strict=False):
+            _, _, ways = np.linalg.svd(mode, full_matrices=False)
+            along = mode @ ways[0]
+            axes.plot(self.arc_length, along / np.abs(along).max(), label=f"{frequency:.4g} Hz")
+        return axes
+
+
+def linearise(
+    robot: RobotDesign,
+    *,
+    tensions: ArrayLike | None = None,
+    displacements: ArrayLike | None = None,
+    loads: Sequence[Load] = (),
+    options: DynamicsOptions = DEFAULT_OPTIONS,
+) -> LinearDynamics:
+    """Return small oscillations about the equilibrium under tendons and loads.
+
+    Parameters
+    ----------
+    robot, loads, options
+        As of `simulate`.
+    tensions, displacements : (t,) array_like or mapping, optional
+        Of the tendons [N], [mm]; what is given is held, and is the input of the state space.
+
+    Returns
+    -------
+    LinearDynamics
+
+    Raises
+    ------
+    InputError
+        If an argument does not fit.
+    GeometryError
+        If a part of the robot has no mass, or there is no stable equilibrium.
+    """
+    check_robot(robot)
+    check_kind("options", options, DynamicsOptions)
+    rod = _Rod(robot, options, check_loads(robot, loads))
+    command, held = _take_commands(rod, 1, tensions, displacements)
+    factors = np.ones(len(rod.loads))
+    found = rod.find_equilibrium(command[0], held=held, factors=factors, turned=np.eye(3))
+    q, points, grid = found.rotation_vectors, rod.points, rod.grid
+    places = points.segments, points.parts, np.zeros((len(points.parts), 3))
+    moved = grid.move_stations(q, places)
+    axes = np.empty((len(points.parts), 3, 3))
+    locate_stations(grid.packed, q, places, np.empty((len(axes), 3)), axes, np.empty((0, 6, 1)))
+    inertias = np.einsum("pik,pk,pjk->pij", axes, points.inertias, axes)
+    mass = np.einsum("pia,p,pib->ab", moved[:, 3:], points.masses, moved[:, 3:])
+    mass += np.einsum("pia,pij,pjb->ab", moved[:, :3], inertias, moved[:, :3])
+    damping = np.einsum("pia,p,pib->ab", moved[:, 3:], points.drags, moved[:, 3:])
+    damping += np.diag(rod.damping.ravel())
+    rows = found.length_gradients.reshape(len(found.tensions), q.size)
+    by_command, stiffness = -rows.T, found.hessian
+    if held:  # a displacement shortens the tendon, and pulls by its stiffness
+        taut = (found.tensions > 0.0) | robot.pushes
+        by_command = by_command * (taut / rod.compliances)
+        stiffness = stiffness - by_command @ rows
+    stiffness = 0.5 * (stiffness + stiffness.T)
+    from scipy.linalg import eigh
+
+    # The softest modes are the largest eigenvalues of the inverse problem, and come out best.
+    try:
+        flexible, vectors = eigh(mass, stiffness)
+    except np.linalg.LinAlgError:
+        raise GeometryError(
+            "the equilibrium is not stable: take a smaller load or command"
+        ) from None
+    flexible, vectors = flexible[::-1], vectors[:, ::-1].T
+    vectors = vectors / np.sqrt(flexible)[:, None]  # of mass 1, where they were of stiffness 1
+    angular = 1.0 / np.sqrt(flexible)
+    ends = np.arange(len(grid.spans)), np.ones(len(grid.spans)), np.zeros((len(grid.spans), 3))
+    stations = np.concatenate([np.zeros((1, 3, q.size)), grid.move_stations(q, ends)[:, 3:]])
+    return LinearDynamics(
+        robot=robot,
+        arc_length=grid.arc_length,
+        frames=grid.place_frames(q[None])[0],
+        tensions=found.tensions,
+        frequency=angular / (2.0 * math.pi),
+        damping_ratio=np.einsum("ma,ab,mb->m", vectors, damping, vectors) / (2.0 * angular),
+        modes=np.einsum("sia,ma->msi", stations, vectors),
+        stiffness=stiffness,
+        damping=damping,
+        mass=mass,
+        by_command=by_command,
+        tip_jacobian=stations[-1],
+        vectors=vectors,
+        given="displacements" if held else "tensions",
+    )
