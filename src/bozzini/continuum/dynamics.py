@@ -586,7 +586,6 @@ def simulate(
         found = rod.find_equilibrium(command[0], held=held, factors=at_start, turned=turned)
         shape = found.rotation_vectors.shape
         state = MotionState(found.rotation_vectors.copy(), *(np.zeros(shape) for _ in range(3)))
-        kernels.start_motion(rod.packed, tendons, tables, tuple(state))
     else:
         check_kind("initial", initial, ShapeHistory)
         if initial.state.rotation_vectors.shape != rod.grid.rest.shape:
@@ -595,7 +594,7 @@ def simulate(
                 f"{len(rod.grid.rest)} of this robot and options"
             )
         state = MotionState(*(array.copy() for array in initial.state))
-    return _run(rod, tendons, tables, steps.astype(np.int64), state)
+    return _run(rod, tendons, tables, steps.astype(np.int64), state, fresh=initial is None)
 
 
 def _run(
@@ -604,6 +603,8 @@ def _run(
     tables: tuple[Floats, ...],
     steps: NDArray[np.int64],
     state: MotionState,
+    *,
+    fresh: bool,
 ) -> ShapeHistory:
     count, stations, strings = len(tables[0]), len(rod.grid.arc_length), len(tendons[0])
     frames = np.zeros((count, stations, 4, 4))
@@ -615,7 +616,9 @@ def _run(
     alpha_m, alpha_f = 0.5 * (3.0 - rho) / (1.0 + rho), 1.0 / (1.0 + rho)
     scheme = alpha_m, alpha_f, 0.5 + alpha_m - alpha_f
     filled = rotations, places, velocities, pulls, lengths, energies, iterations
-    reached = kernels.advance(rod.packed, tendons, tables, scheme, steps, tuple(state), filled)
+    reached = kernels.advance(
+        rod.packed, tendons, tables, scheme, steps, fresh, tuple(state), filled
+    )
     frames[..., :3, :3], frames[..., :3, 3], frames[..., 3, 3] = rotations, places, 1.0
     reason = ""
     if reached < count:
@@ -665,9 +668,8 @@ def _take_commands(
             f"commands have shape {command.shape}: they must be {(count, len(robot.tendons))}, a "
             "row for each time"
         )
-    return np.ascontiguousarray(
-        np.broadcast_to(command, (count, len(robot.tendons)))
-    ), displacements is not None
+    whole = np.array(np.broadcast_to(command, (count, len(robot.tendons))))
+    return whole, displacements is not None
 
 
 def _take_base(times: Floats, base: ArrayLike | None) -> Floats:

@@ -838,14 +838,15 @@ def make_work(n, p):
 
 
 @kernel
-def advance(rod, tendons, tables, scheme, steps, state, rows):
+def advance(rod, tendons, tables, scheme, steps, fresh, state, rows):
     """Move on from row to row of the tables; returns how many rows were reached.
 
     ``scheme`` is a_m, a_f and g; ``steps`` (k - 1,) how many steps there are between two rows.
-    ``state`` is the rotations, momenta, and the rates of both (n, 3), which are changed. ``rows``
-    are filled: rotations (k, s, 3, 3), places, velocities (k, s, 3) of the stations, tensions and
-    lengths (k, t), energies (k, 6): kinetic, elastic, of gravity, of tendons, work of loads and
-    tendons, dissipated; and steps of Newton's method (k,).
+    ``state`` is the rotations, momenta, and the rates of both (n, 3), which are changed; if it is
+    ``fresh`` momenta and their rates are not known yet. ``rows`` are filled: rotations (k, s, 3,
+    3), places, velocities (k, s, 3) of the stations, tensions and lengths (k, t), energies (k, 6):
+    kinetic, elastic, of gravity, of tendons, work of loads and tendons, dissipated; and steps of
+    Newton's method (k,).
     """
     alpha_m, alpha_f, gamma = scheme
     q, momentum, rate, momentum_rate = state
@@ -872,6 +873,12 @@ def advance(rod, tendons, tables, scheme, steps, state, rows):
     end_work, end_rate = make_work(n, p), np.empty((n, 3))
     own, lost = 0.0, 0.0
     fill_drive(tables, 0, 0.0, drive, targets, slopes)
+    if fresh:
+        measure_motion(rod, q, rate, drive, work[0], work[1], momentum, momentum_rate)
+        pull_tendons(rod[0], tendons, targets, q, False, pull, momentum_rate)
+        for j in range(n):
+            for i in range(3):
+                momentum_rate[j, i] = -momentum_rate[j, i]
     if not _fill_row(rod, tendons, drive, targets, q, momentum, end_work, end_rate, pull, rows, 0):
         return 0
     copy_matrix(end_rate, guess)
@@ -979,20 +986,3 @@ def _fill_row(rod, tendons, drive, targets, q, momentum, work, rate, pull, rows,
         for m in range(len(targets)):
             energies[row, 3] += 0.5 * tendons[0][m] * pull[0][m] ** 2
     return True
-
-
-@kernel
-def start_motion(rod, tendons, tables, state):
-    """Fill momenta and their rates (n, 3) of rotations and their rates at the first time."""
-    q, momentum, rate, momentum_rate = state
-    n, p, k = len(q), len(rod[3][0]), len(tendons[0])
-    base = np.empty((3, 3)), np.empty(3), np.empty(3), np.empty(3)
-    drive = base, np.empty((p, 3)), np.empty((p, 3)), tables[2]
-    targets, slopes = np.empty(k), np.empty(k)
-    work, pull = make_work(n, p), make_pull(n, k)
-    fill_drive(tables, 0, 0.0, drive, targets, slopes)
-    measure_motion(rod, q, rate, drive, work[0], work[1], momentum, momentum_rate)
-    pull_tendons(rod[0], tendons, targets, q, False, pull, momentum_rate)
-    for j in range(n):
-        for i in range(3):
-            momentum_rate[j, i] = -momentum_rate[j, i]
