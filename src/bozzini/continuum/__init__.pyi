@@ -30,7 +30,12 @@ from .inverse import (
 from .kinematics import ContinuumRobot
 from .linkage import LinkageModel
 from .loads import LineLoad, PackedLoads, PointLoad, pack_loads
-from .measured import RobotMeasurements, read_robot_measurements
+from .measured import (
+    RobotMeasurements,
+    TimedCommands,
+    read_robot_measurements,
+    read_timed_commands,
+)
 from .model import ContinuumModel
 from .models import CONTINUUM_MODELS
 from .robot import RobotDesign
@@ -134,7 +139,9 @@ __all__ = [
     "predict_points",
     "Marker",
     "RobotMeasurements",
+    "TimedCommands",
     "read_robot_measurements",
+    "read_timed_commands",
     "RobotSetup",
     "Unknown",
     "parse_unknowns",

@@ -22,7 +22,6 @@ from ..checks import (
     check_fields,
     check_integer,
     check_kind,
-    check_number,
     quantity,
 )
 from ..errors import GeometryError, InputError
@@ -67,9 +66,9 @@ class DynamicsOptions:
 
     Parameters
     ----------
-    damping_time : float or sequence of float
+    damping_time : float
         Kelvin-Voigt damping of the backbone: its stress is ``E (strain + damping_time strain')``
-        [s]; one number, or one for each section.
+        [s].
     drag : float
         Force against the motion of the backbone by its length and velocity [N s/mm^2].
     tip_weight : float
@@ -90,7 +89,9 @@ class DynamicsOptions:
         If a value is outside its legal range.
     """
 
-    damping_time: float | Sequence[float] = 0.0
+    damping_time: float = quantity(
+        "time", "Stress of the backbone by the rate of its strain, by E.", low=0.0, default=0.0
+    )
     drag: float = quantity(
         "line damping", "Force against the motion by length and velocity.", low=0.0, default=0.0
     )
@@ -110,12 +111,12 @@ class DynamicsOptions:
         default="chord",
         option="segment_kind",
     )
-    tendon_stiffness: float = quantity(
+    tendon_stiffness: float | None = quantity(
         "force",
-        "EA of tendons without one of their own.",
+        "EA of tendons without one of their own; they do not stretch unless given.",
         low=0.0,
         low_open=True,
-        default=math.inf,
+        default=None,
     )
     max_step: float = quantity("time", "Largest step.", low=0.0, low_open=True, default=1e-3)
     spectral_radius: float = quantity(
@@ -130,13 +131,6 @@ class DynamicsOptions:
         check_fields(self)
         gravity = check_values("gravity", self.gravity, (3,), unit="m/s^2")
         object.__setattr__(self, "gravity", tuple(gravity.tolist()))
-        times = check_array("damping_time", self.damping_time)
-        for value in np.ravel(times):
-            check_number("damping_time", float(value), low=0.0, unit="s")
-        if times.ndim > 1:
-            raise InputError(f"damping_time has shape {times.shape}: it must be one or (m,)")
-        kept = float(times) if times.ndim == 0 else tuple(times.tolist())
-        object.__setattr__(self, "damping_time", kept)
 
 
 DEFAULT_OPTIONS = DynamicsOptions()
@@ -329,14 +323,7 @@ class _Rod:
     @cached_property
     def damping(self) -> Floats:
         """Damping of the segments' rotations [N mm s], shape (n, 3)."""
-        times, count = np.asarray(self.options.damping_time), len(self.robot.sections)
-        if times.ndim and len(times) != count:
-            raise InputError(
-                f"damping_time has {len(times)} values: it must be one, or one for each of the "
-                f"{count} sections"
-            )
-        own = np.broadcast_to(times, (count,))[self.grid.sections]
-        return np.ascontiguousarray(own[:, None] * self.grid.stiffness)
+        return self.options.damping_time * self.grid.stiffness
 
     @cached_property
     def natural_lengths(self) -> Floats:
@@ -346,7 +333,9 @@ class _Rod:
     @cached_property
     def compliances(self) -> Floats:
         """How much tendons stretch [mm/N], shape (t,)."""
-        return self.natural_lengths / choose_stiffness(self.robot, self.options.tendon_stiffness)
+        other = self.options.tendon_stiffness
+        stiffness = choose_stiffness(self.robot, math.inf if other is None else other)
+        return self.natural_lengths / stiffness
 
     @cached_property
     def lumped(self) -> tuple[LumpedLoads, ...]:
