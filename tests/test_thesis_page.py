@@ -74,6 +74,15 @@ def test_a_row_for_every_section() -> None:
     assert named == set(SECTIONS)
 
 
+def test_a_row_without_a_command_says_so() -> None:
+    text = (DOCS / "thesis.md").read_text("utf-8").partition("## Errata")[0]
+    rows = [line.split("|")[1:3] for line in text.splitlines() if re.match(r"\| [\dABCT]", line)]
+    told = ("`bozzini ", "no command", "nothing", "as above", "chapters 2,")
+    silent = [head for head, here in rows if not any(words in here for words in told)]
+    # Models of muscles: their two commands stand above the table.
+    assert all(re.match(r" 2\.2\.[1-9],", head) for head in silent) and len(silent) == 9
+
+
 def test_a_row_for_every_equation() -> None:
     text = " ".join(_list_heads()).replace("(", "Eq ").replace(")–Eq ", "–").replace(")", "")
     assert _expand(text, "Eq") == {

@@ -43,6 +43,8 @@ class Task(ABC):
     result : type of Result
         What `run` returns. Its single numbers made by `measured` or `tabulated` are the outputs of
         a study; with a method `plot` it has a picture.
+    has_page : bool
+        Whether `bozzini.scene.show` shows its result: its command writes that page, too.
     command, key : str
         The words of its command, made of `group` and `name`, with blanks and with hyphens; files,
         studies and forms know the task by the second.
@@ -51,6 +53,7 @@ class Task(ABC):
     name: ClassVar[str]
     group: ClassVar[str] = ""
     result: ClassVar[type[Result]]
+    has_page: ClassVar[bool] = False
     command: ClassVar[str]
     key: ClassVar[str]
 

@@ -14,7 +14,7 @@ from bozzini.cockpit.head import HeadDrive
 from bozzini.cockpit.session import Session, ShownPlan
 from bozzini.cockpit.wire import MessageError, read_message
 from bozzini.effector import Effector
-from bozzini.head import Head, HeadCamera, list_touches, stand_head
+from bozzini.head import Head, HeadCamera, PlacedEffector, list_touches, stand_head
 from tests.cockpit.conftest import make_plan
 from tests.head.test_reach import make_tube
 
@@ -69,6 +69,29 @@ def test_stick_moves_the_tip_as_the_still_picture_shows_it(azimuth, travel) -> N
     assert right * travel[0] >= 0.0 and -down * travel[1] >= 0.0
     assert abs(right) > 5.0 or not travel[0]
     assert abs(right) < 0.1 * abs(down) or travel[0]
+
+
+def test_it_is_said_where_the_camera_has_no_room() -> None:
+    plan, drive = show_tube()
+    drive.place(plan, STEP)
+    assert not drive.state.note
+    drive.place(replace(plan, wall=make_tube(20.0)[0]), STEP)
+    assert "the camera's arm goes through the wall" in drive.state.note
+
+
+def test_end_effectors_that_rest_are_drawn_too() -> None:
+    plan, _ = show_tube()
+    apart = [PlacedEffector(x=x) for x in (-5.0, 5.0)]
+    drive = HeadDrive(Head(diameter=24.0, effectors=tuple(apart)))
+    rest = drive.place(plan, STEP).tip
+    drive.hold(np.array([0.5, 0.0]))
+    drive.slide(0.5)
+    moved = drive.place(plan, STEP).tip
+    ends = np.cumsum([0, *(part["points"] for part in drive.describe()["head"]["parts"])])
+    stood = [np.array_equal(rest[a:b], moved[a:b]) for a, b in zip(ends, ends[1:], strict=False)]
+    names = [part["name"] for part in drive.describe()["head"]["parts"]]
+    assert names == ["camera's arm", "camera", "end-effector 2", "end-effector", "instrument"]
+    assert stood == [True, True, True, False, False] and len(rest) == ends[-1]
 
 
 def test_instrument_stops_at_the_wall_and_that_is_a_touch() -> None:

@@ -24,7 +24,7 @@ from bozzini.head import (
     view_head,
     write_head,
 )
-from bozzini.head.shape import Capsules, measure_gaps, see_places
+from bozzini.head.shape import Capsules, is_hidden, measure_gaps, see_places
 
 SLIM = {
     "muscle.outer_radius": 0.4, "muscle.inner_radius": 0.2, "offset": 1.9, "holder_diameter": 4.6,
@@ -48,7 +48,10 @@ def test_a_file_reads_back_exactly(tmp_path) -> None:
     heads = (Head(), make_pair(), Head(camera=HeadCamera(view=2.0, far=70.0), cap=EndCap(wall=0.2)))
     for head in heads:
         for name in ("head.yaml", "head.json"):
-            assert read_head(write_head(tmp_path / name, head)) == head
+            file = write_head(tmp_path / name, head)
+            assert read_head(file) == head
+            text = file.read_text(encoding="utf-8")  # of a default, too, lest that changes
+            assert text.count("preset") == text.count("fit") == len(head.effectors)
     assert read_head(None) == Head()
 
 
@@ -214,6 +217,18 @@ def test_half_a_turn_carries_two_end_effectors_into_each_other() -> None:
     found = check_head(head, samples=50)
     assert found.converged
     assert found.share_free < 1.0  # both can lean to where the other is
+
+
+def test_a_tip_on_the_end_of_a_body_is_seen_from_ahead() -> None:
+    draw = np.random.default_rng(0)
+    way = draw.normal(size=(500, 3))
+    way /= np.linalg.norm(way, axis=1, keepdims=True)
+    tips, lens = draw.normal(scale=10.0, size=(500, 3)), np.zeros(3)
+    lines = tips[:, None] - np.array([40.0, 4.5])[:, None] * way[:, None]
+    depth = ((lens - tips) * way).sum(axis=1)  # of the lens before the plane of the end
+    hidden = is_hidden(lens, tips, [Capsules(lines, 4.5)])
+    assert not hidden[depth > 1.0].any()
+    assert hidden[depth < -1.0].mean() > 0.9  # not where the lens is in the body
 
 
 def test_gaps_are_those_of_dense_points() -> None:

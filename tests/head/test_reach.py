@@ -266,6 +266,11 @@ def test_the_command_finds_a_place(files, tmp_path, capsys) -> None:
     assert main([*given, "--at", "50mm", *head, "--out", str(picture)]) == 0
     assert "cm^2 of the wall are reached" in capsys.readouterr().out
     assert picture.exists()
+    page = tmp_path / "reach.html"
+    assert main([*given, "--at", "50mm", *head, "--out", str(page)]) == 0
+    assert "Reach at 50.0 mm of insertion" in page.read_text(encoding="utf-8")
+    assert main([*given, "--at", "50mm", *head, "--out", str(page)]) == 2
+    capsys.readouterr()
     assert main([*given, "--at", "50mm", f"--target={goal}", *head]) == 1
     assert "the target is out of reach" in capsys.readouterr().out
 
@@ -277,6 +282,8 @@ def test_the_command_finds_a_place(files, tmp_path, capsys) -> None:
         (["--target", "1mm,2mm"], "'1mm,2mm' has 2 part(s): give 3"),
         (["--target", "1mm,2mm,3s"], "3s"),
         (["--samples", "1"], "samples is 1: it must lie in [10, 100000]"),
+        (["--samples", "90000"], "samples is 90000: it must be at most 10162 for 24 rolls"),
+        (["--spacing", "0.25mm"], "spacing is 0.25 mm: it must be at least 0.55 mm"),
         (["--roll", "900deg"], "roll is 15.708 rad"),
         (["--head", "nothing.yaml"], "cannot read nothing.yaml"),
     ],
@@ -298,10 +305,17 @@ def test_another_tract_is_refused(files, capsys) -> None:
 def test_wall_and_head_are_shown(files, tmp_path) -> None:
     duct, plan = make_tube()
     goal = place(TURNS["none"], 20.0, -32.0, 158.0)
-    found = find_reached(Head(), stand_head(plan, 100.0), duct=duct, target=goal, options=FAST)
+    found = find_reached(
+        Head(), stand_head(plan, 100.0), duct=duct, target=goal, options=replace(FAST, roll=None)
+    )
     view = found.show().view
     assert sum(len(item.faces) for item in view.surfaces) == len(found.faces)
-    assert {item.name for item in view.bodies} == {"camera", "end-effector 1"}
+    names = [item.name for item in view.bodies]
+    assert names == ["end-effector 1", "instrument 1", "camera's arm", "camera"]
     (mark,) = view.marks
     assert mark.text == "target"
+    (tool,) = (item for item in view.bodies if item.name == "instrument 1")
+    assert np.linalg.norm(tool.joints[0, 0] - goal) == pytest.approx(
+        tool.radius, abs=FAST.tolerance
+    )
     assert main(["show", str(files / "head.yaml"), "--out", str(tmp_path / "head.html")]) == 0

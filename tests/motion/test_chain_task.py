@@ -11,6 +11,7 @@ import pytest
 
 from bozzini.cli.main import main
 from bozzini.duct import Circles, Polygon, StitchedQuads, save
+from bozzini.errors import InputError
 from bozzini.motion.chain_task import ChainTask, read_points
 
 
@@ -61,6 +62,24 @@ def test_a_chain_keeps_its_joints_in_quadrilaterals_and_out_of_circles(tmp_path,
     inside = found.joints[field.signed_distance(found.joints) < 0.0]
     assert found.converged and stone.signed_distance(inside).min() > 0.0
     assert found.plot().get_xlabel() == "x [mm]"
+
+
+def test_a_place_twice_in_a_row_is_passed_once(tmp_path):
+    once = [[0.0, 0.0], [5.0, 1.0], [9.0, 8.0]]
+    twice = [once[0], *once, once[2]]
+    found, again = (
+        ChainTask(path=_write(tmp_path / f"{len(points)}.csv", points), links=3).run()
+        for points in (once, twice)
+    )
+    assert np.array_equal(found.joints[-1], again.joints[-1])
+    with pytest.raises(InputError, match="one place in all rows"):
+        ChainTask(path=_write(tmp_path / "p.csv", once[:1] * 2)).run()
+
+
+def test_uneven_links_keep_their_lengths(tmp_path):
+    path = _write(tmp_path / "p.csv", [[0.0, 0.0], [0.0, 30.0]])
+    start = _write(tmp_path / "s.csv", [[0.0, 0.0], [10.0, 0.0], [14.0, 0.0]])
+    assert ChainTask(path=path, start=start).run().residual < 1e-9
 
 
 def test_points_have_units(tmp_path):

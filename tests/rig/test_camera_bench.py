@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
 from datetime import UTC, datetime
@@ -11,6 +12,7 @@ import pandas as pd
 import pytest
 
 from bozzini.cli.main import main
+from bozzini.cli.rig_camera import CameraRequest
 from bozzini.errors import InputError
 from bozzini.muscle import EnergyMuscle, preset, read_muscle
 from bozzini.rig.camera_bench import BenchReport, VideoCamera
@@ -135,7 +137,7 @@ def test_a_film_is_a_camera(tmp_path):
         ("--camera rendered --weights 1mm", "1mm"),
         ("--camera rendered --plot x.png", "--plot has no effect"),
         ("--camera rendered --free modulus,colour", "colour"),
-        ("--camera rendered --steps 1 --repeats 1", "too few"),
+        ("--camera rendered --weights 0.05N --steps 1 --repeats 1", "too few"),
         ("--play 2MPa", "play is 2"),
     ],
 )
@@ -146,6 +148,16 @@ def test_wrong_use_is_one_line(toolchain, tmp_path, capsys, words, told):
     said = capsys.readouterr().err.strip()
     assert told in said and "\n" not in said
     assert list(tmp_path.iterdir()) == []
+
+
+def test_the_emulated_muscle_holds_two_weights_by_default():
+    asked = dict.fromkeys(item.name for item in dataclasses.fields(CameraRequest))
+    sizes = {"height": 2.8, "ring": 2.0}
+    rendered, real = (
+        CameraRequest(**{**asked, **sizes, "camera": name}) for name in ("rendered", "0")
+    )
+    assert rendered.list_weights(Stairs(load=0.05)) == pytest.approx((0.05, 0.15))
+    assert real.list_weights(Stairs(load=0.05)) == (0.05,)
 
 
 @pytest.mark.parametrize("name", ["m.html", "m-fit.yaml", "m-lengths"])

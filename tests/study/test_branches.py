@@ -18,7 +18,7 @@ from bozzini.motion.planners import PlannerOptions
 from bozzini.numeric.polylines import measure_arc_length
 from bozzini.study import Case
 from bozzini.study.approach import describe_routes, find_approaches
-from bozzini.study.branches import TreeReach, reach_tree
+from bozzini.study.branches import TreeReach, TreeReachOptions, reach_tree
 
 VOXEL = 1.0
 SCOPES = (Scope(diameter=6.0, link_length=4.0), Scope(diameter=4.0, link_length=4.0))
@@ -129,7 +129,10 @@ def test_whole_way_is_that_of_a_plan_along_the_same_line() -> None:
 def test_limit_of_the_joints_stops_the_scope_and_is_named() -> None:
     _, case = open_airway()
     tight = reach_tree(
-        case.field, case.tree, scopes=SCOPES[:1], options=PlannerOptions(angle_limit=0.06)
+        case.field,
+        case.tree,
+        scopes=SCOPES[:1],
+        options=TreeReachOptions(planner=PlannerOptions(angle_limit=0.06)),
     )
     assert "angle" in {row.stop for row in tight.rows}
     assert tight.scopes[0].length < reach_airway().scopes[0].length

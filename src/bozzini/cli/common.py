@@ -709,6 +709,11 @@ class Answer:
         """Whether the file is a table."""
         return self.out is not None and self.out.suffix.lower() == ".csv"
 
+    @property
+    def is_page(self) -> bool:
+        """Whether the file is a page."""
+        return self.out is not None and self.out.suffix.lower() == ".html"
+
     def write(self, columns: Mapping[str, object], draw: Callable[[], Figure | Axes]) -> None:
         """Write the file that is asked for: a table of columns, or the picture `draw` makes."""
         if self.out is not None and self.is_table:

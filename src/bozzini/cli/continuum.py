@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..checks import show_apart, spell_option
-from ..continuum import CONTINUUM_MODELS, ElasticModel
+from ..continuum import CONTINUUM_MODELS, DynamicsOptions, ElasticModel
 from ..continuum.kinematics import LOADS
 from ..errors import GeometryError, InputError, PluginError
 from ..fabricate import BodyOptions
@@ -60,6 +60,7 @@ if TYPE_CHECKING:
         ContinuumWorkspace,
         InverseOptions,
         Shape,
+        ShapeHistory,
     )
     from ..continuum.gradients import ShapeJacobian
     from ..continuum.robot import RobotDesign
@@ -1080,6 +1081,69 @@ def _format_workspace(found: ContinuumWorkspace) -> list[str]:
             f"z = {z:z.1f} mm"
         )
     return lines
+
+
+# Motion in time.
+
+
+@command.command("simulate")
+@robot_argument
+@click.argument("table", metavar="TABLE.csv", type=INPUT)
+@load_option
+@options_of(DynamicsOptions, "options")
+@answer_options(
+    ".csv", *PICTURES, help="Tip, tendons and energies by time (.csv), or a picture of the tip."
+)
+def simulate_command(
+    robot_file: Path, table: Path, load: tuple[str, ...], options: DynamicsOptions, answer: Answer
+) -> None:
+    """Simulate a robot under commands of its tendons over time, from rest under the first ones.
+
+    TABLE has 'time [s]', and 'T1 tension [N]' or 'T1 displacement [mm]' of tendons; between rows
+    they change evenly, and there is a row of the answer for each. Masses follow from the weights
+    in the robot file. Tendons have no mass and no friction here; their displacements need their
+    stiffness.
+
+    Exit code 0: simulated to the end; 1: not, and where; 2: bad input.
+    """
+    from ..continuum import read_timed_commands, simulate
+
+    robot = read_robot(robot_file)
+    given = read_timed_commands(table, robot)
+    found = simulate(
+        robot,
+        given.times,
+        tensions=given.commands if given.command == "tension" else None,
+        displacements=given.commands if given.command == "displacement" else None,
+        loads=[parse_load(text) for text in load],
+        options=options,
+    )
+    notes = []
+    if robot.tendon_friction.any():
+        notes.append("the friction of tendons is left out: a motion in time has none yet")
+    answer.write(found.list_columns(), found.plot)
+    text = "\n".join([_describe_motion(found), *(f"note: {line}" for line in notes)])
+    answer.give({**found.to_dict(), "notes": notes, "file": answer.out}, text)
+    if not found.converged:
+        run_exit(EXIT_NEGATIVE)
+
+
+def _describe_motion(found: ShapeHistory) -> str:
+    """Return where the tip goes, and whether energy is in balance."""
+    import numpy as np
+
+    last = f"after {found.time[-1]:.4g} s the tip is at {format_place(found.tip[-1])} mm"
+    speed = np.linalg.norm(found.velocities[:, -1], axis=1)
+    balance = found.energy
+    return "\n".join(
+        [
+            *([found.reason] if found.reason else []),
+            f"{last}, moving at {speed[-1]:.4g} mm/s",
+            f"fastest {speed.max():.4g} mm/s at {found.time[int(speed.argmax())]:.4g} s",
+            f"work {balance.work[-1]:.4g} N mm, dissipated {balance.dissipated[-1]:.4g} N mm, "
+            f"out of balance by {found.residual:.2g} N mm at most",
+        ]
+    )
 
 
 # What to make it from.

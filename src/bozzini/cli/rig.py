@@ -349,8 +349,8 @@ def characterise_command(
 
     When it is interrupted it vents and writes what was measured.
 
-    Exit code 0: all steps settled; 1: some are flagged, or the board left its armed state; 2: bad
-    input.
+    Exit code 0: all steps settled; 1: some are flagged, the board left its armed state, or what is
+    fitted with --camera is in doubt; 2: bad input.
     """
     from ..effector.motion import EffectorMotion
     from ..rig import Host, LockstepLink, SerialLink, emulate_rig

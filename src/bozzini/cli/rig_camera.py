@@ -33,6 +33,8 @@ if TYPE_CHECKING:
     from ..vision import Camera, RenderedSetup, StripBoard
     from .muscle_options import Request
 
+_SECOND = 0.1  # N on top of the first weight
+
 OpenHost = Callable[[float], AbstractContextManager["tuple[Host, Gauge | None]"]]
 """Opens a rig whose muscle holds a weight [N]: its host, and of a plant the true contraction."""
 
@@ -80,9 +82,13 @@ class CameraRequest:
         raise InputError("a real camera needs --strips and --cameras, see 'bozzini vision'")
 
     def list_weights(self, stairs: Stairs) -> tuple[float, ...]:
-        """Return the weights [N], from the least; that of the stairs if none are given."""
+        """Return the weights [N], from the least; that of the stairs if none are given.
+
+        The emulated muscle then holds a second one, without which the braid is not told.
+        """
         if self.weight_texts is None:
-            return (stairs.load,)
+            second = (stairs.load + _SECOND,) if self.is_rendered else ()
+            return (stairs.load, *second)
         texts = self.weight_texts.split(",")
         return tuple(sorted(parse_quantity(text.strip(), "force") for text in texts))
 
@@ -103,7 +109,7 @@ camera_options = gather(
     option(
         "--weights weight_texts F,...",
         "Tensions that the muscle holds, a run each, with --camera, such as 0.05N,0.15N (default: "
-        "that of --load).",
+        "that of --load, and with 'rendered' 0.1 N more).",
     ),
     option("--strips FILE", "The board of strips behind the muscle, with a real camera.", INPUT),
     option("--cameras cameras_file FILE", "The calibrated camera.", INPUT),

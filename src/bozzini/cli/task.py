@@ -28,16 +28,22 @@ def make_command(kind: type[Task]) -> click.Command:
     """Return the command of a task: an input that is a file and has no default comes by itself."""
     fields = kind.list_fields().values()
     drawn = hasattr(kind.result, "plot")
+    formats = [".csv", *(PICTURES if drawn else ()), *([".html"] if kind.has_page else ())]
     help = f"A table (.csv){' or a picture' if drawn else ''}."
+    if kind.has_page:
+        help = "A table (.csv), a picture, or a page in 3-D (.html)."
 
     @click.command(kind.name, cls=CheckedCommand, help=inspect.getdoc(kind))
     @gather("task", lambda **given: kind.from_inputs(given), *map(_make, fields))
     @options_file(kind.list_fields(), f"bozzini new task {kind.key}")
-    @answer_options(".csv", *(PICTURES if drawn else ()), help=help)
+    @answer_options(*formats, help=help)
     def command(task: Task, answer: Answer) -> None:
         with answer.show_progress() as progress:
             found = task.run(progress)
-        answer.write(found.list_table(), lambda: found.plot())  # type: ignore[attr-defined]
+        if answer.is_page:
+            found.show().save(answer.target)  # type: ignore[attr-defined]
+        else:
+            answer.write(found.list_table(), lambda: found.plot())  # type: ignore[attr-defined]
         result = {**found.to_dict(), "inputs": task.inputs, "file": answer.out}
         answer.give(result, task.describe(found))
         if not has_converged(found):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +15,7 @@ from ..head.anchor import Stand, find_wall_along, list_touches
 from ..head.choices import CAMERAS
 from ..head.design import Head, SectionPoses
 from ..head.operate import TargetRun, TargetTask, find_up
+from ..head.shape import make_camera_chains, name_effector
 from ..numeric.arrays import Floats
 from ..results import Json
 from .drive import EffectorDrive
@@ -35,7 +37,9 @@ class HeadBody(NamedTuple):
 
 
 class HeadDrive(EffectorDrive):
-    """A head at the tip of the scope, without a rig: its first end-effector is moved.
+    """A head at the tip of the scope, without a rig.
+
+    Its first end-effector is moved; others rest, their instruments drawn in.
 
     Parameters
     ----------
@@ -55,6 +59,13 @@ class HeadDrive(EffectorDrive):
         self.wanted = 0.0
         self.task: TargetTask | None = None
         self._arm, self._housing = head.lay_arm()
+        self._others = [
+            HeadBody(
+                name_effector(k), "#4f7cac", other.radius, other.shape(np.zeros((1, 2))).body[0]
+            )
+            for k, other in enumerate(head.effectors)
+            if k > 0
+        ]
         super().__init__(self.placed.effector)
 
     def slide(self, out: float) -> None:
@@ -80,16 +91,21 @@ class HeadDrive(EffectorDrive):
         start = stand.origin + stand.frame @ poses.holder_tip[0]
         way = stand.frame @ poses.direction[0]
         wall, out = plan.wall, self.wanted
-        free, gap = math.inf, math.nan
+        free, gap, note = math.inf, math.nan, ""
         if isinstance(wall, Duct) and wall.signed_distance(stand.origin[None])[0] < 0.0:
             steps = np.linspace(0.0, max(out, 1e-6), _STEPS)
             free = float(find_wall_along(wall, start[None], way[None], steps)[0])
             out = min(out, max(free, 0.0))
             tip = start + out * way
             gap = float(-wall.signed_distance(tip[None])[0])
+            for chain in make_camera_chains(self.head):
+                line = stand.origin + chain.lines[0] @ stand.frame.T
+                if (wall.signed_distance(line) > -chain.radius).any():
+                    note = "the camera's arm goes through the wall: here the head stays capped"
             if self.task is not None:
                 touches = 0.0 < free < self.wanted
                 self.task.take(time.monotonic(), tip, touches=touches)
+        self.state = replace(self.state, note=note)
         parts = self.list_parts(poses, out)
         points = stand.origin + np.concatenate([part.line for part in parts]) @ stand.frame.T
         return PlacedBody(
@@ -119,13 +135,14 @@ class HeadDrive(EffectorDrive):
         return np.stack([stand.origin + stand.frame @ lens, stand.frame @ way, stand.frame @ up])
 
     def list_parts(self, poses: SectionPoses, out: float) -> list[HeadBody]:
-        """Return the bodies in the head's frame, the instrument so far out [mm]."""
+        """Return the bodies in the head's frame, the instrument, so far out [mm], as the last."""
         camera, placed = self.head.camera, self.placed
         body = poses.body[0]
         rod = np.stack([body[-1], body[-1] + out * poses.direction[0]])
         return [
             HeadBody("camera's arm", "#8a96a3", 0.5 * camera.thickness, self._arm),
             HeadBody("camera", "#c0392b", 0.5 * camera.diameter, self._housing),
+            *self._others,
             HeadBody("end-effector", "#4f7cac", placed.radius, body),
             HeadBody("instrument", "#d8dde2", 0.5 * placed.instrument.diameter, rod),
         ]

@@ -3,6 +3,15 @@ from .calibration import Marker, RobotCalibration
 from .contact import ContactModel, ContactOptions, ContactShape
 from .continuation import EquilibriumPath
 from .coupling import BendSolution, ParallelModel, check_displacements, coupling_matrix
+from .dynamics import (
+    DynamicsOptions,
+    EnergyBalance,
+    LinearDynamics,
+    MotionState,
+    ShapeHistory,
+    linearise,
+    simulate,
+)
 from .elastic import ElasticModel
 from .energy import EnergyModel
 from .friction import FrictionState
@@ -21,7 +30,12 @@ from .inverse import (
 from .kinematics import ContinuumRobot
 from .linkage import LinkageModel
 from .loads import LineLoad, PackedLoads, PointLoad, pack_loads
-from .measured import RobotMeasurements, read_robot_measurements
+from .measured import (
+    RobotMeasurements,
+    TimedCommands,
+    read_robot_measurements,
+    read_timed_commands,
+)
 from .model import ContinuumModel
 from .models import CONTINUUM_MODELS
 from .robot import RobotDesign
@@ -67,7 +81,9 @@ __all__ = [
     "Dexterity",
     "DexterityMap",
     "DriveTable",
+    "DynamicsOptions",
     "ElasticModel",
+    "EnergyBalance",
     "EnergyModel",
     "EquilibriumPath",
     "FrictionState",
@@ -75,8 +91,10 @@ __all__ = [
     "InsertionResult",
     "InverseOptions",
     "LineLoad",
+    "LinearDynamics",
     "LinkageModel",
     "Manipulability",
+    "MotionState",
     "PackedLoads",
     "ParallelModel",
     "PointLoad",
@@ -85,6 +103,7 @@ __all__ = [
     "Section",
     "SectionResult",
     "Shape",
+    "ShapeHistory",
     "ShapeJacobian",
     "TendonHistory",
     "Tendon",
@@ -99,11 +118,13 @@ __all__ = [
     "displacements_for",
     "insert_robot",
     "jacobian",
+    "linearise",
     "manipulability",
     "measure_dexterity",
     "measure_workspace",
     "pack_loads",
     "sample_workspace",
+    "simulate",
     "solve_curve",
     "solve_pose",
     "solve_section",
@@ -118,7 +139,9 @@ __all__ = [
     "predict_points",
     "Marker",
     "RobotMeasurements",
+    "TimedCommands",
     "read_robot_measurements",
+    "read_timed_commands",
     "RobotSetup",
     "Unknown",
     "parse_unknowns",

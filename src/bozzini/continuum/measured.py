@@ -8,7 +8,7 @@ import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, get_args
+from typing import TYPE_CHECKING, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 KINDS: dict[str, str] = {"displacement": "length", "tension": "force"}
 """Kind of quantity of each command."""
 
-EXAMPLES = {"length": "mm", "force": "N"}
+EXAMPLES = {"length": "mm", "force": "N", "time": "s"}
 MISSING = ("", "nan", "na", "none")
 """Cells of a value that was not measured, in lower case."""
 
@@ -229,6 +229,63 @@ def read_robot_measurements(
     return dataclasses.replace(data, source=path.name if named else "")
 
 
+class TimedCommands(NamedTuple):
+    """Commands of all tendons of a robot over time.
+
+    Attributes
+    ----------
+    command : {"displacement", "tension"}
+        What is commanded.
+    times : (n,) ndarray
+        Times [s].
+    commands : (n, t) ndarray
+        Displacements [mm] or tensions [N], 0 of tendons without a column.
+    """
+
+    command: Command
+    times: Floats
+    commands: Floats
+
+
+def read_timed_commands(path: str | os.PathLike[str], robot: RobotDesign) -> TimedCommands:
+    """Read commands of a robot over time: ``time [s]``, and commands as in measurements.
+
+    Raises
+    ------
+    FileFormatError
+        If the file is no such table.
+    UnitError
+        If a column has no unit or a wrong one.
+    InputError
+        If a tendon is not there.
+    """
+    file = check_path("path", path)
+    try:
+        sheet = read_sheet(file)
+        titles = [title.strip() for title in sheet.titles]
+        _check_sheet(sheet, titles)
+        found, _ = _find_columns(titles, robot, {}, demanded=(), needs_points=False)
+        command, places = next(iter(found.items()))
+        timed = [place for place, title in enumerate(titles) if split_title(title)[0] == "time"]
+        if len(timed) != 1:
+            raise FileFormatError(
+                f"there are {len(timed)} columns of times: one must be 'time [s]'; the table has "
+                f"{_quote(titles)}"
+            )
+        kinds = {timed[0]: "time", **dict.fromkeys(places.values(), KINDS[command])}
+        values = {
+            place: _find_factor(titles[place], kind) * take_numbers(sheet, place)
+            for place, kind in kinds.items()
+        }
+    except InputError as error:
+        raise type(error)(f"{file.name}: {error}") from None
+    commands = np.zeros((len(sheet.rows), len(robot.tendons)))
+    for name, place in places.items():
+        commands[:, robot.tendon_names.index(name)] = values[place]
+    kind: Command = "displacement" if command == "displacement" else "tension"
+    return TimedCommands(kind, values[timed[0]], commands)
+
+
 def _take_sheet(
     sheet: Sheet,
     robot: RobotDesign,
@@ -344,6 +401,7 @@ def _find_columns(
     known: Mapping[str, Marker],
     *,
     demanded: Collection[str],
+    needs_points: bool = True,
 ) -> tuple[dict[str, dict[str, int]], dict[str, list[int]]]:
     """Return where the commands are, by kind and tendon, and the coordinates of each marker."""
     commands: dict[str, dict[str, int]] = {}
@@ -371,7 +429,7 @@ def _find_columns(
         )
     if len(commands) > 1:
         raise FileFormatError("there are columns of displacements and of tensions: give one kind")
-    if not seen:
+    if not seen and needs_points:
         hint = f": say where '{others[0]}' is on the body" if others else ""
         raise FileFormatError(
             f"there is no column with a point, such as 'tip x [mm]'{hint}; the table has "

@@ -34,13 +34,14 @@ from ..task import Task
 from ..units import parse_vector
 from .check import ResultOfRows, head_field
 from .design import Head, PlacedEffector, SectionPoses, read_head
-from .shape import Capsules, make_camera_chains, make_chains, measure_gaps
+from .shape import ROUND_OFF, Capsules, make_camera_chains, make_chains, measure_gaps
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _TRACE_STEP = 0.5  # mm along an instrument
 _ROLLS = 24
+_MOST = 10_000_000  # nodes of the grid round the head, and places of tips, that are looked at
 _ZOOMS = 4
 """How often the places round the best one are looked at more closely."""
 OUT_OF_REACH, BLOCKED, REACHED = 0, 1, 2
@@ -278,6 +279,12 @@ class HeadReach(ResultOfRows, ReasonedResult):
         """Distance of the tip from the target [mm]; 0 without one."""
         return 0.0 if self.miss is None else self.miss
 
+    @property
+    def reached_from(self) -> ReachedFrom | None:
+        """How the target is reached from `insertion`; None if it is not, or there is none."""
+        rows = () if self.reason else self.rows
+        return next((row for row in rows if row.insertion == self.insertion), None)
+
     def list_columns(self) -> Json:
         """Return the target from each insertion; without one, the wall's places and their codes."""
         if self.rows:
@@ -318,8 +325,9 @@ def find_reached(
 
     A place is reached if a legal pressure of the muscles brings the instrument's line to it, its
     tip meets no wall before, and neither the end-effector nor the camera touch the wall, or each
-    other. The instrument slides: its tip is anywhere from the end of the holder to as far as it
-    reaches. Its line is looked at, not its thickness; other end-effectors are at rest.
+    other; the camera and other end-effectors also stay clear of the instrument as far as it
+    reaches. The instrument slides: its tip is anywhere from the end of the holder to as far as it
+    reaches. For the wall its line is looked at, not its thickness; other end-effectors are at rest.
 
     Parameters
     ----------
@@ -337,7 +345,8 @@ def find_reached(
     Raises
     ------
     InputError
-        If there is no stand, or the target is not three finite numbers.
+        If there is no stand, the target is not three finite numbers, or the samples or the grid
+        would be too many.
     """
     check_kind("head", head, Head)
     check_kind("duct", duct, Duct)
@@ -349,6 +358,7 @@ def find_reached(
     places = [stands] if isinstance(stands, Stand) else list(stands)
     if not places:
         raise InputError("there is no stand: give one or more")
+    _check_size(head, known)
     poses = [placed.shape(placed.list_bends(known.samples)) for placed in head.effectors]
     rows = []
     if goal is not None:
@@ -384,6 +394,24 @@ def find_reached(
         notes=(),
         reason="" if row is None or reached else _explain(row, known),
     )
+
+
+def _check_size(head: Head, options: ReachOptions) -> None:
+    """Raise `InputError` if more would be looked at than fits in memory."""
+    longest = max(head.effectors, key=lambda placed: placed.instrument.reach)
+    rolls = len(options.rolls)
+    most = _MOST // (rolls * _count_steps(longest))
+    if options.samples > most:
+        raise InputError(
+            f"samples is {options.samples}: it must be at most {most} for {rolls} rolls and an "
+            f"instrument of {longest.instrument.reach:g} mm"
+        )
+    finest = head.length * (4.0 / _MOST) ** (1.0 / 3.0)
+    if options.spacing < finest:
+        raise InputError(
+            f"spacing is {options.spacing:g} mm: it must be at least {finest:.2g} mm for a head "
+            f"that reaches {head.length:g} mm"
+        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -480,7 +508,8 @@ class _Search:
         if self.duct is not None:
             others = _list_others(self.head, index)
             own = make_chains(placed, poses)
-            clear = np.broadcast_to(measure_gaps(own, others)[:, 0] >= 0.0, free.shape).copy()
+            apart = measure_gaps(own, others)[:, 0] >= -ROUND_OFF
+            clear = np.broadcast_to(apart, free.shape).copy()
             for chain in (*others, own[0]):
                 middles = 0.5 * (chain.lines[:, 1:] + chain.lines[:, :-1])
                 points = place(np.concatenate([chain.lines, middles], axis=1))
@@ -676,8 +705,9 @@ class HeadReaching(Task):
     PLAN is a plan's .npz, TRACT the file that it was made from. The head's face stands at the
     scope's tip, and the head beyond it. With --target all insertions are looked at, --step apart,
     for the one from which the target is reached with the least deflection; with --at only that one.
-    A picture is the wall there, unrolled; a table has the target from each insertion, or else the
-    wall's places: 0 out of reach, 1 something is in the way, 2 reached.
+    A picture is the wall there, unrolled, and a page the same in 3-D with the head; a table has the
+    target from each insertion, or else the wall's places: 0 out of reach, 1 something is in the
+    way, 2 reached.
 
     Exit code 0: the target is reached, or none was given; 1: it is not; 2: bad input.
     """
@@ -685,6 +715,7 @@ class HeadReaching(Task):
     name = "reach"
     group = "head"
     result = HeadReach
+    has_page = True
 
     plan: str = quantity("file", "A plan (.npz).")
     tract: str = quantity("file", "The file that it was made from.")
@@ -723,8 +754,8 @@ class HeadReaching(Task):
             f"In {100.0 * found.free_share:.0f} % of the poses nothing touches; the roll is "
             f"{'free' if self.options.roll is None else 'given'}",
         ]
-        if found.target is not None and not found.reason:
-            row = next(row for row in found.rows if row.insertion == found.insertion)
+        row = found.reached_from
+        if row is not None:
             count = sum(each.miss <= self.options.tolerance for each in found.rows)
             given = ", ".join(f"{k} {1e3 * p:.0f} kPa" for k, p in found.pressures.items())
             lines.append(

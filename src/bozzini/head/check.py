@@ -26,12 +26,11 @@ from ..results import (
 )
 from ..task import Task
 from .design import FITS, Head, PlacedEffector, read_head
-from .shape import list_bodies, list_pairs, measure_gaps, name_effector, see_tips
+from .shape import ROUND_OFF, list_bodies, list_pairs, measure_gaps, name_effector, see_tips
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_ROUND_OFF = 1e-9
 _PAIR_SAMPLES = 80  # poses of each of two end-effectors that are looked at together
 
 
@@ -276,13 +275,13 @@ def check_head(head: Head, *, samples: int = 400) -> HeadCheck:
                     state=state,
                     bodies=f"{one} and {other}",
                     gap=float(gaps.min()),
-                    share_free=float((gaps >= -_ROUND_OFF).mean()),
+                    share_free=float((gaps >= -ROUND_OFF).mean()),
                 )
             )
     fixed = [row for row in rows if row.state != "free, any pose"]
     worst = min(fixed, key=lambda row: row.gap)
     reason, camera = "", head.camera
-    if worst.gap < -_ROUND_OFF:
+    if worst.gap < -ROUND_OFF:
         reason = f"{worst.state}: {worst.bodies} lack {-worst.gap:.2f} mm"
     elif camera.strain > camera.strain_limit:
         reason = (
@@ -311,7 +310,7 @@ def _check_stowed(head: Head) -> list[GapRow]:
         apart = float(np.linalg.norm(discs[one][0] - discs[other][0]))
         gaps[f"{one} and {other}"] = apart - discs[one][1] - discs[other][1]
     return [
-        GapRow(state="under the cap", bodies=name, gap=gap, share_free=float(gap >= -_ROUND_OFF))
+        GapRow(state="under the cap", bodies=name, gap=gap, share_free=float(gap >= -ROUND_OFF))
         for name, gap in gaps.items()
     ]
 
@@ -429,8 +428,8 @@ def view_head(head: Head, *, number: int = 1, samples: int = 1000) -> HeadView:
     in_cone, in_focus, hidden = see_tips(head, number - 1, every)
     named = list_bodies(head, every)
     own = named.pop(name_effector(number - 1))
-    free = np.min([measure_gaps(own, other)[:, 0] for other in named.values()], axis=0) >= 0.0
-    seen = in_cone & in_focus & ~hidden
+    gaps = np.min([measure_gaps(own, other)[:, 0] for other in named.values()], axis=0)
+    seen, free = in_cone & in_focus & ~hidden, gaps >= -ROUND_OFF
     _, (back, lens) = head.lay_arm()
     return HeadView(
         head=head,
@@ -497,4 +496,6 @@ class HeadViewing(Task):
             "seen, and nothing touches": found.share_used,
         }
         lines = [f"{100.0 * share:5.1f} %  {name}" for name, share in shares.items()]
-        return "\n".join([*lines, f"The farthest place is {found.farthest:.1f} mm from the lens"])
+        return "\n".join(
+            [*lines, f"The farthest place is {found.farthest:.1f} mm ahead of the lens"]
+        )

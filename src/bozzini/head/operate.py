@@ -24,7 +24,7 @@ from .anchor import Stand, Touches, list_insertions, list_touches, read_lumen, s
 from .check import ResultOfRows, head_field
 from .choices import CAMERAS
 from .design import Head, SectionPoses, read_head
-from .shape import make_camera_chains, make_chains, measure_gaps
+from .shape import ROUND_OFF, make_camera_chains, make_chains, measure_gaps
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -233,7 +233,7 @@ class HeadComparison(ResultOfRows, ReasonedResult):
     error : float
         The largest at a touch [mm].
     camera_gap : float
-        The least between end-effector, instrument and the still camera on its arm [mm].
+        The least between the end-effector and the still camera on its arm [mm].
     reason : str
         Which target is not touched, or that the still camera is; empty if all is well.
     """
@@ -324,7 +324,7 @@ def compare_cameras(
     reason = ""
     if not run.is_done:
         reason = f"target {len(run.rows) + 1} is not touched"
-    elif gap < 0.0:
+    elif gap < -ROUND_OFF:
         reason = f"the end-effector and the still camera overlap by {-gap:.2f} mm on the way"
     return HeadComparison(
         head=head,

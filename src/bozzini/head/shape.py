@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
     from .design import Head, HeadCamera, PlacedEffector, SectionPoses
 
+ROUND_OFF = 1e-9
+"""What overlaps by less touches nothing [mm]."""
 _PAIRS = 4_000_000  # of segments, at once
 
 
@@ -106,7 +108,8 @@ def is_hidden(lens: Floats, tips: Floats, bodies: Sequence[Capsules]) -> NDArray
     for body in bodies:
         start, end = body.lines[:, :-1], body.lines[:, 1:]
         apart = _measure_segments(lens, (tips - lens)[:, None], start, end - start)
-        hidden |= apart.min(axis=1) < body.radius
+        # A tip on the end of a body is as far from its line as that is thick, seen from ahead.
+        hidden |= apart.min(axis=1) < body.radius - ROUND_OFF
     return hidden
 
 
@@ -203,7 +206,7 @@ def pose_head(head: Head, pressures: Sequence[ArrayLike | Mapping[str, ArrayLike
         bodies=tuple(pose.body[0] for pose in poses),
         in_view=seen[0] & seen[1] & ~seen[2],
         gap=gap,
-        reason=f"{closest} overlap by {-gap:.2f} mm" if gap < 0.0 else "",
+        reason=f"{closest} overlap by {-gap:.2f} mm" if gap < -ROUND_OFF else "",
     )
 
 

@@ -98,8 +98,9 @@ def _structure(data: object, record: type[_Record], name: str, *, from_file: boo
 def write_record(record: Any, *, with_units: bool = False) -> Json:
     """Return a record as plain data that `read_record` reads.
 
-    Quantities that are legal are always there, other fields where they differ from their default,
-    and those that are unset never. Numbers that are not finite are None.
+    Quantities that are legal, words to choose from among them, are always there, other fields where
+    they differ from their default, and those that are unset never. Numbers that are not finite are
+    None.
 
     Parameters
     ----------
@@ -139,9 +140,9 @@ def _add_unit(value: float, known: Quantity) -> object:
 
 
 def _is_legal(known: Quantity | None, plain: object, record: object) -> bool:
-    """Whether a default is a legal number, and not one that stands for none given."""
+    """Whether a default is a legal number or word, and not one that stands for none given."""
     if known is None or not isinstance(plain, (int, float)):
-        return False
+        return known is not None and plain in known.words
     try:
         known.check("", plain, record)
     except InputError:

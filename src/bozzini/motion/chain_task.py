@@ -72,7 +72,7 @@ class ChainMotion(ReasonedResult):
     def residual(self) -> float:
         """Largest deviation of a link from its length [mm]."""
         lengths = np.linalg.norm(np.diff(self.joints, axis=1), axis=2)
-        return float(np.abs(lengths - self.link_length).max())
+        return float(np.abs(lengths - lengths[0]).max())
 
     def list_columns(self) -> Json:
         """Return a row for each joint at each step."""
@@ -151,6 +151,9 @@ class ChainTask(Task):
         path = read_points(self.path)
         if len(path) < 2:
             raise InputError(f"{self.path} has {len(path)} row(s): a path needs two or more")
+        path = path[np.append(True, np.any(path[1:] != path[:-1], axis=1))]
+        if len(path) < 2:
+            raise InputError(f"{self.path} is one place in all rows: a path needs two or more")
         if self.shapes is None:
             if self.obstacles is not None:
                 raise InputError("obstacles without shapes: give the space that they stand in, too")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TypeAlias
 
 import numpy as np
@@ -18,9 +19,9 @@ from ..effector.effector import Effector
 from ..effector.pose import EffectorPose
 from ..effector.workspace import Workspace
 from ..errors import GeometryError, InputError
-from ..head.anchor import BLOCKED, OUT_OF_REACH, REACHED, HeadReach
-from ..head.design import Head
-from ..head.shape import Capsules, HeadPose, list_bodies
+from ..head.anchor import BLOCKED, OUT_OF_REACH, REACHED, HeadReach, Stand
+from ..head.design import Head, SectionPoses
+from ..head.shape import HeadPose, list_bodies
 from ..motion.actuate.actuation import Actuation
 from ..motion.plan import Plan
 from ..motion.scope import Introducer
@@ -389,37 +390,49 @@ def _view_tips(points: Floats, name: str) -> View:
     return View(title="Workspace", points=(Cloud(points=points, name=name),))
 
 
-def _view_head(thing: Head | HeadPose, place: Floats | None = None) -> View:
-    """Return a head, free: camera, end-effectors and instruments, and where their tips can be.
-
-    `place` (4, 4) is where it stands in the world.
-    """
+def _view_head(thing: Head | HeadPose) -> View:
+    """Return a head, free: camera, end-effectors and instruments, and where their tips can be."""
     head = thing if isinstance(thing, Head) else thing.head
     if isinstance(thing, HeadPose):
         poses = thing.list_poses()
     else:
         poses = [placed.shape(np.zeros((1, 2))) for placed in head.effectors]
-    where = np.eye(4) if place is None else place
-
-    def move(points: Floats) -> Floats:
-        return np.asarray(points @ where[:3, :3].T + where[:3, 3])
-
-    def draw(chain: Capsules, name: str) -> Body:
-        color = _LINE if name == "camera" else "#4f7cac"
-        return Body(joints=move(chain.lines[:, ::-1]), radius=chain.radius, name=name, color=color)
-
-    named = list_bodies(head, poses)
-    names = [*(name for name in named if name != "camera"), "camera"]  # the first has the slider
     tips = [placed.shape(placed.list_bends(_TIPS)).tip for placed in head.effectors]
     return View(
         title="Distal head",
-        bodies=tuple(draw(chain, name) for name in names for chain in named[name]),
-        points=tuple(Cloud(points=move(each), name="places of the tip") for each in tips),
+        bodies=_draw_head(head, poses),
+        points=tuple(Cloud(points=each, name="places of the tip") for each in tips),
     )
 
 
+def _draw_head(
+    head: Head, poses: Sequence[SectionPoses], stand: Stand | None = None
+) -> tuple[Body, ...]:
+    """Return the bodies of a head, free, where it stands."""
+    frame, origin = (np.eye(3), np.zeros(3)) if stand is None else (stand.frame, stand.origin)
+
+    def draw(name: str) -> list[Body]:
+        if name == "camera":
+            color, words = _LINE, ("camera's arm", "camera")
+        else:
+            color, words = "#4f7cac", (name, name.replace("end-effector", "instrument"))
+        return [
+            Body(
+                joints=origin + chain.lines[:, ::-1] @ frame.T,
+                radius=chain.radius,
+                name=word,
+                color=color,
+            )
+            for chain, word in zip(named[name], words, strict=False)  # or without an instrument
+        ]
+
+    named = list_bodies(head, poses)
+    names = [*(name for name in named if name != "camera"), "camera"]  # the first has the slider
+    return tuple(body for name in names for body in draw(name))
+
+
 def _view_reach(found: HeadReach) -> View:
-    """Return the wall round a head in colours of its reach, the head as it stands, the target."""
+    """Return the wall round a head in colours of its reach, and the head at its target or rest."""
     surfaces = []
     codes = found.codes[found.faces].max(axis=1, initial=0)
     for code, color, name, opacity in (
@@ -434,12 +447,20 @@ def _view_reach(found: HeadReach) -> View:
                 Surface(vertices=found.vertices[used], faces=faces.reshape(-1, 3), name=name,
                         color=color, opacity=opacity)
             )  # fmt: skip
-    place = np.eye(4)
-    place[:3, :3], place[:3, 3] = found.stand.frame, found.stand.origin
+    head, stand, row = found.head, found.stand, found.reached_from
+    bends = [np.zeros((1, 2)) for _ in head.effectors]
+    if row is not None:
+        moved = [*head.effectors]
+        own = moved[row.effector - 1]
+        moved[row.effector - 1] = replace(own, instrument=replace(own.instrument, out=row.out))
+        bends[row.effector - 1] = np.array([[row.deflection_x, row.deflection_y]])
+        head = replace(head, effectors=tuple(moved))
+        stand = replace(stand, frame=stand.roll(row.roll))
+    poses = [placed.shape(bend) for placed, bend in zip(head.effectors, bends, strict=True)]
     marks = () if found.target is None else (Mark(place=found.target, text="target", kind="goal"),)
     return View(
         title=f"Reach at {found.insertion:.1f} mm of insertion",
         surfaces=tuple(surfaces),
-        bodies=_view_head(found.head, place).bodies,
+        bodies=_draw_head(head, poses, stand),
         marks=marks,
     )

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import ceil_mm, check_kind, floor_mm
+from ..checks import ceil_mm, check_fields, check_kind, floor_mm, quantity
 from ..duct import Centreline
 from ..duct.base import Duct
 from ..duct.tree import LumenTree
 from ..motion.plan import Plan
-from ..motion.planner import Planner, make_planner
+from ..motion.planner import make_planner
 from ..motion.planners import PlannerOptions
 from ..motion.scope import Scope
 from ..motion.space import FreeSpace
@@ -56,17 +56,43 @@ STOPS: dict[str, Stop] = {
 }
 """What stops a scope, by the code of a refusal."""
 
-MARGIN = MARGINS[-1]
-"""Clearance beyond its radius that a scope needs at its head [mm]."""
+NEEDLE = 20.0
+"""How far a biopsy needle reaches from the tip [mm]."""
+
+MARGIN = MARGINS[-1] + 0.05
+"""Clearance beyond its radius that a scope needs at its head: the planner's, and as much again that
+an independent check of the certificate needs [mm]."""
 
 END = 1.0
 """A branch is passed, or reached to its end, if no more than this of it is left [mm]."""
 
-NEEDLE = 20.0
-"""How far a biopsy needle reaches from the tip [mm]."""
-
 PLACES = 20_000
 """Places of the organ round a tree at which the share of its volume is counted."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TreeReachOptions:
+    """How scopes are tried in a tree.
+
+    Parameters
+    ----------
+    planner : PlannerOptions
+        As for `plan_insertion`; what would fit is not sought.
+    robot : ContinuumRobot, optional
+        That has to follow each motion; where it cannot, it stops.
+    up : (3,) float
+        What is up in the camera's picture at the root, world frame.
+    needle : float
+        How far a needle reaches from the scope [mm].
+    """
+
+    planner: PlannerOptions = field(default_factory=PlannerOptions)
+    robot: ContinuumRobot | None = None
+    up: tuple[float, float, float] = (0.0, 1.0, 0.0)
+    needle: float = quantity("length", low=0.0, high=1e3, default=NEEDLE)
+
+    def __post_init__(self) -> None:
+        check_fields(self)
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,8 +101,6 @@ class BranchWay:
 
     Attributes
     ----------
-    branch : int
-        Number of the end's branch.
     depth : float
         How far the head gets along the centreline from the root [mm].
     plan : Plan or None
@@ -88,15 +112,17 @@ class BranchWay:
     needs, offers : float or None
         Clearance of the scope's axis that is needed and that there is at that place [mm].
     reason : str
+    branch : int
+        Number of the end's branch.
     """
 
-    branch: int
     depth: float
     plan: Plan | None
     stop: Stop = ""
     needs: float | None = None
     offers: float | None = None
     reason: str = ""
+    branch: int = 0
 
     @property
     def clearance(self) -> float:
@@ -200,7 +226,7 @@ class TreeReach(ReasonedResult):
         What each scope reaches.
     rows : tuple of BranchReach
         Every branch for every scope.
-    ways : tuple of tuple of Way
+    ways : tuple of tuple of BranchWay
         For every scope one to each end of the tree; ends behind the same stop share it.
     approaches : tuple of Approach
         To a target, the shortest needle first; empty without one.
@@ -276,8 +302,7 @@ def find_ways(
     tree: LumenTree,
     *,
     scope: Scope,
-    options: PlannerOptions | None = None,
-    robot: ContinuumRobot | None = None,
+    options: TreeReachOptions | None = None,
     progress: Progress = no_progress,
 ) -> tuple[BranchWay, ...]:
     """Plan a scope's motion from the root of a tree towards each of its ends.
@@ -292,10 +317,7 @@ def find_ways(
     tree : LumenTree
         Of that lumen.
     scope : Scope
-    options : PlannerOptions, optional
-        As for `plan_insertion`; what would fit is not sought.
-    robot : ContinuumRobot, optional
-        As for `reach_tree`.
+    options : TreeReachOptions, optional
     progress : Progress
 
     Raises
@@ -306,9 +328,9 @@ def find_ways(
     duct = space.duct if isinstance(space, FreeSpace) else space
     check_kind("tree", tree, LumenTree)
     check_kind("scope", scope, Scope)
-    options = replace(options or PlannerOptions(), advise=False)
-    planner = make_planner("tube")
-    planner.check(scope, options)
+    options = options or TreeReachOptions()
+    planning = replace(options.planner, advise=False)
+    make_planner("tube").check(scope, planning)
     known: dict[tuple[float, ...], BranchWay] = {}
     ways = []
     ends = [k for k, branch in enumerate(tree.branches) if branch.is_end]
@@ -320,8 +342,8 @@ def find_ways(
         last = int(narrow[0]) - 1 if len(narrow) else len(offered) - 1
         place = tuple(line.points[max(last, 0)].tolist())
         if place not in known:
-            way = _plan_way(duct, line, last, end, scope, options, planner)
-            known[place] = way if robot is None else _follow(way, robot, duct, line)
+            way = _plan_way(duct, line, last, scope=scope, options=planning)
+            known[place] = way if options.robot is None else _follow(way, options.robot, duct, line)
         ways.append(replace(known[place], branch=end))
     progress("reach", 1.0)
     return tuple(ways)
@@ -334,25 +356,19 @@ def _follow(way: BranchWay, robot: ContinuumRobot, duct: Duct, line: Centreline)
     if way.plan is None:
         return way
     driven = actuate_plan(way.plan, robot, duct)
-    if driven.reason_code in ("", "PLAN_STOPPED") and driven.fits | (driven.status == "stopped"):
+    if driven.reason_code in ("", "PLAN_STOPPED"):
         return way
     arc = float(driven.head_arc_length[-1])
     tip = interpolate_polyline(way.plan.path, way.plan.path_arc_length, np.array([arc]))[0]
     near = int(np.argmin(np.linalg.norm(line.points - tip, axis=1)))
     depth = float(line.arc_length[near]) if len(driven.head_arc_length) > 1 else 0.0
-    return BranchWay(
-        way.branch, min(depth, way.depth), way.plan, "robot", None, None, driven.reason
+    return replace(
+        way, depth=min(depth, way.depth), stop="robot", needs=None, offers=None, reason=driven.reason
     )
 
 
 def _plan_way(
-    duct: Duct,
-    line: Centreline,
-    last: int,
-    end: int,
-    scope: Scope,
-    options: PlannerOptions,
-    planner: Planner,
+    duct: Duct, line: Centreline, last: int, *, scope: Scope, options: PlannerOptions
 ) -> BranchWay:
     """Plan along a line up to its point `last`, beyond which it is too narrow for the scope."""
     whole = last == len(line.points) - 1
@@ -365,22 +381,22 @@ def _plan_way(
         f"{ceil_mm(needs)} mm from its axis to the wall, and {floor_mm(offered)} mm are sure"
     )
     if last < 1 or wide < scope.link_length:
-        return BranchWay(end, 0.0, None, "diameter", needs, offered, narrow)
+        return BranchWay(0.0, None, "diameter", needs, offered, narrow)
     cut = line if whole else line.cut(wide)
-    plan = replace(planner.plan(FreeSpace(duct, cut), scope, options=options), centreline=cut)
+    plan = make_planner("tube").plan(FreeSpace(duct, cut), scope, options=options)
+    plan = replace(plan, centreline=cut)
     refusal = plan.refusal
     if refusal is None:
         if whole:
-            return BranchWay(end, cut.length, plan, "", None, None, "")
-        return BranchWay(end, cut.length, plan, "diameter", needs, offered, narrow)
+            return BranchWay(cut.length, plan, "", None, None, "")
+        return BranchWay(cut.length, plan, "diameter", needs, offered, narrow)
     depth = refusal.at if refusal.ends_at is None else refusal.ends_at
     moved = plan if plan.steps > 1 and plan.certified else None
     depth = 0.0 if moved is None else depth
     code = refusal.ends_code or refusal.code
     reason = refusal.ends_what or refusal.reason
-    return BranchWay(
-        end, depth, moved, STOPS.get(code, "proof"), refusal.needs, refusal.offers, reason
-    )
+    stop = STOPS.get(code, "proof")
+    return BranchWay(depth, moved, stop, refusal.needs, refusal.offers, reason)
 
 
 def reach_tree(
@@ -388,10 +404,7 @@ def reach_tree(
     tree: LumenTree,
     *,
     scopes: Sequence[Scope],
-    options: PlannerOptions | None = None,
-    robot: ContinuumRobot | None = None,
-    up: ArrayLike = (0.0, 1.0, 0.0),
-    needle: float = NEEDLE,
+    options: TreeReachOptions | None = None,
     progress: Progress = no_progress,
 ) -> TreeReach:
     """Find how far scopes come into every branch of a tree, each motion certified.
@@ -403,14 +416,7 @@ def reach_tree(
     tree : LumenTree
         Of that lumen.
     scopes : sequence of Scope
-    options : PlannerOptions, optional
-        As for `plan_insertion`.
-    robot : ContinuumRobot, optional
-        That has to follow each motion; where it cannot, it stops.
-    up : (3,) float
-        What is up in the camera's picture at the root, world frame.
-    needle : float
-        How far a needle reaches from the scope [mm].
+    options : TreeReachOptions, optional
     progress : Progress
 
     Raises
@@ -420,17 +426,18 @@ def reach_tree(
     """
     ways, rows, found = [], [], []
     organ = _fill_organ(tree)
-    routes = describe_routes(tree, up=up)
+    options = options or TreeReachOptions()
+    routes = describe_routes(tree, up=options.up)
     for number, scope in enumerate(scopes):
 
         def tell(stage: str, share: float, number: int = number) -> None:
             progress(stage, (number + share) / len(scopes))
 
-        own = find_ways(duct, tree, scope=scope, options=options, robot=robot, progress=tell)
+        own = find_ways(duct, tree, scope=scope, options=options, progress=tell)
         branches = _list_branches(tree, own, scope, routes)
         ways.append(own)
         rows += branches
-        found.append(_sum_up(tree, branches, scope, organ, needle))
+        found.append(_sum_up(tree, branches, scope, organ=organ, needle=options.needle))
     entered = any(row.depth > 0.0 for row in rows)
     first = found[0]
     return TreeReach(
@@ -488,7 +495,7 @@ def _list_branches(
 
 
 def _sum_up(
-    tree: LumenTree, rows: Sequence[BranchReach], scope: Scope, organ: _Organ, needle: float
+    tree: LumenTree, rows: Sequence[BranchReach], scope: Scope, *, organ: _Organ, needle: float
 ) -> ScopeReach:
     entered = [row for row in rows if row.reached > 0.0]
     ends = [row for row, branch in zip(rows, tree.branches, strict=True) if branch.is_end]

@@ -24,8 +24,6 @@ if TYPE_CHECKING:
 
     from ..anatomy.tract import LabelTract, SurfaceTract
     from ..motion import Scope
-    from ..progress import Progress
-    from .case import Case
 
 ORGANS = ("upper-tract", "small-bowel", "colon", "airway", "vessel")
 """As `bozzini.anatomy.ORGANS`."""
@@ -238,14 +236,10 @@ class LumenOptions:
     def __post_init__(self) -> None:
         check_fields(self)
 
-    def open(
-        self, source: str | os.PathLike[str], reading: ReadOptions, progress: Progress
-    ) -> Case:
-        """Return the case of a file."""
-        from .case import Case
-
-        path = PathOptions(voxel=self.voxel, inflate=self.inflate, start=self.start)
-        return Case.open(source, path, reading=reading, progress=progress)
+    @property
+    def path(self) -> PathOptions:
+        """The same as options of a path."""
+        return PathOptions(voxel=self.voxel, inflate=self.inflate, start=self.start)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from ..anatomy.fiducials import read_fiducial
@@ -21,11 +19,9 @@ from ..results import format_rows
 from ..task import Task
 from ..units import parse_quantity, parse_vector
 from .approach import Approach, find_approaches
-from .branches import NEEDLE, TreeReach, reach_tree
+from .branches import NEEDLE, TreeReach, TreeReachOptions, reach_tree
+from .case import Case
 from .options import LumenOptions, ReadOptions, as_planner
-
-if TYPE_CHECKING:
-    from .case import Case
 
 SHOWN = 3
 """Approaches to a target that people are told of."""
@@ -105,18 +101,17 @@ class TreeReaching(Task):
             from ..continuum import ContinuumRobot
 
             robot = ContinuumRobot.from_yaml(self.robot)
-        case = self.lumen.open(self.input, self.reading, progress)
+        case = Case.open(self.input, self.lumen.path, reading=self.reading, progress=progress)
         target, radius = self._find_target(case)
         vessels = None if self.vessels is None else self._find_label(case, self.vessels)
-        found = reach_tree(
-            case.field,
-            case.tree,
-            scopes=scopes,
-            options=PlannerOptions(angle_limit=self.angle_limit),
+        options = TreeReachOptions(
+            planner=PlannerOptions(angle_limit=self.angle_limit),
             robot=robot,
-            up=find_axis(case.tract.frame or "RAS", "A"),
+            up=tuple(find_axis(case.tract.frame or "RAS", "A").tolist()),
             needle=self.needle,
-            progress=progress,
+        )
+        found = reach_tree(
+            case.field, case.tree, scopes=scopes, options=options, progress=progress
         )
         if target is None:
             return found

@@ -1,0 +1,854 @@
+"""Motion of a tendon robot in time: inertia, damping, tendons and loads; and small oscillations.
+
+The robot is the discrete rod of `EnergyModel`, so what is at rest here is an equilibrium there. The
+equations, unknowns and the method are in `kernels.dynamics`. Masses sit at the middles of segments,
+where `EnergyModel` has the weight, and at discs; they follow from the weights of the robot: density
+of its wires, line weights, discs. Tendons have no mass and no friction here.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, NamedTuple, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..checks import (
+    check_array,
+    check_fields,
+    check_integer,
+    check_kind,
+    quantity,
+)
+from ..errors import GeometryError, InputError
+from ..numeric.arrays import Floats
+from ..results import ClosedForm, Json, Result, list_coordinates, tabulated, take_axes
+from .checks import check_frame, check_values
+from .coupling import check_displacements
+from .elastic import check_pretensions, check_tension_commands
+from .energy import Grid, Segment
+from .equilibrium import (
+    Equilibrium,
+    LoadedRod,
+    LumpedLoads,
+    TendonCommand,
+    measure_rest,
+)
+from .gradients import Held
+from .kernels import dynamics as kernels
+from .kernels.loads import locate_stations
+from .loads import Load, PointLoad, check_loads, pack_loads
+from .model import choose_stiffness
+from .robot import RobotDesign, Vector, check_robot
+from .wire import GRAVITY
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from scipy.signal import StateSpace
+
+FALL = 1e3 * GRAVITY
+"""Standard acceleration of free fall [mm/s^2]."""
+
+MOST_STEPS = 1e8
+"""Steps of a simulation."""
+
+TOLERANCE_MM = 1e-6
+"""Error of tendon lengths in the equilibrium at the start [mm]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DynamicsOptions:
+    """What the motion of a robot depends on, besides the robot itself.
+
+    Parameters
+    ----------
+    damping_time : float
+        Kelvin-Voigt damping of the backbone: its stress is ``E (strain + damping_time strain')``
+        [s].
+    drag : float
+        Force against the motion of the backbone by its length and velocity [N s/mm^2].
+    tip_weight : float
+        Weight of what the tip carries, such as a camera, a ball of the body's radius [N].
+    gravity : (x, y, z)
+        Acceleration of free fall in the world [m/s^2].
+    between, segment, tendon_stiffness
+        As of `EnergyModel`. Displacements can be commanded of tendons that have a stiffness only.
+    max_step : float
+        Largest step of time [s].
+    spectral_radius : float
+        What is left of infinitely fast motion after one step, in [0, 1]: 1 keeps the energy of all
+        motion, 0 damps most what the step does not resolve.
+
+    Raises
+    ------
+    InputError
+        If a value is outside its legal range.
+    """
+
+    damping_time: float = quantity(
+        "time", "Stress of the backbone by the rate of its strain, by E.", low=0.0, default=0.0
+    )
+    drag: float = quantity(
+        "line damping", "Force against the motion by length and velocity.", low=0.0, default=0.0
+    )
+    tip_weight: float = quantity("force", "Weight of what the tip carries.", low=0.0, default=0.0)
+    gravity: Vector = (0.0, 0.0, -GRAVITY)
+    between: int = quantity(
+        help="Further cross-sections between two discs.",
+        low=0,
+        high=1000,
+        whole=True,
+        default=0,
+    )
+    segment: Segment = quantity(
+        "text",
+        "Straight links, arcs, or arcs with tendons in smooth channels.",
+        words=get_args(Segment),
+        default="chord",
+        option="segment_kind",
+    )
+    tendon_stiffness: float | None = quantity(
+        "force",
+        "EA of tendons without one of their own; they do not stretch unless given.",
+        low=0.0,
+        low_open=True,
+        default=None,
+    )
+    max_step: float = quantity("time", "Largest step.", low=0.0, low_open=True, default=1e-3)
+    spectral_radius: float = quantity(
+        "dimensionless",
+        "What is left of infinitely fast motion after a step.",
+        low=0.0,
+        high=1.0,
+        default=0.9,
+    )
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        gravity = check_values("gravity", self.gravity, (3,), unit="m/s^2")
+        object.__setattr__(self, "gravity", tuple(gravity.tolist()))
+
+
+DEFAULT_OPTIONS = DynamicsOptions()
+
+
+class MotionState(NamedTuple):
+    """Where a discrete rod is in its motion; arrays (n, 3).
+
+    Attributes
+    ----------
+    rotation_vectors, momenta : ndarray
+        Of the segments [rad], and their momenta [N mm s].
+    rates, momentum_rates : ndarray
+        Their derivatives, as the method carries them from step to step.
+    """
+
+    rotation_vectors: Floats
+    momenta: Floats
+    rates: Floats
+    momentum_rates: Floats
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class EnergyBalance:
+    """Energies of a motion and what changed them [N mm], each (k,).
+
+    Attributes
+    ----------
+    kinetic, elastic, gravity, tendons : ndarray
+        Of the motion, the backbone, its height, and tendons that stretch.
+    work : ndarray
+        Done by loads and tendons since the first time; not by a base that moves.
+    dissipated : ndarray
+        Lost by damping and drag since the first time.
+    """
+
+    kinetic: Floats
+    elastic: Floats
+    gravity: Floats
+    tendons: Floats
+    work: Floats
+    dissipated: Floats
+
+    @property
+    def total(self) -> Floats:
+        """Energy that is there [N mm], shape (k,)."""
+        return np.asarray(self.kinetic + self.elastic + self.gravity + self.tendons)
+
+    @property
+    def residual(self) -> Floats:
+        """Energy that came from nowhere since the first time [N mm], shape (k,)."""
+        return np.asarray(self.total - self.total[0] - self.work + self.dissipated)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ShapeHistory(Result):
+    """The motion of a robot, in the frame of its base at rest.
+
+    ``k`` counts times, ``s`` stations, ``t`` tendons.
+
+    Parameters
+    ----------
+    robot : RobotDesign
+        The robot.
+    time : (k,) ndarray
+        Times [s].
+    arc_length : (s,) ndarray
+        Stations [mm].
+    frames : (k, s, 4, 4) ndarray
+        Frames of the cross-sections [mm]: columns x, y, tangent, place.
+    velocities : (k, s, 3) ndarray
+        Of the stations [mm/s].
+    tensions, displacements : (k, t) ndarray
+        Of the tendons at their drives [N], [mm].
+    energy : EnergyBalance
+        Energies and their balance [N mm].
+    iterations : (k,) ndarray of int
+        Steps of Newton's method since the time before.
+    reason : str
+        Why it ends before the last time; empty where it does not.
+    state : MotionState
+        Where it is at the last time, for ``initial=`` of what comes after it.
+    """
+
+    robot: RobotDesign = field(repr=False)
+    time: Floats
+    arc_length: Floats
+    frames: Floats
+    velocities: Floats
+    tensions: Floats
+    displacements: Floats
+    energy: EnergyBalance = field(repr=False)
+    iterations: NDArray[np.int64]
+    reason: str
+    state: MotionState = field(repr=False)
+
+    @property
+    def converged(self) -> bool:
+        """Whether it goes to the last time."""
+        return not self.reason
+
+    @property
+    def residual(self) -> float:
+        """Largest energy that came from nowhere [N mm]."""
+        return float(np.abs(self.energy.residual).max())
+
+    @property
+    def points(self) -> Floats:
+        """Points of the backbone at the stations, shape (k, s, 3) [mm]."""
+        return self.frames[..., :3, 3]
+
+    @property
+    def tip(self) -> Floats:
+        """Where the robot ends, shape (k, 3) [mm]."""
+        return self.frames[:, -1, :3, 3]
+
+    @property
+    def tip_frames(self) -> Floats:
+        """Frames of the robot's end, shape (k, 4, 4)."""
+        return self.frames[:, -1]
+
+    def to_dict(self) -> Json:
+        """Return verdict, times, tip, tendons and energies as plain values."""
+        balance = self.energy
+        return {
+            "converged": self.converged,
+            "reason": self.reason,
+            "residual_N_mm": self.residual,
+            "time_s": self.time.tolist(),
+            "tip_mm": self.tip.tolist(),
+            "tip_frames": self.tip_frames.tolist(),
+            "iterations": self.iterations.tolist(),
+            "tendons": {
+                name: {
+                    "tension_N": self.tensions[:, k].tolist(),
+                    "displacement_mm": self.displacements[:, k].tolist(),
+                }
+                for k, name in enumerate(self.robot.tendon_names)
+            },
+            "energy": {f"{name}_N_mm": value.tolist() for name, value in vars(balance).items()},
+            "arc_length_mm": self.arc_length.tolist(),
+            "backbone_mm": self.points.tolist(),
+        }
+
+    def list_columns(self) -> dict[str, NDArray[np.generic]]:
+        """Return the columns of `to_frame`: tip, its velocity, tendons and energies by time."""
+        columns: dict[str, NDArray[np.generic]] = {"time_s": self.time}
+        columns |= list_coordinates("tip", self.tip)
+        columns |= {f"tip_v{axis}_mm_s": self.velocities[:, -1, k] for k, axis in enumerate("xyz")}
+        for k, name in enumerate(self.robot.tendon_names):
+            columns[f"{name}_N"] = self.tensions[:, k]
+            columns[f"{name}_mm"] = self.displacements[:, k]
+        return columns | {f"{name}_N_mm": value for name, value in vars(self.energy).items()}
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the coordinates of the tip over time."""
+        axes = take_axes(ax, x="time [s]", y="tip [mm]")
+        for k, axis in enumerate("xyz"):
+            axes.plot(self.time, self.tip[:, k], label=axis)
+        return axes
+
+
+@dataclass(frozen=True)
+class _Points:
+    """Points of a rod with mass or load, in the order of arc length."""
+
+    segments: NDArray[np.int64]
+    parts: Floats
+    masses: Floats
+    inertias: Floats
+    drags: Floats
+
+    @property
+    def packed(self) -> tuple[NDArray[np.int64], Floats, Floats, Floats, Floats]:
+        return self.segments, self.parts, self.masses, self.inertias, self.drags
+
+
+@dataclass(frozen=True)
+class _Rod:
+    """A robot cut into segments, with its masses, damping, loads and tendons."""
+
+    robot: RobotDesign
+    options: DynamicsOptions
+    loads: tuple[Load, ...]
+
+    @cached_property
+    def grid(self) -> Grid:
+        return Grid(self.robot, self.options.segment, self.options.between)
+
+    @cached_property
+    def damping(self) -> Floats:
+        """Damping of the segments' rotations [N mm s], shape (n, 3)."""
+        return self.options.damping_time * self.grid.stiffness
+
+    @cached_property
+    def natural_lengths(self) -> Floats:
+        """Lengths of the tendons at rest, without loads [mm], shape (t,)."""
+        return measure_rest(self.grid)
+
+    @cached_property
+    def compliances(self) -> Floats:
+        """How much tendons stretch [mm/N], shape (t,)."""
+        other = self.options.tendon_stiffness
+        stiffness = choose_stiffness(self.robot, math.inf if other is None else other)
+        return self.natural_lengths / stiffness
+
+    @cached_property
+    def lumped(self) -> tuple[LumpedLoads, ...]:
+        """Each load at points of the segments."""
+        return tuple(self._lump(load) for load in self.loads)
+
+    def _lump(self, load: Load) -> LumpedLoads:
+        if load.frame == "body":
+            raise InputError(
+                "a load is given in the axes of the body: one in motion must be of the base or "
+                "the world"
+            )
+        packed = pack_loads(self.robot, [load])
+        count = int(isinstance(load, PointLoad))
+        packed = packed._replace(
+            points=packed.points[:count],
+            forces=packed.forces[:count],
+            moments=packed.moments[:count],
+            frames=packed.frames[:count],
+            down=np.zeros(3),
+        )
+        return LumpedLoads.place(self.robot, self.grid.arc_length, packed)
+
+    @cached_property
+    def points(self) -> _Points:
+        """Points with mass or load."""
+        robot, arc = self.robot, self.grid.arc_length
+        rows: dict[tuple[int, float], Floats] = {}  # mass, three moments of inertia, drag
+
+        def add(segment: int, part: float, values: ArrayLike) -> None:
+            key = segment, round(part, 12)
+            rows[key] = rows.get(key, np.zeros(5)) + np.asarray(values)
+
+        spans, middles = self.grid.spans, 0.5 * (arc[1:] + arc[:-1])
+        masses = robot.weight_at(middles) / FALL * spans
+        for j, own in enumerate(self.grid.sections):
+            section = robot.sections[own]
+            square = section.radius**2
+            inertia = masses[j] * square / 4.0
+            if section.wire is not None:
+                place = middles[j] - robot.section_starts[own]
+                of_wire = section.wire.weight_at(place) / FALL * spans[j]
+                outer, inner = section.wire.diameter_at(place), section.wire.inner_diameter
+                inertia += of_wire * ((outer**2 + inner**2) / 16.0 - square / 4.0)
+            drag = self.options.drag * spans[j]
+            add(j, 0.5, [masses[j], inertia, inertia, 2.0 * inertia, drag])
+        places = [*robot.disc_arc_length, robot.length]
+        weights = [*robot.disc_weights, self.options.tip_weight]
+        for index, (place, weight) in enumerate(zip(places, weights, strict=True)):
+            if weight > 0.0:
+                segment = int(np.searchsorted(arc, place - 1e-9)) - 1
+                radius = robot.sections[int(robot.section_at(place))].radius
+                mass = weight / FALL
+                disc = mass * radius**2 * np.array([0.25, 0.25, 0.5])
+                ball = np.full(3, 0.4 * mass * radius**2)
+                own = ball if index == len(places) - 1 else disc
+                add(segment, (place - arc[segment]) / spans[segment], [mass, *own, 0.0])
+        if not all(
+            any(key[0] == j and row[0] > 0.0 for key, row in rows.items())
+            for j in range(len(spans))
+        ):
+            raise GeometryError(
+                f"robot '{robot.name}' has parts without mass: give its wires a density, its "
+                "sections a line_weight, or its discs a disc_weight"
+            )
+        for lumped in self.lumped:
+            for segment, part in zip(lumped.segments.tolist(), lumped.parts.tolist(), strict=True):
+                add(segment, part, np.zeros(5))
+        keys = sorted(rows)
+        table = np.array([rows[key] for key in keys])
+        return _Points(
+            segments=np.array([key[0] for key in keys], dtype=np.int64),
+            parts=np.array([key[1] for key in keys]),
+            masses=np.ascontiguousarray(table[:, 0]),
+            inertias=np.ascontiguousarray(table[:, 1:4]),
+            drags=np.ascontiguousarray(table[:, 4]),
+        )
+
+    @cached_property
+    def load_vectors(self) -> tuple[Floats, Floats]:
+        """Forces and moments of each load at the points, each (l, p, 3)."""
+        points = self.points
+        keys = list(zip(points.segments.tolist(), points.parts.tolist(), strict=True))
+        index = {key: place for place, key in enumerate(keys)}
+        found = np.zeros((2, len(self.lumped), len(keys), 3))
+        for row, lumped in enumerate(self.lumped):
+            for k, (segment, part) in enumerate(
+                zip(lumped.segments.tolist(), lumped.parts.tolist(), strict=True)
+            ):
+                place = index[segment, round(part, 12)]
+                found[0, row, place] += lumped.forces[k]
+                found[1, row, place] += lumped.moments[k]
+        return found[0], found[1]
+
+    @cached_property
+    def weights(self) -> Floats:
+        """Weights of the points [N], shape (p, 3)."""
+        down = self.robot.base_frame[:3, :3].T @ np.asarray(self.options.gravity)
+        return np.asarray(1e3 * self.points.masses[:, None] * down)
+
+    @property
+    def packed(self) -> tuple[object, ...]:
+        """What the kernels take as ``rod``."""
+        return self.grid.packed, self.grid.rest, self.damping, self.points.packed
+
+    def find_equilibrium(
+        self, command: Floats, *, held: bool, factors: Floats, turned: Floats
+    ) -> Equilibrium:
+        """Return the equilibrium under tendons and loads, followed from rest.
+
+        `turned` (3, 3) is how the base is turned from its rest.
+        """
+        forces, moments = self.load_vectors
+        points = self.points
+        lumped = LumpedLoads(
+            segments=points.segments,
+            parts=points.parts,
+            offsets=np.zeros((len(points.parts), 3)),
+            forces=(self.weights + np.tensordot(factors, forces, 1)) @ turned,
+            moments=np.tensordot(factors, moments, 1) @ turned,
+            follows=np.zeros(len(points.parts), dtype=np.bool_),
+        )
+        count = len(command)
+        rod = LoadedRod(
+            self.grid, lumped, self.grid.rest, self.compliances, self.robot.pushes, TOLERANCE_MM
+        )
+        tendons = TendonCommand(
+            free_lengths=self.find_limits(command) if held else self.natural_lengths,
+            rest_lengths=self.natural_lengths,
+            held=np.full(count, held),
+            pulls=np.zeros(count) if held else command,
+        )
+        found = rod.follow(tendons)[-1]
+        if not found.found or found.load_factor < 1.0:
+            raise GeometryError(
+                f"no equilibrium was found to start from: the command with its loads can be "
+                f"followed to {math.floor(100.0 * found.load_factor)} % only"
+            )
+        return found
+
+    def find_limits(self, displacements: Floats) -> Floats:
+        """Lengths of the tendons without tension (..., t) by displacements; and back [mm]."""
+        pretension = self.compliances * self.robot.pretensions
+        return np.asarray(self.natural_lengths - displacements - pretension)
+
+
+def simulate(
+    robot: RobotDesign,
+    times: ArrayLike,
+    *,
+    tensions: ArrayLike | None = None,
+    displacements: ArrayLike | None = None,
+    loads: Sequence[Load] = (),
+    load_factors: ArrayLike | None = None,
+    held_by: Sequence[Load] | None = None,
+    base: ArrayLike | None = None,
+    initial: ShapeHistory | None = None,
+    options: DynamicsOptions = DEFAULT_OPTIONS,
+) -> ShapeHistory:
+    """Return the motion of a robot under commands over time, from an equilibrium or a state.
+
+    Commands, factors of the loads and the motion of the base are given at the times; the first two
+    are linear between.
+
+    Parameters
+    ----------
+    robot : RobotDesign
+        The robot; every part of it has a weight, from which its mass follows.
+    times : (k,) array_like
+        Times of the rows [s], growing.
+    tensions, displacements : (k, t) or (t,) array_like, or mapping, optional
+        Of the tendons [N], [mm]; one of both. Without either they have no tension.
+    loads : sequence of PointLoad or LineLoad
+        Loads that keep their direction.
+    load_factors : (k, l) array_like, optional
+        By what each load is multiplied; 1 unless given.
+    held_by : sequence of PointLoad or LineLoad, optional
+        What holds the robot at rest before the first time, in place of `loads`.
+    base : (k, 4, 4) array_like, optional
+        Frames of the base in its own frame at rest [mm]; joined by cubics.
+    initial : ShapeHistory, optional
+        What went before, with the same segments; the equilibrium at the first time unless given.
+    options : DynamicsOptions
+
+    Returns
+    -------
+    ShapeHistory
+        One row for each time. If a step has no answer it ends there, with a reason.
+
+    Raises
+    ------
+    InputError
+        If an argument does not fit.
+    GeometryError
+        If a part of the robot has no mass, or there is no equilibrium to start from.
+    """
+    check_robot(robot)
+    check_kind("options", options, DynamicsOptions)
+    rows = check_array("times", times)
+    if rows.ndim != 1 or len(rows) < 2 or not np.all(np.diff(rows) > 0.0):
+        raise InputError(f"times have shape {rows.shape}: they must be (k,), 2 or more, growing")
+    if not np.isfinite(rows).all():
+        raise InputError("times have values that are not finite (NaN or infinite)")
+    steps = np.ceil(np.diff(rows) / options.max_step * (1.0 - 1e-9))
+    if steps.sum() > MOST_STEPS:
+        raise InputError(f"there would be {steps.sum():.3g} steps: {MOST_STEPS:g} are legal")
+    given = check_loads(robot, loads)
+    before = given if held_by is None else check_loads(robot, held_by)
+    rod = _Rod(robot, options, given if held_by is None else (*given, *before))
+    count = len(given)
+    factors = np.zeros((len(rows), len(rod.loads)))
+    factors[:, :count] = 1.0
+    if load_factors is not None:
+        own = check_array("load_factors", load_factors)
+        if own.shape != (len(rows), count) or not np.isfinite(own).all():
+            raise InputError(
+                f"load_factors have shape {own.shape}: they must be finite, {(len(rows), count)}"
+            )
+        factors[:, :count] = own
+    command, held = _take_commands(rod, len(rows), tensions, displacements)
+    coefficients = _take_base(rows, base)
+    targets = rod.find_limits(command) if held else command
+    tables = (
+        np.ascontiguousarray(rows),
+        coefficients,
+        rod.weights,
+        *rod.load_vectors,
+        factors,
+        np.ascontiguousarray(targets),
+    )
+    tendons = rod.compliances, held, ~robot.pushes
+    if initial is None:
+        at_start = factors[0].copy()
+        if held_by is not None:
+            at_start[:] = np.arange(len(at_start)) >= count
+        turned = np.eye(3) if base is None else np.asarray(base, dtype=np.float64)[0, :3, :3]
+        found = rod.find_equilibrium(command[0], held=held, factors=at_start, turned=turned)
+        shape = found.rotation_vectors.shape
+        state = MotionState(found.rotation_vectors.copy(), *(np.zeros(shape) for _ in range(3)))
+    else:
+        check_kind("initial", initial, ShapeHistory)
+        if initial.state.rotation_vectors.shape != rod.grid.rest.shape:
+            raise InputError(
+                f"initial has {len(initial.state.rotation_vectors)} segments: it must have the "
+                f"{len(rod.grid.rest)} of this robot and options"
+            )
+        state = MotionState(*(array.copy() for array in initial.state))
+    return _run(rod, tendons, tables, steps.astype(np.int64), state, fresh=initial is None)
+
+
+def _run(
+    rod: _Rod,
+    tendons: tuple[Floats, bool, NDArray[np.bool_]],
+    tables: tuple[Floats, ...],
+    steps: NDArray[np.int64],
+    state: MotionState,
+    *,
+    fresh: bool,
+) -> ShapeHistory:
+    count, stations, strings = len(tables[0]), len(rod.grid.arc_length), len(tendons[0])
+    frames = np.zeros((count, stations, 4, 4))
+    rotations = np.empty((count, stations, 3, 3))
+    places, velocities = np.empty((2, count, stations, 3))
+    pulls, lengths = np.empty((2, count, strings))
+    energies, iterations = np.zeros((count, 6)), np.zeros(count, dtype=np.int64)
+    rho = rod.options.spectral_radius
+    alpha_m, alpha_f = 0.5 * (3.0 - rho) / (1.0 + rho), 1.0 / (1.0 + rho)
+    scheme = alpha_m, alpha_f, 0.5 + alpha_m - alpha_f
+    filled = rotations, places, velocities, pulls, lengths, energies, iterations
+    reached = kernels.advance(
+        rod.packed, tendons, tables, scheme, steps, fresh, tuple(state), filled
+    )
+    frames[..., :3, :3], frames[..., :3, 3], frames[..., 3, 3] = rotations, places, 1.0
+    reason = ""
+    if reached < count:
+        reason = (
+            f"no answer was found between {tables[0][max(reached - 1, 0)]:g} and "
+            f"{tables[0][reached]:g} s, with the least step; the robot may fold over"
+        )
+    own = max(reached, 1)
+    # What is free of tension is as long as the limit of a length that is held.
+    free = tables[-1] if tendons[1] else lengths - rod.compliances * pulls
+    kinds = ("kinetic", "elastic", "gravity", "tendons", "work", "dissipated")
+    return ShapeHistory(
+        robot=rod.robot,
+        time=tables[0][:own],
+        arc_length=rod.grid.arc_length,
+        frames=frames[:own],
+        velocities=velocities[:own],
+        tensions=pulls[:own],
+        displacements=rod.find_limits(free)[:own],
+        energy=EnergyBalance(**{kind: energies[:own, k] for k, kind in enumerate(kinds)}),
+        iterations=iterations[:own],
+        reason=reason,
+        state=state,
+    )
+
+
+def _take_commands(
+    rod: _Rod, count: int, tensions: ArrayLike | None, displacements: ArrayLike | None
+) -> tuple[Floats, bool]:
+    """Return commands (k, t), and whether they are displacements."""
+    robot = rod.robot
+    if tensions is not None and displacements is not None:
+        raise InputError("tensions and displacements are given: command one of them")
+    if displacements is None:
+        given: Any = np.zeros(len(robot.tendons)) if tensions is None else tensions
+        command = check_tension_commands(robot, given)
+    else:
+        command = check_displacements(robot, displacements)
+        check_pretensions(robot, command, rod.compliances)
+        for index in np.flatnonzero(rod.compliances == 0.0):
+            raise InputError(
+                f"tendon '{robot.tendon_names[index]}' does not stretch: give it a stiffness, or "
+                "tendon_stiffness, for its displacement to be commanded in time"
+            )
+    if command.shape not in ((len(robot.tendons),), (count, len(robot.tendons))):
+        raise InputError(
+            f"commands have shape {command.shape}: they must be {(count, len(robot.tendons))}, a "
+            "row for each time"
+        )
+    whole = np.array(np.broadcast_to(command, (count, len(robot.tendons))))
+    return whole, displacements is not None
+
+
+def _take_base(times: Floats, base: ArrayLike | None) -> Floats:
+    """Return coefficients (k - 1, 4, 6) of place and rotation vector of the base by time."""
+    if base is None:
+        return np.zeros((len(times) - 1, 4, 6))
+    frames = check_array("base", base)
+    if frames.shape != (len(times), 4, 4):
+        raise InputError(f"base has shape {frames.shape}: it must be {(len(times), 4, 4)}")
+    for index, frame in enumerate(frames):
+        check_frame(f"base[{index}]", frame)
+    from scipy.interpolate import CubicSpline
+    from scipy.spatial.transform import Rotation
+
+    turns = Rotation.from_matrix(frames[:, :3, :3]).as_rotvec()
+    for index in range(1, len(turns)):  # a rotation has many vectors: the one next to the last
+        angle = float(np.linalg.norm(turns[index]))
+        if angle > 0.0:
+            way = turns[index] / angle
+            whole = np.round((turns[index - 1] @ way - angle) / (2.0 * math.pi))
+            turns[index] += 2.0 * math.pi * whole * way
+    spline = CubicSpline(times, np.concatenate([frames[:, :3, 3], turns], axis=1))
+    return np.ascontiguousarray(spline.c.transpose(1, 0, 2))
+
+
+MODES_SHOWN = 6
+"""Modes of a picture of the response."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LinearDynamics(ClosedForm):
+    """Small oscillations of a robot about an equilibrium, ``m`` modes from the slowest on.
+
+    Parameters
+    ----------
+    robot : RobotDesign
+        The robot.
+    arc_length : (s,) ndarray
+        Stations [mm].
+    frames : (s, 4, 4) ndarray
+        Frames of the equilibrium at the stations [mm].
+    tensions : (t,) ndarray
+        Tensions of the tendons in the equilibrium [N].
+    frequency : (m,) ndarray
+        Of the modes without damping [Hz].
+    damping_ratio : (m,) ndarray
+        Of each mode by itself, of critical damping.
+    modes : (m, s, 3) ndarray
+        Motion of the stations in each mode; its kinetic energy at rate 1 is 1/2 [mm].
+    stiffness, damping, mass : (3 n, 3 n) ndarray
+        By the rotation vectors of the segments [N mm], [N mm s], [N mm s^2].
+    by_command : (3 n, t) ndarray
+        Forces on these by tensions [N mm/N], or by displacements [N mm/mm].
+    tip_jacobian : (3, 3 n) ndarray
+        Motion of the tip by these [mm/rad].
+    vectors : (m, 3 n) ndarray
+        The modes in these.
+    given : {"tensions", "displacements"}
+        What of the tendons is commanded.
+    """
+
+    robot: RobotDesign = field(repr=False)
+    arc_length: Floats
+    frames: Floats
+    tensions: Floats
+    frequency: Floats = tabulated("Hz")
+    damping_ratio: Floats = tabulated()
+    modes: Floats
+    stiffness: Floats = field(repr=False)
+    damping: Floats = field(repr=False)
+    mass: Floats = field(repr=False)
+    by_command: Floats = field(repr=False)
+    tip_jacobian: Floats = field(repr=False)
+    vectors: Floats = field(repr=False)
+    given: Held
+
+    def state_space(self, modes: int | None = None) -> StateSpace:
+        """Return the system from commands of tendons to the tip, about the equilibrium.
+
+        Its states are the amplitudes of the slowest `modes`, all unless given, then their rates;
+        inputs are tensions [N] or displacements [mm], outputs the motion of the tip [mm].
+
+        Raises
+        ------
+        InputError
+            If there are not so many modes.
+        """
+        from scipy.signal import StateSpace
+
+        most = len(self.frequency)
+        count = most if modes is None else check_integer("modes", modes, low=1, high=most)
+        own = self.vectors[:count]
+        zero, one = np.zeros((count, count)), np.eye(count)
+        inner = np.diag((2.0 * math.pi * self.frequency[:count]) ** 2)
+        inputs, outputs = own @ self.by_command, self.tip_jacobian @ own.T
+        return StateSpace(
+            np.block([[zero, one], [-inner, -own @ self.damping @ own.T]]),
+            np.concatenate([np.zeros_like(inputs), inputs]),
+            np.concatenate([outputs, np.zeros_like(outputs)], axis=1),
+            np.zeros((3, inputs.shape[1])),
+        )
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw how far the slowest modes move the stations across the robot."""
+        axes = take_axes(ax, x="arc length [mm]", y="motion, by the largest")
+        for mode, frequency in zip(self.modes[:MODES_SHOWN], self.frequency, strict=False):
+            _, _, ways = np.linalg.svd(mode, full_matrices=False)
+            along = mode @ ways[0]
+            axes.plot(self.arc_length, along / np.abs(along).max(), label=f"{frequency:.4g} Hz")
+        return axes
+
+
+def linearise(
+    robot: RobotDesign,
+    *,
+    tensions: ArrayLike | None = None,
+    displacements: ArrayLike | None = None,
+    loads: Sequence[Load] = (),
+    options: DynamicsOptions = DEFAULT_OPTIONS,
+) -> LinearDynamics:
+    """Return small oscillations about the equilibrium under tendons and loads.
+
+    Parameters
+    ----------
+    robot, loads, options
+        As of `simulate`.
+    tensions, displacements : (t,) array_like or mapping, optional
+        Of the tendons [N], [mm]; what is given is held, and is the input of the state space.
+
+    Returns
+    -------
+    LinearDynamics
+
+    Raises
+    ------
+    InputError
+        If an argument does not fit.
+    GeometryError
+        If a part of the robot has no mass, or there is no stable equilibrium.
+    """
+    check_robot(robot)
+    check_kind("options", options, DynamicsOptions)
+    rod = _Rod(robot, options, check_loads(robot, loads))
+    command, held = _take_commands(rod, 1, tensions, displacements)
+    factors = np.ones(len(rod.loads))
+    found = rod.find_equilibrium(command[0], held=held, factors=factors, turned=np.eye(3))
+    q, points, grid = found.rotation_vectors, rod.points, rod.grid
+    places = points.segments, points.parts, np.zeros((len(points.parts), 3))
+    moved = grid.move_stations(q, places)
+    axes = np.empty((len(points.parts), 3, 3))
+    locate_stations(grid.packed, q, places, np.empty((len(axes), 3)), axes, np.empty((0, 6, 1)))
+    inertias = np.einsum("pik,pk,pjk->pij", axes, points.inertias, axes)
+    mass = np.einsum("pia,p,pib->ab", moved[:, 3:], points.masses, moved[:, 3:])
+    mass += np.einsum("pia,pij,pjb->ab", moved[:, :3], inertias, moved[:, :3])
+    damping = np.einsum("pia,p,pib->ab", moved[:, 3:], points.drags, moved[:, 3:])
+    damping += np.diag(rod.damping.ravel())
+    rows = found.length_gradients.reshape(len(found.tensions), q.size)
+    by_command, stiffness = -rows.T, found.hessian
+    if held:  # a displacement shortens the tendon, and pulls by its stiffness
+        taut = (found.tensions > 0.0) | robot.pushes
+        by_command = by_command * (taut / rod.compliances)
+        stiffness = stiffness - by_command @ rows
+    stiffness = 0.5 * (stiffness + stiffness.T)
+    from scipy.linalg import eigh
+
+    # The softest modes are the largest eigenvalues of the inverse problem, and come out best.
+    try:
+        flexible, vectors = eigh(mass, stiffness)
+    except np.linalg.LinAlgError:
+        raise GeometryError(
+            "the equilibrium is not stable: take a smaller load or command"
+        ) from None
+    flexible, vectors = flexible[::-1], vectors[:, ::-1].T
+    vectors = vectors / np.sqrt(flexible)[:, None]  # of mass 1, where they were of stiffness 1
+    angular = 1.0 / np.sqrt(flexible)
+    ends = np.arange(len(grid.spans)), np.ones(len(grid.spans)), np.zeros((len(grid.spans), 3))
+    stations = np.concatenate([np.zeros((1, 3, q.size)), grid.move_stations(q, ends)[:, 3:]])
+    return LinearDynamics(
+        robot=robot,
+        arc_length=grid.arc_length,
+        frames=grid.place_frames(q[None])[0],
+        tensions=found.tensions,
+        frequency=angular / (2.0 * math.pi),
+        damping_ratio=np.einsum("ma,ab,mb->m", vectors, damping, vectors) / (2.0 * angular),
+        modes=np.einsum("sia,ma->msi", stations, vectors),
+        stiffness=stiffness,
+        damping=damping,
+        mass=mass,
+        by_command=by_command,
+        tip_jacobian=stations[-1],
+        vectors=vectors,
+        given="displacements" if held else "tensions",
+    )

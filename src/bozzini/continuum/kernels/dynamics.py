@@ -1,0 +1,988 @@
+"""Numba kernels of the discrete rod in time: inertia, damping, one implicit stage for each step.
+
+The rod is that of `kernels.energy`. *Unknowns*: the rotation vectors ``q`` (n, 3) of its segments
+[rad], and with them the momenta ``pi = J^T P`` (n, 3) [N mm s], where ``v = J q' + v_base`` are
+velocity and spin of the points that have mass, the middles of the segments and discs, and ``P = m
+v``, ``L = R I R^T omega`` their momenta. With ``K = diag(EI, EI, GJ) / h``, the damping time
+``tau``, the drag ``c`` and forces ``F`` and moments ``M`` of one direction::
+
+    pi' = J'^T P - J^T (F, M) (its sign turned) - K (q - u) - tau K q' - J^T c v - sum_k T_k dl_k/dq
+    pi = J^T P ;  T_k given, or max(0, (l_k - limit_k) / c_k) of a tendon whose length is held
+
+``J'`` is the rate of J: ``J'^T P`` is the derivative of the kinetic energy by q at given q', so
+these are Hamilton's equations, with the static model's equilibria. Tendons have no mass.
+
+*In time* they are solved by the generalised alpha method for systems of first order (Jansen,
+Whiting and Hulbert 2000), which has one parameter, the spectral radius rho of an infinitely fast
+mode after one step: ``a_m = (3 - rho) / (2 + 2 rho)``, ``a_f = 1 / (1 + rho)``, ``g = 1/2 + a_m -
+a_f``. It is of second order and stable at any step; rho = 1 is the implicit midpoint rule, which is
+symplectic and keeps energy, rho = 0 forgets fast modes in one step. A stage has the unknown ``q``
+alone: with ``s = a_m / (a_f g dt)``, ``q' = s (q - q_h)`` and ``pi' = s (pi - pi_h)``.
+
+*Newton's method* takes the tangent ``s^2 J^T m J + s (J^T c J + tau K) + d2V/dq2``; gyroscopic
+terms, of the order of the rotation in one step, are left out, so it converges by about that factor.
+The tangent is a chain: eliminating segment by segment from the tip, as the articulated-body method
+does, takes O(n) (`factor_chain`). Held tendons add a matrix of rank t.
+
+``body`` are the points with mass or load: segment (p,), in rising order, part of it before the
+point (p,), mass (p,) [t], moments of inertia in the body's axes (p, 3) [t mm^2], drag (p,)
+[N s/mm]. ``base`` is the motion of the base: rotation (3, 3), place, velocity and spin (3,).
+Vectors are in the axes of the base at rest.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ...numeric.compiling import kernel
+from ...numeric.kernels.copies import copy_matrix, copy_vector
+from ...numeric.kernels.linear_algebra import factor_lu, solve_lu
+from .energy import (
+    CHORD,
+    FOLD_ANGLE,
+    STEP_LIMIT,
+    add_form,
+    add_form_hessian,
+    fill_functions,
+    fill_rotation,
+    measure_lengths,
+    move_forward,
+)
+from .loads import cross, multiply, rotate_back
+
+MOST_ITERATIONS = 40
+"""Steps of Newton's method in one stage."""
+
+SLOW = 0.2
+"""Ratio of two of its steps above which the tangent is made anew."""
+
+TURN_TOLERANCE = 1e-9
+"""Rotation of every segment that a further step of Newton's method would have [rad]."""
+
+LEAST_CONTRACTION = 1e-3
+"""Ratio of two steps that is counted on at best."""
+
+LEAST_PART = 1.0 / 1024.0
+"""Smallest part of a step that is tried where Newton's method fails."""
+
+
+@kernel
+def make_motion(n, p):
+    """Empty arrays of a motion.
+
+    ``stations``: rotations (n + 1, 3, 3), places, velocities, spins (n + 1, 3). ``segments``:
+    functions of ``q`` and of its half (n, 8), and what the change of its own rotation vector does
+    to the segment's end: ``moving`` and ``turning`` (n, 3, 3). ``points``: functions (p, 8), arm
+    from the start of the segment (p, 3), moving and turning (p, 3, 3), which are not filled of
+    points at a segment's end; velocity, spin and angular momentum (p, 3), tensor of inertia (p, 3,
+    3), and the static forces and moments (p, 3) with their sign turned.
+    """
+    stations = (
+        np.empty((n + 1, 3, 3)),
+        np.empty((n + 1, 3)),
+        np.empty((n + 1, 3)),
+        np.empty((n + 1, 3)),
+    )
+    segments = np.empty((n, 8)), np.empty((n, 8)), np.empty((n, 3, 3)), np.empty((n, 3, 3))
+    points = (
+        np.empty((p, 8)),
+        np.empty((p, 3)),
+        np.empty((p, 3, 3)),
+        np.empty((p, 3, 3)),
+        np.empty((p, 3)),
+        np.empty((p, 3)),
+        np.empty((p, 3)),
+        np.empty((p, 3, 3)),
+        np.empty((p, 3)),
+        np.empty((p, 3)),
+    )
+    return stations, segments, points
+
+
+@kernel
+def fill_places(grid, q, base, body, motion):
+    """Fill what does not depend on velocities; see `make_motion`."""
+    spans, _, _, _, _, kind = grid
+    rotations, places = motion[0][:2]
+    functions, halves, moving, turning = motion[1]
+    own_functions, arms, own_moving, own_turning = motion[2][:4]
+    tensors = motion[2][7]
+    segments, parts, _, inertias, _ = body
+    copy_matrix(base[0], rotations[0])
+    copy_vector(base[1], places[0])
+    step, slope, turn, inner = np.empty(3), np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
+    inner_axes = np.empty((3, 3))
+    p = 0
+    for j in range(spans.size):
+        w, f, half, rotation = q[j], functions[j], halves[j], rotations[j]
+        square = w[0] ** 2 + w[1] ** 2 + w[2] ** 2
+        fill_functions(square, f)
+        fill_functions(0.25 * square, half)
+        move_forward(w, f, half, spans[j], kind, step, slope)
+        multiply(rotation, slope, moving[j])
+        fill_rotation(w, f[1:], turn)
+        multiply(rotation, turn, turning[j])
+        fill_rotation(w, f, turn)
+        multiply(rotation, turn, rotations[j + 1])
+        for i in range(3):
+            places[j + 1, i] = (
+                places[j, i]
+                + rotation[i, 0] * step[0]
+                + rotation[i, 1] * step[1]
+                + rotation[i, 2] * step[2]
+            )
+        while p < segments.size and segments[p] == j:
+            part, own, axes = parts[p], own_functions[p], rotations[j + 1]
+            if part < 1.0:
+                axes = inner_axes
+                if part == 0.5:
+                    copy_vector(half, own)
+                else:
+                    fill_functions(part * part * square, own)
+                step[:] = 0.0
+                slope[:] = 0.0
+                if kind == CHORD:
+                    add_form(w, half, 0, 0.0, 0.0, 1.0, part * spans[j], 0.5, step, slope)
+                else:
+                    add_form(w, own, 1, 0.0, 0.0, 1.0, part * spans[j], part, step, slope)
+                for i in range(3):
+                    arms[p, i] = (
+                        rotation[i, 0] * step[0]
+                        + rotation[i, 1] * step[1]
+                        + rotation[i, 2] * step[2]
+                    )
+                    inner[i] = part * w[i]
+                multiply(rotation, slope, own_moving[p])
+                fill_rotation(inner, own[1:], turn)
+                for i in range(3):
+                    for k in range(3):
+                        turn[i, k] *= part
+                multiply(rotation, turn, own_turning[p])
+                fill_rotation(inner, own, turn)
+                multiply(rotation, turn, axes)
+            for i in range(3):
+                for k in range(i + 1):
+                    tensors[p, i, k] = (
+                        axes[i, 0] * inertias[p, 0] * axes[k, 0]
+                        + axes[i, 1] * inertias[p, 1] * axes[k, 1]
+                        + axes[i, 2] * inertias[p, 2] * axes[k, 2]
+                    )
+                    tensors[p, k, i] = tensors[p, i, k]
+            p += 1
+
+
+@kernel
+def _add_rates(moving, turning, rate, velocity, spin):
+    for i in range(3):
+        for k in range(3):
+            velocity[i] += moving[i, k] * rate[k]
+            spin[i] += turning[i, k] * rate[k]
+
+
+@kernel
+def _carry(velocity, spin, arm, velocity_there, spin_there):
+    """Velocity and spin of the same rigid body at the end of an arm."""
+    cross(spin, arm, velocity_there)
+    for i in range(3):
+        velocity_there[i] += velocity[i]
+        spin_there[i] = spin[i]
+
+
+@kernel
+def fill_velocities(rate, base, body, motion):
+    """Fill velocities, spins and angular momenta, where places are known."""
+    _, places, velocities, spins = motion[0]
+    moving, turning = motion[1][2:]
+    _, arms, own_moving, own_turning, own_velocity, own_spin, angular, tensors = motion[2][:8]
+    segments, parts = body[0], body[1]
+    copy_vector(base[2], velocities[0])
+    copy_vector(base[3], spins[0])
+    arm, p = np.empty(3), 0
+    for j in range(len(rate)):
+        for i in range(3):
+            arm[i] = places[j + 1, i] - places[j, i]
+        _carry(velocities[j], spins[j], arm, velocities[j + 1], spins[j + 1])
+        _add_rates(moving[j], turning[j], rate[j], velocities[j + 1], spins[j + 1])
+        while p < segments.size and segments[p] == j:
+            if parts[p] < 1.0:
+                _carry(velocities[j], spins[j], arms[p], own_velocity[p], own_spin[p])
+                _add_rates(own_moving[p], own_turning[p], rate[j], own_velocity[p], own_spin[p])
+            else:
+                copy_vector(velocities[j + 1], own_velocity[p])
+                copy_vector(spins[j + 1], own_spin[p])
+            for i in range(3):
+                angular[p, i] = (
+                    tensors[p, i, 0] * own_spin[p, 0]
+                    + tensors[p, i, 1] * own_spin[p, 1]
+                    + tensors[p, i, 2] * own_spin[p, 2]
+                )
+            p += 1
+
+
+@kernel
+def _add_transposed(matrix, vector, out):
+    """Add ``matrix^T vector`` to ``out`` (3,)."""
+    for k in range(3):
+        out[k] += matrix[0, k] * vector[0] + matrix[1, k] * vector[1] + matrix[2, k] * vector[2]
+
+
+@kernel
+def _shift(arm, force, moment):
+    """Add the moment of a force at the end of an arm."""
+    moment[0] += arm[1] * force[2] - arm[2] * force[1]
+    moment[1] += arm[2] * force[0] - arm[0] * force[2]
+    moment[2] += arm[0] * force[1] - arm[1] * force[0]
+
+
+@kernel
+def _add_step_hessian(w, f, half, span, part, kind, force, out):
+    """Add the second derivative of ``force . step`` up to a part of a segment to ``out`` (3, 3)."""
+    if kind == CHORD:
+        add_form_hessian(w, half, 0, 0.0, 0.0, 1.0, force, part * span, 0.5, out)
+    else:
+        add_form_hessian(w, f, 1, 0.0, 0.0, 1.0, force, part * span, part, out)
+
+
+@kernel
+def _subtract_inertial(w, kind, segment, state, momentum, scratch, out):
+    """Subtract ``J'^T P`` of one lever: what lies beyond a segment, or a point of it.
+
+    ``segment`` are rotation and spin where it begins, its span, the rate of its rotation vector and
+    the functions of its half; ``state`` the part of it, the functions there, moving and turning;
+    ``momentum`` linear and angular.
+    """
+    rotation, spin, span, rate, half = segment
+    part, f, moving, turning = state
+    linear, angular = momentum
+    way, local, hessian = scratch
+    cross(spin, linear, way)
+    _add_transposed(moving, way, out)
+    cross(spin, angular, way)
+    _add_transposed(turning, way, out)
+    hessian[:] = 0.0
+    rotate_back(rotation, linear, local)
+    _add_step_hessian(w, f, half, span, part, kind, local, hessian)
+    rotate_back(rotation, angular, local)
+    way[:] = 0.0
+    add_form(w, f, 1, local[0], local[1], local[2], part, -part, way, hessian)
+    for i in range(3):
+        for k in range(3):
+            out[i] -= hessian[i, k] * rate[k]
+
+
+@kernel
+def measure_motion(rod, q, rate, drive, motion, beyond, momentum, force):
+    """Momenta and minus their rate without tendons, of rotations and their rates.
+
+    ``rod`` is the grid, the rotations at rest (n, 3), the segments' damping (n, 3) by their rates
+    [N mm s] and the ``body``; ``drive`` the base, the forces and moments (p, 3), and the weights
+    (p, 3) that are among the forces. Fills ``motion``, ``beyond`` (n, 2, 3), the static forces and
+    moments beyond each segment with their sign turned, ``momentum`` and ``force`` (n, 3), so that
+    ``momentum' + force = 0``. Returns the powers of the loads and of all damping [N mm/s].
+    """
+    grid, rest, damping, body = rod
+    base, forces, moments, weights = drive
+    spans, stiffness, _, _, _, kind = grid
+    fill_places(grid, q, base, body, motion)
+    fill_velocities(rate, base, body, motion)
+    rotations, places, velocities, spins = motion[0]
+    functions, halves, moving, turning = motion[1]
+    own_functions, arms, own_moving, own_turning, own_velocity, own_spin = motion[2][:6]
+    angular, _, pushes, twists = motion[2][6:]
+    segments, parts, masses, _, drags = body
+    power, lost = 0.0, 0.0
+    linear_beyond, angular_beyond = np.zeros(3), np.zeros(3)
+    force_beyond, moment_beyond = np.zeros(3), np.zeros(3)
+    linear, way, arm = np.empty(3), np.empty(3), np.empty(3)
+    scratch = np.empty(3), np.empty(3), np.empty((3, 3))
+    for p in range(segments.size):
+        for i in range(3):
+            v = own_velocity[p, i]
+            pushes[p, i] = drags[p] * v - forces[p, i]
+            twists[p, i] = -moments[p, i]
+            power += (forces[p, i] - weights[p, i]) * v + moments[p, i] * own_spin[p, i]
+            lost += drags[p] * v * v
+    p = segments.size - 1
+    for j in range(spans.size - 1, -1, -1):
+        w, f, half = q[j], functions[j], halves[j]
+        segment = rotations[j], spins[j], spans[j], rate[j], half
+        while p >= 0 and segments[p] == j and parts[p] == 1.0:
+            for i in range(3):
+                linear_beyond[i] += masses[p] * own_velocity[p, i]
+                angular_beyond[i] += angular[p, i]
+                force_beyond[i] += pushes[p, i]
+                moment_beyond[i] += twists[p, i]
+            p -= 1
+        copy_vector(force_beyond, beyond[j, 0])
+        copy_vector(moment_beyond, beyond[j, 1])
+        for i in range(3):
+            bent = q[j, i] - rest[j, i]
+            lost += damping[j, i] * rate[j, i] ** 2
+            force[j, i] = stiffness[j, i] * bent + damping[j, i] * rate[j, i]
+            momentum[j, i] = 0.0
+            arm[i] = places[j + 1, i] - places[j, i]
+        _add_transposed(moving[j], linear_beyond, momentum[j])
+        _add_transposed(turning[j], angular_beyond, momentum[j])
+        _add_transposed(moving[j], force_beyond, force[j])
+        cross(velocities[j + 1], linear_beyond, way)
+        for i in range(3):
+            way[i] += moment_beyond[i]
+        _add_transposed(turning[j], way, force[j])
+        state = 1.0, f, moving[j], turning[j]
+        known = linear_beyond, angular_beyond
+        _subtract_inertial(w, kind, segment, state, known, scratch, force[j])
+        _shift(arm, linear_beyond, angular_beyond)
+        _shift(arm, force_beyond, moment_beyond)
+        while p >= 0 and segments[p] == j:
+            for i in range(3):
+                linear[i] = masses[p] * own_velocity[p, i]
+            _add_transposed(own_moving[p], linear, momentum[j])
+            _add_transposed(own_turning[p], angular[p], momentum[j])
+            _add_transposed(own_moving[p], pushes[p], force[j])
+            _add_transposed(own_turning[p], twists[p], force[j])
+            state = parts[p], own_functions[p], own_moving[p], own_turning[p]
+            known = linear, angular[p]
+            _subtract_inertial(w, kind, segment, state, known, scratch, force[j])
+            for i in range(3):
+                linear_beyond[i] += linear[i]
+                angular_beyond[i] += angular[p, i]
+                force_beyond[i] += pushes[p, i]
+                moment_beyond[i] += twists[p, i]
+            _shift(arms[p], linear, angular_beyond)
+            _shift(arms[p], pushes[p], moment_beyond)
+            p -= 1
+    return power, lost
+
+
+@kernel
+def make_chain(n):
+    """Empty arrays of `factor_chain`."""
+    return (
+        np.empty((n, 3, 3)),
+        np.empty((n, 3, 6)),
+        np.empty((n, 6, 3)),
+        np.empty((n, 3, 3)),
+        np.empty((n, 3, 3)),
+        np.empty((n, 3)),
+    )
+
+
+@kernel
+def _invert(a, inverse):
+    """Fill the inverse of a 3x3 matrix; False if it is singular."""
+    c0 = a[1, 1] * a[2, 2] - a[1, 2] * a[2, 1]
+    c1 = a[1, 2] * a[2, 0] - a[1, 0] * a[2, 2]
+    c2 = a[1, 0] * a[2, 1] - a[1, 1] * a[2, 0]
+    det = a[0, 0] * c0 + a[0, 1] * c1 + a[0, 2] * c2
+    if not abs(det) > 0.0 or not math.isfinite(det):
+        return False
+    scale = 1.0 / det
+    inverse[0, 0], inverse[1, 0], inverse[2, 0] = scale * c0, scale * c1, scale * c2
+    inverse[0, 1] = scale * (a[0, 2] * a[2, 1] - a[0, 1] * a[2, 2])
+    inverse[1, 1] = scale * (a[0, 0] * a[2, 2] - a[0, 2] * a[2, 0])
+    inverse[2, 1] = scale * (a[0, 1] * a[2, 0] - a[0, 0] * a[2, 1])
+    inverse[0, 2] = scale * (a[0, 1] * a[1, 2] - a[0, 2] * a[1, 1])
+    inverse[1, 2] = scale * (a[0, 2] * a[1, 0] - a[0, 0] * a[1, 2])
+    inverse[2, 2] = scale * (a[0, 0] * a[1, 1] - a[0, 1] * a[1, 0])
+    return True
+
+
+@kernel
+def _add_branch(weights, arm, moving, turning, rotational, block, gain, lift, whole):
+    """Add a point's share: ``weights`` are its mass and its drag, as of the rates' squares.
+
+    ``rotational`` (3, 3) is the same of its rotation.
+    """
+    a0, a1, a2 = arm[0], arm[1], arm[2]
+    turned = np.empty((3, 3))
+    multiply(rotational, turning, turned)
+    for i in range(3):
+        for k in range(3):
+            total = 0.0
+            for m in range(3):
+                total += weights * moving[m, i] * moving[m, k] + turning[m, i] * turned[m, k]
+            block[i, k] += total
+            gain[i, k] += weights * moving[k, i]
+            lift[k, i] += weights * moving[k, i]
+            whole[3 + i, 3 + k] += rotational[i, k]
+        # -O^T [a] has rows a x O_i.
+        o0, o1, o2 = weights * moving[0, i], weights * moving[1, i], weights * moving[2, i]
+        c0, c1, c2 = a1 * o2 - a2 * o1, a2 * o0 - a0 * o2, a0 * o1 - a1 * o0
+        gain[i, 3] += c0 + turned[0, i]
+        gain[i, 4] += c1 + turned[1, i]
+        gain[i, 5] += c2 + turned[2, i]
+        lift[3, i] += c0 + turned[0, i]
+        lift[4, i] += c1 + turned[1, i]
+        lift[5, i] += c2 + turned[2, i]
+        whole[i, i] += weights
+    x, y, z = weights * a0, weights * a1, weights * a2
+    whole[0, 4] += z
+    whole[0, 5] -= y
+    whole[1, 3] -= z
+    whole[1, 5] += x
+    whole[2, 3] += y
+    whole[2, 4] -= x
+    whole[4, 0] += z
+    whole[5, 0] -= y
+    whole[3, 1] -= z
+    whole[5, 1] += x
+    whole[3, 2] += y
+    whole[4, 2] -= x
+    square = x * a0 + y * a1 + z * a2
+    whole[3, 3] += square - x * a0
+    whole[4, 4] += square - y * a1
+    whole[5, 5] += square - z * a2
+    whole[3, 4] -= x * a1
+    whole[4, 3] -= x * a1
+    whole[3, 5] -= x * a2
+    whole[5, 3] -= x * a2
+    whole[4, 5] -= y * a2
+    whole[5, 4] -= y * a2
+
+
+@kernel
+def _add_lever(w, kind, segment, state, load, block, gain, lift, whole):
+    """Add how the work of constant forces on a lever changes to second order."""
+    rotation, _, span, _, half = segment
+    part, f, moving, turning = state
+    arm, force, moment = load
+    local, way = np.empty(3), np.zeros(3)
+    rotate_back(rotation, force, local)
+    _add_step_hessian(w, f, half, span, part, kind, local, block)
+    rotate_back(rotation, moment, local)
+    add_form(w, f, 1, local[0], local[1], local[2], part, -part, way, block)
+    for i in range(3):
+        # B^T [F] has rows B_i x F; -[F] B has columns B_i x F.
+        cross(moving[:, i], force, way)
+        for k in range(3):
+            gain[i, 3 + k] += way[k]
+            lift[3 + k, i] += way[k]
+        cross(turning[:, i], moment, way)
+        for k in range(3):
+            gain[i, 3 + k] += way[k]
+    dot = force[0] * arm[0] + force[1] * arm[1] + force[2] * arm[2]
+    for i in range(3):
+        whole[3 + i, 3 + i] -= dot
+        for k in range(3):
+            whole[3 + i, 3 + k] += arm[i] * force[k]
+
+
+@kernel
+def factor_chain(rod, q, scale, elastic, blocks, motion, beyond, chain):
+    """Eliminate the segments of the tangent from the tip to the base; False if it is singular.
+
+    The tangent is ``s^2 m + s c`` of the points, and where ``elastic`` is 1, not 0, the segments'
+    ``K + s tau K``, ``blocks`` (n, 3, 3) and what constant forces ``beyond`` (n, 2, 3) add.
+    ``chain`` is filled: inverses (n, 3, 3), gains (n, 3, 6), lifts (n, 6, 3), moving, turning (n,
+    3, 3) and arm (n, 3).
+    """
+    grid, _, damping, body = rod
+    spans, stiffness, _, _, _, kind = grid
+    rotations, places, _, spins = motion[0]
+    functions, halves, moving, turning = motion[1]
+    own_functions, arms, own_moving, own_turning = motion[2][:4]
+    tensors, pushes, twists = motion[2][7:]
+    segments, parts, masses, _, drags = body
+    inverses, gains, lifts, kept_moving, kept_turning, kept_arms = chain
+    whole, before = np.zeros((6, 6)), np.zeros((6, 6))
+    side, block, gain, lift = np.empty((6, 3)), np.empty((3, 3)), np.empty((3, 6)), np.empty((6, 3))
+    rotational = np.empty((3, 3))
+    p = segments.size - 1
+    for j in range(spans.size - 1, -1, -1):
+        w, mover, turner, arm = q[j], moving[j], turning[j], kept_arms[j]
+        while p >= 0 and segments[p] == j and parts[p] == 1.0:
+            for i in range(3):
+                whole[i, i] += scale * (scale * masses[p] + elastic * drags[p])
+                for k in range(3):
+                    whole[3 + i, 3 + k] += scale * scale * tensors[p, i, k]
+            p -= 1
+        for i in range(3):
+            arm[i] = places[j + 1, i] - places[j, i]
+        copy_matrix(mover, kept_moving[j])
+        copy_matrix(turner, kept_turning[j])
+        # What lies beyond, by the state where this segment begins.
+        for i in range(6):
+            for k in range(3):
+                side[i, k] = 0.0
+                gain[k, i] = 0.0
+                for m in range(3):
+                    side[i, k] += whole[i, m] * mover[m, k] + whole[i, 3 + m] * turner[m, k]
+                    gain[k, i] += mover[m, k] * whole[m, i] + turner[m, k] * whole[3 + m, i]
+            x, y, z = whole[i, 0], whole[i, 1], whole[i, 2]
+            for m in range(6):
+                before[i, m] = whole[i, m]
+            before[i, 3] += arm[1] * z - arm[2] * y
+            before[i, 4] += arm[2] * x - arm[0] * z
+            before[i, 5] += arm[0] * y - arm[1] * x
+        for i in range(3):
+            for k in range(3):
+                block[i, k] = blocks[j, i, k] if elastic > 0.0 else 0.0
+                lift[i, k] = side[i, k]
+                for m in range(3):
+                    block[i, k] += mover[m, i] * side[m, k] + turner[m, i] * side[3 + m, k]
+            block[i, i] += elastic * (stiffness[j, i] + scale * damping[j, i])
+        for k in range(3):
+            x, y, z = side[0, k], side[1, k], side[2, k]
+            lift[3, k] = side[3, k] + arm[1] * z - arm[2] * y
+            lift[4, k] = side[4, k] + arm[2] * x - arm[0] * z
+            lift[5, k] = side[5, k] + arm[0] * y - arm[1] * x
+            x, y, z = gain[k, 0], gain[k, 1], gain[k, 2]
+            gain[k, 3] += arm[1] * z - arm[2] * y
+            gain[k, 4] += arm[2] * x - arm[0] * z
+            gain[k, 5] += arm[0] * y - arm[1] * x
+        for k in range(6):
+            x, y, z = before[0, k], before[1, k], before[2, k]
+            for i in range(6):
+                whole[i, k] = before[i, k]
+            whole[3, k] += arm[1] * z - arm[2] * y
+            whole[4, k] += arm[2] * x - arm[0] * z
+            whole[5, k] += arm[0] * y - arm[1] * x
+        segment = rotations[j], spins[j], spans[j], w, halves[j]
+        if elastic > 0.0:
+            state = 1.0, functions[j], mover, turner
+            load = arm, beyond[j, 0], beyond[j, 1]
+            _add_lever(w, kind, segment, state, load, block, gain, lift, whole)
+        while p >= 0 and segments[p] == j:
+            for i in range(3):
+                for k in range(3):
+                    rotational[i, k] = scale * scale * tensors[p, i, k]
+            weight = scale * scale * masses[p] + elastic * scale * drags[p]
+            _add_branch(
+                weight, arms[p], own_moving[p], own_turning[p], rotational, block, gain, lift, whole
+            )
+            if elastic > 0.0:
+                state = parts[p], own_functions[p], own_moving[p], own_turning[p]
+                load = arms[p], pushes[p], twists[p]
+                _add_lever(w, kind, segment, state, load, block, gain, lift, whole)
+            p -= 1
+        if not _invert(block, inverses[j]):
+            return False
+        for i in range(3):
+            for k in range(6):
+                gains[j, i, k] = 0.0
+                for m in range(3):
+                    gains[j, i, k] += inverses[j, i, m] * gain[m, k]
+        for i in range(6):
+            for k in range(3):
+                lifts[j, i, k] = lift[i, k]
+            for k in range(6):
+                for m in range(3):
+                    whole[i, k] -= lift[i, m] * gains[j, m, k]
+    return True
+
+
+@kernel
+def solve_chain(chain, right, out):
+    """Solve for ``right`` (n, 3) by the answer of `factor_chain`; ``out`` may be the same array."""
+    inverses, gains, lifts, moving, turning, arms = chain
+    push, twist, rest = np.zeros(3), np.zeros(3), np.empty(3)
+    for j in range(len(inverses) - 1, -1, -1):
+        for i in range(3):
+            rest[i] = right[j, i]
+        _add_transposed(moving[j], push, rest)
+        _add_transposed(turning[j], twist, rest)
+        for i in range(3):
+            out[j, i] = (
+                inverses[j, i, 0] * rest[0]
+                + inverses[j, i, 1] * rest[1]
+                + inverses[j, i, 2] * rest[2]
+            )
+        _shift(arms[j], push, twist)
+        for i in range(3):
+            for k in range(3):
+                push[i] -= lifts[j, i, k] * out[j, k]
+                twist[i] -= lifts[j, 3 + i, k] * out[j, k]
+    moved, turned, way = np.zeros(3), np.zeros(3), np.empty(3)
+    for j in range(len(inverses)):
+        for i in range(3):
+            for k in range(3):
+                out[j, i] -= gains[j, i, k] * moved[k] + gains[j, i, 3 + k] * turned[k]
+        cross(turned, arms[j], way)
+        for i in range(3):
+            moved[i] += way[i]
+            for k in range(3):
+                moved[i] += moving[j, i, k] * out[j, k]
+                turned[i] += turning[j, i, k] * out[j, k]
+
+
+@kernel
+def find_velocity(rod, q, momentum, drive, work, rate):
+    """Fill the rates (n, 3) that have a momentum (n, 3), and the motion; False if there are none.
+
+    ``chain`` of the work then is that of the inertia alone.
+    """
+    motion, beyond, chain, found, force = work
+    grid, _, _, body = rod
+    base = drive[0]
+    rate[:] = 0.0
+    if base[2].any() or base[3].any():
+        measure_motion(rod, q, rate, drive, motion, beyond, found, force)
+    else:
+        fill_places(grid, q, base, body, motion)
+        found[:] = 0.0
+    good = factor_chain(rod, q, 1.0, 0.0, motion[1][2], motion, beyond, chain)
+    for j in range(len(q)):
+        for i in range(3):
+            force[j, i] = momentum[j, i] - found[j, i]
+    solve_chain(chain, force, rate)
+    fill_velocities(rate, base, body, motion)
+    return good
+
+
+@kernel
+def measure_energies(rod, q, weights, motion):
+    """Kinetic, elastic and gravitational energy of a motion that is known [N mm]."""
+    grid, rest, _, body = rod
+    segments, parts, masses, _, _ = body
+    _, arms, _, _, velocities, spins, angular = motion[2][:7]
+    places = motion[0][1]
+    kinetic, elastic, gravity = 0.0, 0.0, 0.0
+    for p in range(segments.size):
+        j = segments[p]
+        for i in range(3):
+            kinetic += 0.5 * (masses[p] * velocities[p, i] ** 2 + angular[p, i] * spins[p, i])
+            there = places[j + 1, i] if parts[p] == 1.0 else places[j, i] + arms[p, i]
+            gravity -= weights[p, i] * there
+    for j in range(len(q)):
+        for i in range(3):
+            elastic += 0.5 * grid[1][j, i] * (q[j, i] - rest[j, i]) ** 2
+    return kinetic, elastic, gravity
+
+
+@kernel
+def fill_drive(tables, row, time, drive, targets, slopes):
+    """Fill base, forces and tendon commands at a time after a row [s].
+
+    ``tables`` are times (k,), coefficients of the base's motion (k - 1, 4, 6), of powers from 3 to
+    0 of the time after the row, weights (p, 3), forces and moments of the loads (l, p, 3), their
+    factors (k, l), and commands (k, t), linear between rows.
+    """
+    times, coefficients, weights, load_forces, load_moments, factors, commands = tables
+    base, forces, moments, _ = drive
+    share = time / (times[row + 1] - times[row])
+    f, turn, swing = np.empty(8), np.empty(3), np.empty(3)
+    c = coefficients[row]
+    for i in range(3):
+        base[1][i] = ((c[0, i] * time + c[1, i]) * time + c[2, i]) * time + c[3, i]
+        base[2][i] = (3.0 * c[0, i] * time + 2.0 * c[1, i]) * time + c[2, i]
+        turn[i] = ((c[0, 3 + i] * time + c[1, 3 + i]) * time + c[2, 3 + i]) * time + c[3, 3 + i]
+        swing[i] = (3.0 * c[0, 3 + i] * time + 2.0 * c[1, 3 + i]) * time + c[2, 3 + i]
+    fill_functions(turn[0] ** 2 + turn[1] ** 2 + turn[2] ** 2, f)
+    fill_rotation(turn, f[1:], base[0])
+    for i in range(3):
+        base[3][i] = 0.0
+        for k in range(3):
+            base[3][i] += base[0][i, k] * swing[k]
+    fill_rotation(turn, f, base[0])
+    for p in range(len(weights)):
+        for i in range(3):
+            forces[p, i] = weights[p, i]
+            moments[p, i] = 0.0
+            for m in range(len(load_forces)):
+                now = factors[row, m] + share * (factors[row + 1, m] - factors[row, m])
+                forces[p, i] += now * load_forces[m, p, i]
+                moments[p, i] += now * load_moments[m, p, i]
+    for m in range(targets.size):
+        slopes[m] = (commands[row + 1, m] - commands[row, m]) / (times[row + 1] - times[row])
+        targets[m] = commands[row, m] + time * slopes[m]
+
+
+@kernel
+def make_pull(n, k):
+    """Empty arrays of `pull_tendons`."""
+    return (
+        np.zeros(k),
+        np.zeros(k),
+        np.zeros((k, n, 3)),
+        np.zeros((n, 3, 3)),
+        np.zeros((n, 3, 3)),
+    )
+
+
+@kernel
+def pull_tendons(grid, tendons, targets, q, bending, pull, force):
+    """Fill tensions (k,), lengths (k,) and their gradients (k, n, 3); add to ``force`` (n, 3).
+
+    ``tendons`` are their compliances (k,), whether lengths, not tensions, are commanded, and which
+    only pull (k,). ``bending`` asks for the second derivatives (n, 3, 3) too.
+    """
+    compliances, held, one_sided = tendons
+    tensions, lengths, gradients, psd, blocks = pull
+    for m in range(targets.size):
+        tensions[m] = targets[m] if bending and not held else 0.0
+    measure_lengths(grid, q, tensions, lengths, gradients, psd, blocks)
+    for m in range(targets.size):
+        tensions[m] = targets[m]
+        if held:
+            tensions[m] = (lengths[m] - targets[m]) / compliances[m]
+            if one_sided[m]:
+                tensions[m] = max(tensions[m], 0.0)
+    if held and bending:
+        measure_lengths(grid, q, tensions, lengths, gradients, psd, blocks)
+    for m in range(targets.size):
+        if tensions[m] != 0.0:
+            for j in range(len(q)):
+                for i in range(3):
+                    force[j, i] += tensions[m] * gradients[m, j, i]
+
+
+@kernel
+def _stiffen(tendons, chain, pull, active, carried, matrix, order):
+    """Prepare the held tendons that are taut: how they move the rod, and their joint stiffness.
+
+    Returns how many there are, -1 if the matrix is singular.
+    """
+    compliances, held, one_sided = tendons
+    tensions, _, gradients, _, _ = pull
+    count = 0
+    for m in range(tensions.size if held else 0):
+        if tensions[m] > 0.0 or not one_sided[m]:
+            active[count] = m
+            solve_chain(chain, gradients[m], carried[count])
+            count += 1
+    for a in range(count):
+        for b in range(count):
+            matrix[a, b] = compliances[active[a]] if a == b else 0.0
+            one, other = gradients[active[a]], carried[b]
+            for j in range(len(one)):
+                for i in range(3):
+                    matrix[a, b] += one[j, i] * other[j, i]
+    if count > 0 and not factor_lu(matrix[:count, :count], order[:count]):
+        return -1
+    return count
+
+
+@kernel
+def solve_stage(rod, tendons, drive, targets, stage, work, solver, q, rate):
+    """One implicit stage by Newton's method: rotations (n, 3) from a guess, and their rates.
+
+    ``stage`` is the scale s, and the rotations and momenta that it starts from; ``work`` as of
+    `make_work`. Returns the steps taken, 0 if there is no answer, and what `measure_motion` does.
+    """
+    scale, q_before, momentum_before = stage
+    motion, beyond, chain, momentum, force = work
+    pull, active, carried, matrix, order, fresh_right, state = solver
+    grid = rod[0]
+    n = len(q)
+    step, last, known, contraction = fresh_right, math.inf, state[0] > 0.0, state[2]
+    count, powers = int(state[1]), (0.0, 0.0)
+    for iteration in range(MOST_ITERATIONS):
+        for j in range(n):
+            for i in range(3):
+                rate[j, i] = scale * (q[j, i] - q_before[j, i])
+        powers = measure_motion(rod, q, rate, drive, motion, beyond, momentum, force)
+        bending = not known
+        pull_tendons(grid, tendons, targets, q, bending, pull, force)
+        if last * max(contraction, LEAST_CONTRACTION) <= TURN_TOLERANCE:
+            state[0], state[1], state[2] = 1.0, count, contraction
+            return iteration, powers
+        if not known:
+            if not factor_chain(rod, q, scale, 1.0, pull[4], motion, beyond, chain):
+                break
+            count = _stiffen(tendons, chain, pull, active, carried, matrix, order)
+            if count < 0:
+                break
+            known = True
+        for j in range(n):
+            for i in range(3):
+                step[j, i] = -(scale * (momentum[j, i] - momentum_before[j, i]) + force[j, i])
+        solve_chain(chain, step, step)
+        if count > 0:
+            right = np.zeros((count, 1))
+            for a in range(count):
+                own = pull[2][active[a]]
+                for j in range(n):
+                    for i in range(3):
+                        right[a, 0] += own[j, i] * step[j, i]
+            solve_lu(matrix[:count, :count], order[:count], right)
+            for a in range(count):
+                for j in range(n):
+                    for i in range(3):
+                        step[j, i] -= right[a, 0] * carried[a, j, i]
+        largest = 0.0
+        for j in range(n):
+            largest = max(largest, step[j, 0] ** 2 + step[j, 1] ** 2 + step[j, 2] ** 2)
+        largest = math.sqrt(largest)
+        if not math.isfinite(largest):
+            break
+        part = min(1.0, STEP_LIMIT / largest) if largest > 0.0 else 1.0
+        folded = False
+        for j in range(n):
+            square = 0.0
+            for i in range(3):
+                q[j, i] += part * step[j, i]
+                square += q[j, i] ** 2
+            folded = folded or square > FOLD_ANGLE**2
+        if folded:
+            break
+        if iteration > 0:
+            contraction = min(largest / last, 1.0)
+        known = contraction <= SLOW or iteration == 0
+        last = largest
+    state[0], state[2] = 0.0, 1.0
+    return 0, powers
+
+
+@kernel
+def make_work(n, p):
+    """Empty arrays of a motion, of forces beyond, of a chain, and two of the segments."""
+    return (
+        make_motion(n, p),
+        np.empty((n, 2, 3)),
+        make_chain(n),
+        np.empty((n, 3)),
+        np.empty((n, 3)),
+    )
+
+
+@kernel
+def advance(rod, tendons, tables, scheme, steps, fresh, state, rows):
+    """Move on from row to row of the tables; returns how many rows were reached.
+
+    ``scheme`` is a_m, a_f and g; ``steps`` (k - 1,) how many steps there are between two rows.
+    ``state`` is the rotations, momenta, and the rates of both (n, 3), which are changed; if it is
+    ``fresh`` momenta and their rates are not known yet. ``rows`` are filled: rotations (k, s, 3,
+    3), places, velocities (k, s, 3) of the stations, tensions and lengths (k, t), energies (k, 6):
+    kinetic, elastic, of gravity, of tendons, work of loads and tendons, dissipated; and steps of
+    Newton's method (k,).
+    """
+    alpha_m, alpha_f, gamma = scheme
+    q, momentum, rate, momentum_rate = state
+    n, p, k = len(q), len(rod[3][0]), len(tendons[0])
+    times, weights = tables[0], tables[2]
+    base = np.empty((3, 3)), np.empty(3), np.empty(3), np.empty(3)
+    drive = base, np.empty((p, 3)), np.empty((p, 3)), weights
+    targets, slopes = np.empty(k), np.empty(k)
+    work, pull = make_work(n, p), make_pull(n, k)
+    solver_state = np.ones(3)
+    solver_state[0] = 0.0
+    solver = (
+        pull,
+        np.zeros(k, dtype=np.int64),
+        np.empty((k, n, 3)),
+        np.empty((k, k)),
+        np.empty(k, dtype=np.int64),
+        np.empty((n, 3)),
+        solver_state,
+    )
+    stage_q, stage_rate = np.empty((n, 3)), np.empty((n, 3))
+    q_before, momentum_before = np.empty((n, 3)), np.empty((n, 3))
+    guess, guess_before = np.empty((n, 3)), np.empty((n, 3))
+    end_work, end_rate = make_work(n, p), np.empty((n, 3))
+    own, lost = 0.0, 0.0
+    fill_drive(tables, 0, 0.0, drive, targets, slopes)
+    if fresh:
+        measure_motion(rod, q, rate, drive, work[0], work[1], momentum, momentum_rate)
+        pull_tendons(rod[0], tendons, targets, q, False, pull, momentum_rate)
+        for j in range(n):
+            for i in range(3):
+                momentum_rate[j, i] = -momentum_rate[j, i]
+    if not _fill_row(rod, tendons, drive, targets, q, momentum, end_work, end_rate, pull, rows, 0):
+        return 0
+    copy_matrix(end_rate, guess)
+    copy_matrix(end_rate, guess_before)
+    rows[5][0, 4], rows[5][0, 5], rows[6][0] = 0.0, 0.0, 0
+    before = _measure_powers(
+        measure_motion(rod, q, end_rate, drive, work[0], work[1], work[3], work[4]),
+        tendons, pull, end_rate, slopes,
+    )  # fmt: skip
+    before_time, scale_before = times[0], 0.0
+    for row in range(len(times) - 1):
+        whole = (times[row + 1] - times[row]) / steps[row]
+        done, part, iterations = 0.0, 1.0, 0
+        while done < steps[row] - 1e-9:
+            part = min(part, steps[row] - done)
+            size = part * whole
+            c = alpha_f * gamma / alpha_m * size
+            scale = 1.0 / c
+            if abs(scale - scale_before) > 1e-9 * scale:
+                solver_state[0] = 0.0
+            scale_before = scale
+            at = done * whole + alpha_f * size
+            for j in range(n):
+                for i in range(3):
+                    head = alpha_f * size * (1.0 - gamma / alpha_m)
+                    q_before[j, i] = q[j, i] + head * rate[j, i]
+                    momentum_before[j, i] = momentum[j, i] + head * momentum_rate[j, i]
+                    ahead = 2.0 * guess[j, i] - guess_before[j, i]
+                    stage_q[j, i] = q_before[j, i] + c * ahead
+            fill_drive(tables, row, at, drive, targets, slopes)
+            stage = scale, q_before, momentum_before
+            count, energies = solve_stage(
+                rod, tendons, drive, targets, stage, work, solver, stage_q, stage_rate
+            )
+            if count == 0:
+                part *= 0.5
+                copy_matrix(guess, guess_before)
+                if part < LEAST_PART:
+                    return row + 1
+                continue
+            iterations += count
+            copy_matrix(guess, guess_before)
+            copy_matrix(stage_rate, guess)
+            powers = _measure_powers(energies, tendons, pull, stage_rate, slopes)
+            time = times[row] + at
+            shift = (0.5 - alpha_f) * size / (time - before_time)
+            own += size * (powers[0] + shift * (powers[0] - before[0]))
+            lost += size * (powers[1] + shift * (powers[1] - before[1]))
+            before, before_time = powers, time
+            for j in range(n):
+                for i in range(3):
+                    new = (stage_rate[j, i] - (1.0 - alpha_m) * rate[j, i]) / alpha_m
+                    q[j, i] += size * ((1.0 - gamma) * rate[j, i] + gamma * new)
+                    rate[j, i] = new
+                    new = (-work[4][j, i] - (1.0 - alpha_m) * momentum_rate[j, i]) / alpha_m
+                    momentum[j, i] += size * ((1.0 - gamma) * momentum_rate[j, i] + gamma * new)
+                    momentum_rate[j, i] = new
+            done += part
+            part = min(1.0, 2.0 * part)
+        fill_drive(tables, row, times[row + 1] - times[row], drive, targets, slopes)
+        if not _fill_row(
+            rod, tendons, drive, targets, q, momentum, end_work, end_rate, pull, rows, row + 1
+        ):
+            return row + 1
+        rows[5][row + 1, 4], rows[5][row + 1, 5] = own, lost
+        rows[6][row + 1] = iterations
+    return len(times)
+
+
+@kernel
+def _measure_powers(energies, tendons, pull, rate, slopes):
+    """Powers of loads and tendons, and of damping [N mm/s]."""
+    _, held, _ = tendons
+    tensions, _, gradients, _, _ = pull
+    power = energies[0]
+    for m in range(tensions.size):
+        if held:
+            power -= tensions[m] * slopes[m]
+        elif tensions[m] != 0.0:
+            for j in range(len(rate)):
+                for i in range(3):
+                    power -= tensions[m] * gradients[m, j, i] * rate[j, i]
+    return power, energies[1]
+
+
+@kernel
+def _fill_row(rod, tendons, drive, targets, q, momentum, work, rate, pull, rows, row):
+    """Fill a row of `advance` but for work and dissipation; False if momenta have no rates."""
+    rotations, places, velocities, tensions, lengths, energies, _ = rows
+    if not find_velocity(rod, q, momentum, drive, work, rate):
+        return False
+    found = measure_energies(rod, q, drive[3], work[0])
+    pull_tendons(rod[0], tendons, targets, q, False, pull, work[4])
+    stations = work[0][0]
+    for j in range(len(q) + 1):
+        copy_matrix(stations[0][j], rotations[row, j])
+    copy_matrix(stations[1], places[row])
+    copy_matrix(stations[2], velocities[row])
+    copy_vector(pull[0], tensions[row])
+    copy_vector(pull[1], lengths[row])
+    for i in range(3):
+        energies[row, i] = found[i]
+    energies[row, 3] = 0.0
+    if tendons[1]:
+        for m in range(len(targets)):
+            energies[row, 3] += 0.5 * tendons[0][m] * pull[0][m] ** 2
+    return True

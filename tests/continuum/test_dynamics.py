@@ -1,0 +1,436 @@
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from scipy.signal import lsim
+from scipy.spatial.transform import Rotation
+
+from bozzini.continuum import (
+    ContinuumRobot,
+    DynamicsOptions,
+    EnergyModel,
+    LineLoad,
+    PointLoad,
+    RodModel,
+    Section,
+    Tendon,
+    Wire,
+    linearise,
+    simulate,
+)
+from bozzini.continuum.dynamics import _Rod
+from bozzini.continuum.kernels import dynamics as kernels
+from bozzini.errors import GeometryError, InputError
+
+LENGTH, MODULUS, DENSITY = 200.0, 200e3, 7850.0  # mm, MPa, kg/m^3
+BENDING = MODULUS * math.pi / 64.0
+LINE_MASS = 1e-12 * DENSITY * math.pi / 4.0  # t/mm
+FIRST = 1.8751040687**2 / (2.0 * math.pi * LENGTH**2) * math.sqrt(BENDING / LINE_MASS)
+"""First frequency of a cantilever [Hz]."""
+
+FREE = DynamicsOptions(gravity=(0.0, 0.0, 0.0), segment="arc")
+
+
+def make_wire(discs: int = 30) -> ContinuumRobot:
+    wire = Wire(diameter=1.0, modulus=MODULUS, density=DENSITY)
+    return ContinuumRobot((Section(length=LENGTH, radius=0.5, discs=discs, wire=wire),))
+
+
+def make_arm(discs: int = 10, stiffness: float = 2e3) -> ContinuumRobot:
+    """A robot of two sections with three tendons each, its discs heavy."""
+    wire = Wire(diameter=1.0, modulus=60e3, density=6450.0)
+    return ContinuumRobot(
+        tuple(
+            Section(
+                length=50.0,
+                radius=5.0,
+                discs=discs // 2,
+                wire=wire,
+                line_weight=1e-4,
+                disc_weight=1e-3,
+                tendons=tuple(
+                    Tendon(
+                        name=f"{part}{k}",
+                        offset=4.0,
+                        angle=2.0 * math.pi * k / 3.0 + 0.4 * part,
+                        stiffness=stiffness,
+                    )
+                    for k in range(3)
+                ),
+            )
+            for part in range(2)
+        )
+    )
+
+
+def find_orders(values):
+    errors = np.linalg.norm(np.diff(values, axis=0), axis=1)
+    return np.log2(errors[:-1] / errors[1:])
+
+
+def test_frequencies_are_those_of_a_cantilever() -> None:
+    found = linearise(make_wire(), options=dataclasses.replace(FREE, damping_time=1e-3))
+    assert found.frequency[:2] == pytest.approx([FIRST, FIRST], rel=1e-3)
+    np.testing.assert_allclose(
+        found.damping_ratio[:2], math.pi * found.frequency[:2] * 1e-3, rtol=1e-9
+    )
+    shear = MODULUS / 2.6
+    torsion = math.sqrt(shear / (1e-12 * DENSITY)) / (4.0 * LENGTH)
+    assert np.abs(found.frequency / torsion - 1.0).min() < 1e-3
+
+
+def test_frequency_with_a_heavy_tip_is_that_of_a_spring() -> None:
+    mass = 100.0 * LINE_MASS * LENGTH
+    heavy = dataclasses.replace(FREE, tip_weight=mass * 9806.65)
+    spring = 3.0 * BENDING / LENGTH**3
+    exact = math.sqrt(spring / (mass + 33.0 / 140.0 * LINE_MASS * LENGTH)) / (2.0 * math.pi)
+    assert linearise(make_wire(), options=heavy).frequency[0] == pytest.approx(exact, rel=1e-3)
+
+
+def test_frequency_falls_to_nothing_where_the_rod_buckles() -> None:
+    critical = math.pi**2 * BENDING / (4.0 * LENGTH**2)
+    loads = [PointLoad(force=(0.0, 0.0, -0.999 * critical))]
+    assert linearise(make_wire(), loads=loads, options=FREE).frequency[0] < 0.05 * FIRST
+    loads = [PointLoad(force=(0.0, 0.0, -1.001 * critical))]
+    with pytest.raises(GeometryError, match="not stable"):
+        linearise(make_wire(), loads=loads, options=FREE)
+
+
+def test_kernel_is_the_rate_of_the_derivatives_of_the_kinetic_energy() -> None:
+    loads = (
+        PointLoad(arc_length=33.0, force=(0.1, 0.2, -0.1), moment=(1.0, -2.0, 0.5)),
+        LineLoad(force=(0.0, 1e-3, 0.0), start=20.0),
+    )
+    options = DynamicsOptions(segment="arc", drag=1e-4, damping_time=0.01, tip_weight=0.02)
+    rod = _Rod(make_arm(), options, loads)
+    count, points = len(rod.grid.spans), len(rod.points.parts)
+    rng = np.random.default_rng(1)
+    q, rate = 0.1 * rng.standard_normal((count, 3)), rng.standard_normal((count, 3))
+    place, turn = rng.standard_normal(3), Rotation.from_rotvec([0.3, -0.2, 0.5])
+    speed, spin = rng.standard_normal(3) * 20.0, rng.standard_normal(3)
+    forces = rod.weights + rod.load_vectors[0].sum(axis=0)
+    moments = rod.load_vectors[1].sum(axis=0)
+
+    def measure(q, rate, base):
+        work = kernels.make_work(count, points)
+        drive = base, forces, moments, rod.weights
+        kernels.measure_motion(rod.packed, q, rate, drive, work[0], work[1], work[3], work[4])
+        return work, kernels.measure_energies(rod.packed, q, rod.weights, work[0])
+
+    def move(time):
+        turned = (Rotation.from_rotvec(time * spin) * turn).as_matrix()
+        return turned, place + time * speed, speed, spin
+
+    base = move(0.0)
+    work, _ = measure(q, rate, base)
+    step = 1e-6
+    by_q, by_rate = np.empty((2, count, 3))
+    for index in np.ndindex(count, 3):
+        moved = np.zeros((count, 3))
+        moved[index] = step
+        ends = [measure(q + sign * moved, rate, base) for sign in (1.0, -1.0)]
+        by_q[index] = (ends[0][1][0] - ends[1][1][0]) / (2.0 * step)
+        lost = [sum(end[1][1:]) for end in ends]
+        by_q[index] -= (lost[0] - lost[1]) / (2.0 * step)
+        ends = [measure(q, rate + 1e3 * sign * moved, base) for sign in (1.0, -1.0)]
+        by_rate[index] = (ends[0][1][0] - ends[1][1][0]) / (2e3 * step)
+    np.testing.assert_allclose(work[3], by_rate, rtol=1e-6, atol=1e-9 * np.abs(by_rate).max())
+    # What is left of the generalised force: damping, drag, and the loads beside the weight.
+    jacobian = np.zeros((points, 6, count, 3))
+    for index in np.ndindex(count, 3):
+        one = np.zeros((count, 3))
+        one[index] = 1.0
+        still = base[0], base[1], np.zeros(3), np.zeros(3)
+        state = measure(q, one, still)[0][0][2]
+        jacobian[:, :3, index[0], index[1]], jacobian[:, 3:, index[0], index[1]] = state[4:6]
+    velocity = work[0][2][4]
+    push = rod.points.drags[:, None] * velocity - (forces - rod.weights)
+    other = np.einsum("pi,pijk->jk", push, jacobian[:, :3])
+    other -= np.einsum("pi,pijk->jk", moments, jacobian[:, 3:])
+    other += rod.damping * rate
+    np.testing.assert_allclose(work[4], other - by_q, rtol=1e-5, atol=1e-6 * np.abs(work[4]).max())
+
+
+def test_chain_solves_the_dense_problem() -> None:
+    pulled, load = [3.0, 1.0, 0.5, 1.0, 2.0, 0.0], [PointLoad(force=(0.02, 0.05, -0.3))]
+    options = DynamicsOptions(segment="channel", drag=1e-5, damping_time=0.01, tip_weight=0.01)
+    found = linearise(make_arm(), tensions=pulled, loads=load, options=options)
+    rod = _Rod(make_arm(), options, tuple(load))
+    q = EnergyModel(
+        make_arm(), segment="channel", loads=[*load, PointLoad(force=(0.0, 0.0, -0.01))]
+    ).shape_under_tensions(pulled)
+    count, points = len(rod.grid.spans), len(rod.points.parts)
+    start = rod.find_equilibrium(np.array(pulled), held=False, factors=np.ones(1), turned=np.eye(3))
+    np.testing.assert_allclose(start.tensions, q.tensions)
+    np.testing.assert_allclose(rod.grid.place_frames(start.rotation_vectors[None])[0], q.frames)
+    base = np.eye(3), np.zeros(3), np.zeros(3), np.zeros(3)
+    forces = rod.weights + rod.load_vectors[0][0]
+    drive = base, forces, rod.load_vectors[1][0], rod.weights
+    work, pull = kernels.make_work(count, points), kernels.make_pull(count, 6)
+    vectors = start.rotation_vectors
+    kernels.measure_motion(
+        rod.packed, vectors, np.zeros((count, 3)), drive, work[0], work[1], work[3], work[4]
+    )
+    tendons = rod.compliances, False, ~rod.robot.pushes
+    kernels.pull_tendons(rod.grid.packed, tendons, np.array(pulled), vectors, True, pull, work[4])
+    assert np.abs(work[4]).max() < 1e-6  # it is an equilibrium
+    scale, right = 300.0, np.random.default_rng(2).standard_normal((count, 3))
+    kernels.factor_chain(rod.packed, vectors, scale, 1.0, pull[4], work[0], work[1], work[2])
+    out = np.empty_like(right)
+    kernels.solve_chain(work[2], right, out)
+    dense = scale**2 * found.mass + scale * found.damping + found.stiffness
+    np.testing.assert_allclose(out.ravel(), np.linalg.solve(dense, right.ravel()), rtol=1e-7)
+
+
+@pytest.mark.parametrize(("given", "bias"), [("tensions", 1.0), ("displacements", 0.05)])
+def test_a_small_step_is_that_of_the_state_space(given: str, bias: float) -> None:
+    robot, times = make_arm(), np.linspace(0.0, 0.2, 401)
+    options = DynamicsOptions(
+        segment="channel", damping_time=5e-3, max_step=2.5e-4, spectral_radius=1.0
+    )
+    rest = np.full(6, bias)
+    commands = np.tile(rest, (len(times), 1))
+    commands[:, 3] += 0.01 * np.minimum(times / 0.01, 1.0)
+    moved = simulate(robot, times, **{given: commands}, options=options)
+    found = linearise(robot, **{given: rest}, options=options)
+    _, tip, _ = lsim(found.state_space(), commands - rest, times)
+    assert np.abs(tip).max() > 1e-2
+    np.testing.assert_allclose(moved.tip - moved.tip[0], tip, atol=2e-3 * np.abs(tip).max())
+
+
+@pytest.mark.parametrize("radius", [0.0, 0.8, 1.0])
+def test_error_falls_with_the_square_of_the_step(radius: float) -> None:
+    times, pulls = np.array([0.0, 0.05, 0.1]), np.zeros((3, 6))
+    pulls[1:, 3] = 4.0
+    tips = [
+        simulate(
+            make_arm(),
+            times,
+            tensions=pulls,
+            options=DynamicsOptions(damping_time=2e-3, max_step=step, spectral_radius=radius),
+        ).tip[-1]
+        for step in (2e-3, 1e-3, 5e-4, 2.5e-4)
+    ]
+    assert np.all(np.abs(find_orders(tips) - 2.0) < 0.35)
+
+
+def test_error_falls_with_the_square_of_the_segments() -> None:
+    held = [PointLoad(force=(0.3, 0.0, 0.0))]
+    options = dataclasses.replace(FREE, damping_time=2e-3, spectral_radius=1.0, max_step=5e-4)
+    tips = [
+        simulate(make_wire(discs), [0.0, 0.02], held_by=held, options=options).tip[-1]
+        for discs in (8, 16, 32, 64)
+    ]
+    assert np.all(np.abs(find_orders(tips) - 2.0) < 0.3)
+
+
+def test_energy_is_kept_over_a_hundred_periods() -> None:
+    options = dataclasses.replace(FREE, spectral_radius=1.0, max_step=1.0 / FIRST / 100.0)
+    times = np.linspace(0.0, 100.0 / FIRST, 201)
+    held = [PointLoad(force=(0.3, 0.0, 0.0))]
+    moved = simulate(make_wire(10), times, held_by=held, options=options)
+    assert moved.converged and moved.tip[0, 0] > 0.3 * LENGTH
+    assert moved.residual < 1e-3 * moved.energy.elastic[0]
+    assert moved.energy.kinetic.max() > 0.5 * moved.energy.elastic[0]
+
+
+@pytest.mark.parametrize("per_period", [2, 20, 100])
+def test_large_steps_lose_energy_but_never_win_any(per_period: int) -> None:
+    options = dataclasses.replace(FREE, spectral_radius=0.5, max_step=1.0 / FIRST / per_period)
+    times = np.linspace(0.0, 5.0 / FIRST, 51)
+    held = [PointLoad(force=(8.0, 0.0, 0.0))]  # the tip hangs almost sideways
+    moved = simulate(make_wire(10), times, held_by=held, options=options)
+    assert moved.converged
+    assert np.all(np.diff(moved.energy.total) < 1e-6 * moved.energy.total[0])
+
+
+@pytest.mark.parametrize("segment", ["chord", "arc", "channel"])
+@pytest.mark.parametrize("given", ["tensions", "displacements"])
+def test_motion_ends_at_the_static_equilibrium(segment: str, given: str) -> None:
+    robot = make_arm()
+    pulls = [4.0, 1.0, 1.0, 1.0, 3.0, 1.0]
+    command = np.array(pulls if given == "tensions" else [1.5, -1.0, -0.5, 0.3, 2.0, -1.0])
+    model = EnergyModel(robot, segment=segment)
+    static = (
+        model.shape_under_tensions(command) if given == "tensions" else model.shape(command)
+    ).require()
+    times = np.linspace(0.0, 2.0, 21)
+    options = DynamicsOptions(
+        segment=segment, damping_time=0.05, max_step=0.01, spectral_radius=0.5
+    )
+    commands = np.minimum(times, 0.2)[:, None] / 0.2 * command
+    moved = simulate(robot, times, **{given: commands}, options=options)
+    assert np.abs(moved.tip[-1] - static.tip).max() < 1e-4 * robot.length * 0.01
+    np.testing.assert_allclose(moved.tensions[-1], static.tensions, atol=1e-6)
+    np.testing.assert_allclose(moved.displacements[-1], static.displacements, atol=1e-6)
+    assert np.abs(moved.velocities[-1]).max() < 1e-3
+
+
+def test_motion_ends_near_the_rod_model() -> None:
+    robot = make_arm(30)
+    pulls = np.array([4.0, 1.0, 1.0, 1.0, 3.0, 1.0])
+    static = RodModel(robot).shape_under_tensions(pulls).require()
+    options = DynamicsOptions(
+        segment="channel", damping_time=0.05, max_step=0.02, spectral_radius=0.5
+    )
+    commands = np.array([0.0 * pulls, pulls, pulls])
+    moved = simulate(robot, [0.0, 0.2, 2.0], tensions=commands, options=options)
+    assert np.abs(moved.tip[-1] - static.tip).max() < 1e-4 * robot.length
+
+
+def test_energy_balance_counts_all_that_acts() -> None:
+    robot, times = make_arm(), np.linspace(0.0, 0.3, 31)
+    loads = [
+        PointLoad(arc_length=40.0, force=(0.05, 0.0, 0.0), moment=(0.0, 0.0, 3.0)),
+        LineLoad(force=(0.0, 1e-3, 0.0), frame="world"),
+    ]
+    factors = np.stack([np.sin(20.0 * times), np.cos(15.0 * times)], axis=1)
+    commands = 1.0 + np.sin(np.outer(times, [10.0, 20.0, 15.0, 12.0, 9.0, 7.0])) ** 2
+    residuals = []
+    for step in (1e-3, 5e-4):
+        options = DynamicsOptions(
+            damping_time=3e-3, drag=1e-5, max_step=step, spectral_radius=0.8, tip_weight=0.01
+        )
+        moved = simulate(
+            robot, times, tensions=commands, loads=loads, load_factors=factors, options=options
+        )
+        balance = moved.energy
+        assert min(balance.dissipated[-1], np.ptp(balance.work)) > 0.5
+        residuals.append(moved.residual / np.ptp(balance.work))
+    assert residuals[0] < 5e-3 and residuals[1] < 0.4 * residuals[0]
+
+
+def test_a_base_that_falls_has_no_weight_on_it() -> None:
+    times = np.linspace(0.0, 0.5, 51)
+    base = np.tile(np.eye(4), (51, 1, 1))
+    base[:, 0, 3] = 0.5 * 9806.65 * times**2  # it is thrown sideways as fast as things fall
+    options = DynamicsOptions(segment="arc", damping_time=0.05, max_step=5e-3, spectral_radius=0.5)
+    moved = simulate(make_wire(), times, base=base, options=options)
+    held = [PointLoad(arc_length=LENGTH, force=(1e-9, 0.0, 0.0))]
+    both = dataclasses.replace(options, gravity=(-9.80665, 0.0, -9.80665))
+    rest = simulate(make_wire(), [0.0, 1.0], held_by=held, options=both)
+    np.testing.assert_allclose(moved.tip[-1] - base[-1, :3, 3], rest.tip[-1], atol=1e-3)
+
+
+def test_a_base_that_turns_and_a_turned_robot_see_the_same() -> None:
+    turn = Rotation.from_rotvec([0.0, 0.7, 0.0])
+    frame = np.eye(4)
+    frame[:3, :3] = turn.as_matrix()
+    held, options = [PointLoad(force=(0.1, 0.2, 0.0))], DynamicsOptions(segment="arc")
+    times = np.linspace(0.0, 0.05, 6)
+    turned = dataclasses.replace(make_wire(10), base_rotation=tuple(turn.as_rotvec()))
+    one = simulate(turned, times, held_by=held, options=options)
+    held = [PointLoad(force=tuple(turn.apply(held[0].force)))]
+    other = simulate(
+        make_wire(10), times, held_by=held, base=np.tile(frame, (6, 1, 1)), options=options
+    )
+    np.testing.assert_allclose(frame @ one.frames, other.frames, atol=1e-6)
+    np.testing.assert_allclose(one.energy.kinetic, other.energy.kinetic, atol=1e-9)
+
+
+def test_motion_goes_on_from_where_it_was() -> None:
+    times = np.linspace(0.0, 0.1, 11)
+    pulls = np.outer(np.sin(30.0 * times) ** 2, [3.0, 0.0, 0.0, 0.0, 2.0, 0.0])
+    whole = simulate(make_arm(), times, tensions=pulls)
+    first = simulate(make_arm(), times[:6], tensions=pulls[:6])
+    second = simulate(make_arm(), times[5:], tensions=pulls[5:], initial=first)
+    np.testing.assert_allclose(second.tip, whole.tip[5:], atol=1e-6)
+
+
+def test_a_cable_goes_slack() -> None:
+    times = np.linspace(0.0, 0.2, 21)
+    moves = np.zeros((21, 6))
+    moves[:, 0] = np.minimum(20.0 * times, 2.0)
+    moves[:, 1:3] = -np.minimum(20.0 * times, 2.0)[:, None]
+    moved = simulate(make_arm(), times, displacements=moves)
+    assert moved.converged and moved.tensions.min() == 0.0 and moved.tensions[-1, 0] > 0.5
+
+
+def test_result_is_told_in_every_way() -> None:
+    moved = simulate(make_arm(), [0.0, 0.01, 0.02], tensions=[1.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    assert len(repr(moved)) < 2000 and moved.to_dict()["tip_mm"][0] == moved.tip[0].tolist()
+    table = moved.to_frame()
+    assert len(table) == 3 and {"time_s", "tip_x_mm", "00_N", "work_N_mm"} <= set(table)
+    assert len(moved.plot().lines) == 3
+    found = linearise(make_arm())
+    assert found.to_frame()["frequency_Hz"].is_monotonic_increasing
+    assert len(found.plot().lines) == 6
+
+
+INTO_BASE = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+"""Base axes in those of the data, whose x is the tangent at the base."""
+
+
+def find_frequency(values):
+    """Frequency [1 / row] of what swings about where it ends, by its zeros of the first 7 s."""
+    own = values[:, np.argmax(np.ptp(values, axis=0))]
+    own = (own - own[-400:].mean())[200:1400]
+    rise = np.flatnonzero((own[:-1] < 0.0) & (own[1:] >= 0.0))
+    zeros = rise - own[rise] / (own[rise + 1] - own[rise])
+    return (len(zeros) - 1) / (zeros[-1] - zeros[0])
+
+
+@pytest.mark.parametrize(
+    "number", [1, 10, *(pytest.param(k, marks=pytest.mark.slow(5)) for k in range(2, 10))]
+)
+def test_releases_of_a_steel_rod_are_those_of_another_solver(data_dir, number: int) -> None:
+    lines = (data_dir("sorosim_dynamics") / f"steel_{number}.txt").read_text().splitlines()
+    rows = [np.array(line.split(), dtype=np.float64) for line in lines if line.strip()]
+    table, wrenches = np.array(rows[2:]), rows[1][1:].reshape(4, 3) @ INTO_BASE
+    held = [
+        PointLoad(arc_length=place, moment=tuple(1e3 * moment), force=tuple(force))
+        for place, moment, force in ((300.0, *wrenches[:2]), (None, *wrenches[2:]))
+    ]
+    wire = Wire(diameter=1.6, modulus=200e3, poisson_ratio=0.33, density=7870.0)
+    robot = ContinuumRobot((Section(length=600.0, radius=0.8, discs=30, wire=wire),))
+    options = DynamicsOptions(
+        segment="arc",
+        damping_time=float(rows[0][0]),
+        gravity=tuple(rows[0][-3:] @ INTO_BASE),
+        max_step=2.5e-3,
+    )
+    times, tips = table[:, 0], 1e3 * table[:, 10:13] @ INTO_BASE
+    moved = simulate(robot, times, held_by=held, options=options)
+    assert moved.converged
+    squares = np.sum((moved.tip - tips) ** 2, axis=1) / robot.length**2
+    assert math.sqrt(squares.mean()) < 2e-3
+    assert math.sqrt(squares[times <= 1.0].mean()) < 2e-3
+    assert find_frequency(moved.tip) == pytest.approx(find_frequency(tips), rel=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("words", "changes"),
+    [
+        ("times", {"times": [0.0]}),
+        ("times", {"times": [0.0, 0.0]}),
+        ("command one", {"tensions": np.zeros(6), "displacements": np.zeros(6)}),
+        ("commands have shape", {"tensions": np.zeros((3, 6))}),
+        ("cable does not push", {"tensions": -np.ones(6)}),
+        ("load_factors", {"load_factors": np.ones((2, 3))}),
+        ("axes of the body", {"loads": [PointLoad(force=(1.0, 0.0, 0.0), frame="body")]}),
+        ("base has shape", {"base": np.eye(4)}),
+        ("steps", {"options": DynamicsOptions(max_step=1e-12)}),
+    ],
+)
+def test_what_does_not_fit_is_refused(words: str, changes: dict[str, object]) -> None:
+    with pytest.raises(InputError, match=words):
+        simulate(make_arm(), **{"times": [0.0, 1.0], **changes})
+
+
+def test_robots_that_cannot_be_simulated_are_refused() -> None:
+    light = ContinuumRobot((Section(length=10.0, radius=1.0),))
+    with pytest.raises(GeometryError, match="without mass"):
+        simulate(light, [0.0, 1.0])
+    with pytest.raises(InputError, match="does not stretch"):
+        simulate(make_arm(stiffness=math.inf), [0.0, 1.0], displacements=np.zeros(6))
+    for wrong in (
+        {"damping_time": -1.0},
+        {"gravity": (0.0, 1.0)},
+        {"spectral_radius": 1.1},
+        {"max_step": 0.0},
+    ):
+        with pytest.raises(InputError):
+            DynamicsOptions(**wrong)
