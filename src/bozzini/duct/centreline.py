@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 COST_POWER = 2.5
 """The path costs ``length / clearance**COST_POWER``: so that it keeps to the middle."""
 
-LAST_WAY = 1e6
+LAST_WAY = 1e4
 """So many times as much costs a place that is to be avoided."""
 
 Key = tuple[tuple[int, ...], ...]

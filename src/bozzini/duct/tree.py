@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
@@ -44,11 +43,14 @@ KEEP = 0.95
 """Smoothing takes at most the rest of the clearance."""
 
 
-FLOODS = 4
-"""How often the flood is done at most, where it went through a bridge."""
+BRIDGES_MAX = 100
+"""No further flood is done once so many bridges have been avoided."""
 
 BRIDGE = 0.8
 """A place of a loop with less than this share of the clearance where it closes is a bridge."""
+
+FRONTS_MAX = 200_000
+"""So many neighbours on both sides of fronts are looked at."""
 
 LEAK = 1.5
 """A branch so many times as wide as its parent is reported."""
@@ -440,7 +442,6 @@ class _Skeleton:
         """
         from scipy.sparse import coo_array
         from scipy.sparse.csgraph import connected_components
-        from scipy.spatial import cKDTree
 
         from .kernels.tree import find_fronts
 
@@ -449,19 +450,21 @@ class _Skeleton:
         feet[feet < 0] = 0  # of nodes that no path leads to
         while not np.array_equal(feet, after := feet[feet]):
             feet = after
-        fronts = np.empty((len(feet), 2), dtype=np.int32)
+        fronts = np.empty((FRONTS_MAX, 2), dtype=np.int32)
+        is_open = np.empty(FRONTS_MAX, dtype=bool)
         arguments = (graph.number, graph.nodes, self.before, graph.depths, self.lengths, feet)
-        found = find_fronts(*arguments, float(graph.field.spacing.max()), fronts)
-        if found == 0 or count_loops(self.reached) == 0:
+        voxel = float(graph.field.spacing.max())
+        found = min(find_fronts(*arguments, voxel, fronts, is_open), FRONTS_MAX)
+        if found == 0:
             return []
-        fronts = fronts[:found]
-        places = graph.places(fronts[:, 0].astype(np.int64))
-        pairs = cKDTree(places).query_pairs(1.8, output_type="ndarray")
-        ones = np.ones(len(pairs), dtype=bool)
-        near = coo_array((ones, (pairs[:, 0], pairs[:, 1])), shape=(len(places),) * 2)
-        label = connected_components(near, directed=False)[1]
+        fronts, is_open = fronts[:found], is_open[:found]
+        nodes, sides = np.unique(fronts, return_inverse=True)
+        joined = coo_array(
+            (np.ones(found, dtype=bool), tuple(sides.reshape(-1, 2).T)), shape=(len(nodes),) * 2
+        )
+        label = connected_components(joined, directed=False)[1][sides.reshape(-1, 2)[:, 0]]
         loops = []
-        for one in range(int(label.max()) + 1):
+        for one in np.setdiff1d(label, label[is_open]):
             own = fronts[label == one]
             middle = own[int(np.argmax(graph.depths[own].min(axis=1)))]
             loops.append(self._close(*middle.tolist()))
@@ -483,22 +486,6 @@ class _Skeleton:
             longer = max(ways, key=lambda way: float(self.lengths[way[-1]]))
             longer.append(int(self.before[longer[-1]]))
         return np.array([*ways[0], *ways[1][-2::-1]])
-
-
-def count_loops(mask: NDArray[np.bool_]) -> int:
-    """Return how many loops a connected set of voxels has, which may meet at corners.
-
-    From its Euler number, that of a complex of cubes: corners - edges + faces - cubes.
-    """
-    euler = 0
-    for axes in itertools.product((False, True), repeat=3):
-        cells = mask
-        for axis in np.flatnonzero(axes):
-            side = [slice(None)] * 3, [slice(None)] * 3
-            side[0][axis], side[1][axis] = slice(1, None), slice(None, -1)
-            cells = cells[tuple(side[0])] | cells[tuple(side[1])]
-        euler += (-1) ** (3 - sum(axes)) * int(np.count_nonzero(cells))
-    return 1 + len(find_holes(mask)) - euler
 
 
 def find_holes(mask: NDArray[np.bool_]) -> list[tuple[NDArray[np.int64], int]]:
@@ -526,18 +513,21 @@ def _trace_without_bridges(
     Where the flood went through that place, such as a false bridge between two branches, it is
     done again, and goes there last.
     """
-    for _ in range(FLOODS):
+    avoided: set[int] = set()
+    while True:
         skeleton = _Skeleton.trace(graph, source)
         loops = skeleton.find_fronts()
-        narrow = [int(loop[np.argmin(graph.depths[loop])]) for loop in loops]
-        again = [
-            neck
-            for neck, loop in zip(narrow, loops, strict=True)
-            if graph.depths[neck] < BRIDGE * graph.depths[loop[[0, -1]]].min()
-        ]
-        if not again:
+        again = set()
+        for loop in loops:
+            neck = int(loop[np.argmin(graph.depths[loop])])
+            through = graph.depths[neck] < BRIDGE * graph.depths[loop[[0, -1]]].min()
+            if through and skeleton.lengths[loop].min() > 0.0:  # the root's tip is narrow too
+                again.add(neck)
+        again -= avoided
+        if not again or len(avoided) >= BRIDGES_MAX:
             break
-        graph.avoid(np.array(again))
+        graph.avoid(np.array(sorted(again)))
+        avoided |= again
     return skeleton, loops
 
 
@@ -697,16 +687,18 @@ def _name(lines: list[_Line], field: SampledField) -> tuple[Branch, ...]:
 
 def _add_loops(tree: LumenTree, loops: list[Floats], field: SampledField) -> LumenTree:
     """Return the tree with a finding for each loop, and no end where one closes."""
-    findings, closed = [], set()
+    findings: list[TreeFinding] = []
+    closed: set[str] = set()
     for loop in loops:
         places = field.to_world(loop)
         length = float(measure_arc_length(places)[-1])
         place = 0.5 * (places[0] + places[-1])
-        sides = [tree.branches[k] for k in tree.nearest(places[[0, -1]])[0]]
-        for side in sides:
-            away = float(np.linalg.norm(side.points[-1] - place))
-            if away <= 2.0 * float(side.radius[-1]) + 2.0 * float(field.spacing.max()):
-                closed.add(side.name)
+        clearance = np.max(-field.signed_distance(places[[0, -1]]))
+        beside = 2.0 * float(clearance) + 3.0 * float(field.spacing.max())
+        away = np.flatnonzero(np.linalg.norm(places - place, axis=1) > beside)
+        outer = places[away[[0, -1]]] if len(away) else places[[0, -1]]
+        sides = [tree.branches[k] for k in tree.nearest(outer)[0]]
+        closed |= {b.name for b in sides if np.linalg.norm(b.points[-1] - place) <= beside}
         names = " and ".join(sorted({f"'{side.name}'" for side in sides}))
         message = (
             f"a loop of {length:.1f} mm closes at ({_show(place)}) mm, on branch {names}: branches "

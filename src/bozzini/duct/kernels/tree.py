@@ -103,13 +103,27 @@ def take_lines(order, number, nodes, before, depths, step, least, owner, tips):
     return found
 
 
+@kernel
+def _are_apart(one, two, before, depths, lengths, voxel):
+    """Whether two places of lines are far from each other along these: see `find_fronts`."""
+    left = 3.0 * (depths[one] + depths[two]) + 4.0 * voxel
+    while one != two and left >= 0.0:
+        if lengths[one] < lengths[two]:
+            one, two = two, one
+        left -= lengths[one] - lengths[before[one]]
+        one = before[one]
+    return left < 0.0
+
+
 @kernel(nogil=True)
-def find_fronts(number, nodes, before, depths, lengths, feet, voxel, fronts):
-    """Find neighbours whose ways to the root part long before them: there a loop closes.
+def find_fronts(number, nodes, before, depths, lengths, feet, voxel, fronts, is_open):
+    """Find neighbours whose ways to the root part long before them; return how many there are.
 
     Their feet, where their paths come to a line, are farther from each other along the lines than
-    three times the clearance at both, and four voxels. Return how many there are; so many as
-    `fronts` holds are listed.
+    three times the clearance at both, and four voxels. A front is open where one gets from one of
+    its sides to the other past its edge, in a triangle of neighbours. A closed one cuts a loop: it
+    is a cocycle of the neighbours' clique complex, which has the topology of the voxels, and the
+    way round, by the lines and once across, crosses it once.
 
     Parameters
     ----------
@@ -118,7 +132,9 @@ def find_fronts(number, nodes, before, depths, lengths, feet, voxel, fronts):
     feet : (n,) int
         Where the path of a node comes to a line.
     fronts : (k, 2) int32
-        Filled with pairs of nodes.
+        Filled with pairs of nodes, as many as it holds.
+    is_open : (k,) bool
+        Filled with whether an edge is there.
     """
     nx, ny, nz = number.shape
     found = 0
@@ -127,21 +143,32 @@ def find_fronts(number, nodes, before, depths, lengths, feet, voxel, fronts):
             continue
         flat = nodes[here]
         i, j, k = flat // (ny * nz), (flat // nz) % ny, flat % nz
+        one = feet[here]
         for a in range(max(i - 1, 0), min(i + 2, nx)):
             for b in range(max(j - 1, 0), min(j + 2, ny)):
                 for c in range(max(k - 1, 0), min(k + 2, nz)):
                     there = number[a, b, c]
-                    if there <= here or feet[there] == feet[here]:
+                    if there <= here or feet[there] == one:
                         continue
-                    one, two = feet[here], feet[there]
-                    left = 3.0 * (depths[one] + depths[two]) + 4.0 * voxel
-                    while one != two and left >= 0.0:
-                        if lengths[one] < lengths[two]:
-                            one, two = two, one
-                        left -= lengths[one] - lengths[before[one]]
-                        one = before[one]
-                    if left < 0.0:
-                        if found < fronts.shape[0]:
-                            fronts[found, 0], fronts[found, 1] = here, there
-                        found += 1
+                    two = feet[there]
+                    if not _are_apart(one, two, before, depths, lengths, voxel):
+                        continue
+                    if found < fronts.shape[0]:
+                        fronts[found, 0], fronts[found, 1] = here, there
+                        is_open[found] = False
+                        for p in range(max(i, a) - 1, min(i, a) + 2):
+                            for q in range(max(j, b) - 1, min(j, b) + 2):
+                                for r in range(max(k, c) - 1, min(k, c) + 2):
+                                    if p < 0 or q < 0 or r < 0 or p >= nx or q >= ny or r >= nz:
+                                        continue
+                                    third = number[p, q, r]
+                                    if third < 0 or third == here or third == there:
+                                        continue
+                                    foot = feet[third]
+                                    if not (
+                                        _are_apart(one, foot, before, depths, lengths, voxel)
+                                        or _are_apart(two, foot, before, depths, lengths, voxel)
+                                    ):
+                                        is_open[found] = True
+                    found += 1
     return found
