@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from ..checks import ceil_mm, check_fields, check_kind, floor_mm, quantity
 from ..duct import Centreline
@@ -363,7 +363,12 @@ def _follow(way: BranchWay, robot: ContinuumRobot, duct: Duct, line: Centreline)
     near = int(np.argmin(np.linalg.norm(line.points - tip, axis=1)))
     depth = float(line.arc_length[near]) if len(driven.head_arc_length) > 1 else 0.0
     return replace(
-        way, depth=min(depth, way.depth), stop="robot", needs=None, offers=None, reason=driven.reason
+        way,
+        depth=min(depth, way.depth),
+        stop="robot",
+        needs=None,
+        offers=None,
+        reason=driven.reason,
     )
 
 

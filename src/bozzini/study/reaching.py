@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+
 import numpy as np
 
 from ..anatomy.fiducials import read_fiducial
@@ -110,9 +111,7 @@ class TreeReaching(Task):
             up=tuple(find_axis(case.tract.frame or "RAS", "A").tolist()),
             needle=self.needle,
         )
-        found = reach_tree(
-            case.field, case.tree, scopes=scopes, options=options, progress=progress
-        )
+        found = reach_tree(case.field, case.tree, scopes=scopes, options=options, progress=progress)
         if target is None:
             return found
         near = find_approaches(
