@@ -6,9 +6,9 @@ import csv
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..checks import check_points, show_value
 from ..errors import FileFormatError
@@ -44,7 +44,7 @@ def read_fiducial(path: str | os.PathLike[str], frame: str | None) -> Floats:
     return np.asarray(check_points(f"the place of {path}", places[0]) @ turn.T)
 
 
-def _read_json(path: Path) -> tuple[str, list[Any]]:
+def _read_json(path: Path) -> tuple[str, list[ArrayLike]]:
     data = load_data(path)
     markups = data.get("markups") if isinstance(data, Mapping) else None
     try:
@@ -55,12 +55,13 @@ def _read_json(path: Path) -> tuple[str, list[Any]]:
         raise FileFormatError(f"{path} has no list of Slicer's markups: it must have one") from None
 
 
-def _read_csv(path: Path) -> tuple[str, list[Any]]:
+def _read_csv(path: Path) -> tuple[str, list[ArrayLike]]:
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
     except (OSError, ValueError) as error:
         raise FileFormatError(f"cannot read {path}: {error}") from None
-    system, places = "RAS", []
+    system = "RAS"
+    places: list[ArrayLike] = []
     for line in lines:
         if line.startswith("#"):
             name, _, value = line.lstrip("# ").partition("=")
@@ -73,4 +74,4 @@ def _read_csv(path: Path) -> tuple[str, list[Any]]:
             raise FileFormatError(
                 f"{path} has the row {show_value(line)}: it has no place"
             ) from None
-    return system, list(places)
+    return system, places

@@ -21,7 +21,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -129,7 +128,7 @@ class Breathing(TissueMotion):
             )
 
     @classmethod
-    def of_organ(cls, organ: str | None, ends: tuple[float, float], **given: Any) -> Breathing:
+    def of_organ(cls, organ: str | None, ends: tuple[float, float], **given: float) -> Breathing:
         """Return how an organ breathes.
 
         Airways do not move at the trachea's upper end, and most at the lungs' base: a quarter of a
@@ -147,7 +146,7 @@ class Breathing(TissueMotion):
             low, high = ends
             wavelength = 4.0 * (high - low)
             given = {"wavelength": wavelength, "phase": -2.0 * math.pi * low / wavelength, **given}
-        return cls(**given)
+        return cls(**given)  # type: ignore[arg-type]
 
     @property
     def speed(self) -> float:  # type: ignore[override]
@@ -363,7 +362,7 @@ class RecordedMotion(TissueMotion):
                 f"({type(error).__name__})"
             ) from None
         try:
-            return cls(**given)
+            return cls(**given)  # type: ignore[arg-type]
         except InputError as error:
             raise FileFormatError(f"{path}: {error}") from None
 
