@@ -362,7 +362,7 @@ class RecordedMotion(TissueMotion):
                 f"({type(error).__name__})"
             ) from None
         try:
-            return cls(**given)  # type: ignore[arg-type]
+            return cls(**given)
         except InputError as error:
             raise FileFormatError(f"{path}: {error}") from None
 
