@@ -27,6 +27,7 @@ from ..motion.plan import Plan
 from ..motion.scope import Introducer
 from ..numeric.arrays import Floats
 from ..numeric.level_sets import find_level_set
+from ..numeric.polylines import interpolate_polyline, measure_arc_length
 from ..plot.plan_data import (
     PlanCentreline,
     find_link_length,
@@ -36,13 +37,14 @@ from ..plot.plan_data import (
 )
 from ..plot.scope import REST
 from ..plot.style import choose_clearance_scale
+from ..study.branches import TreeReach
 from .scene import TractMesh, prepare_tract
 from .view import Body, Chart, Cloud, Mark, Surface, View
 
 Wall = LabelTract | SurfaceTract | Duct
 Shown: TypeAlias = (
     Plan | Wall | ContinuumRobot | Shape | WorkspaceSample | ContinuumWorkspace | Effector
-    | EffectorPose | Workspace | Cloud | Actuation | Head | HeadPose | HeadReach
+    | EffectorPose | Workspace | Cloud | Actuation | Head | HeadPose | HeadReach | TreeReach
 )  # fmt: skip
 
 MOST_FACES = 120_000
@@ -123,6 +125,8 @@ def _view_thing(thing: Shown) -> View:
         return _view_head(thing)
     if isinstance(thing, HeadReach):
         return _view_reach(thing)
+    if isinstance(thing, TreeReach):
+        return _view_branches(thing)
     if isinstance(thing, Cloud):
         return View(title=thing.name, points=(thing,))
     raise InputError(f"there is no view of a {type(thing).__name__}")
@@ -464,3 +468,39 @@ def _view_reach(found: HeadReach) -> View:
         bodies=_draw_head(head, poses, stand),
         marks=marks,
     )
+
+
+def _view_branches(found: TreeReach) -> View:
+    """Return a tree as tubes, each place in the colour of the widest scope that gets there."""
+    widths = sorted({scope.diameter for scope in found.scopes}, reverse=True)
+    shades = ["#0b4f6c", "#0f7b6c", "#5aa469", "#a7c957", "#e9c46a"]
+    colors = [shades[min(k, len(shades) - 1)] for k in range(len(widths))]
+    parts: dict[tuple[str, str], list[tuple[Floats, NDArray[np.int64]]]] = {}
+    for branch in found.tree.branches:
+        rows = {row.diameter: row.reached for row in found.rows if row.branch == branch.name}
+        arc, begin = measure_arc_length(branch.points), 0.0
+        groups = [
+            (f"reached with {w:g} mm", c, rows[w]) for w, c in zip(widths, colors, strict=True)
+        ]
+        for name, color, end in [*groups, ("not reached", REST, branch.length)]:
+            if end - begin < 1e-6:
+                continue
+            own = np.unique(np.concatenate([[begin, end], arc[(arc > begin) & (arc < end)]]))
+            line = interpolate_polyline(branch.points, arc, own)
+            tube = _draw_tube(line, np.interp(own, arc, branch.radius))
+            parts.setdefault((name, color), []).append(tube)
+            begin = end
+    surfaces = []
+    for (name, color), tubes in parts.items():
+        counts = np.cumsum([0, *(len(vertices) for vertices, _ in tubes)])
+        faces = [faces + count for (_, faces), count in zip(tubes, counts[:-1], strict=True)]
+        surfaces.append(
+            Surface(
+                vertices=np.concatenate([vertices for vertices, _ in tubes]),
+                faces=np.concatenate(faces),
+                name=name,
+                color=color,
+                opacity=0.35 if name == "not reached" else 0.9,
+            )
+        )
+    return View(title="Branches that are reached", surfaces=tuple(surfaces))

@@ -46,6 +46,7 @@ class TreeReaching(Task):
 
     name = "reach"
     result = TreeReach
+    has_page = True
 
     input: str = quantity("file", "A label volume or a surface.")
     reading: ReadOptions
