@@ -443,18 +443,23 @@ class _Skeleton:
         from scipy.sparse import coo_array
         from scipy.sparse.csgraph import connected_components
 
+        from .kernels.graph import find_costs
         from .kernels.tree import find_fronts
 
         graph = self.graph
-        feet = np.where(self.owner >= 0, np.arange(len(self.owner)), self.before)
-        feet[feet < 0] = 0  # of nodes that no path leads to
+        feet = np.full(len(self.owner), -1, dtype=np.int32)
+        lines = np.flatnonzero(self.owner >= 0)
+        gaps = np.full(len(feet), np.inf)
+        grid = (graph.number, graph.nodes)
+        find_costs(*grid, np.ones(len(feet)), graph.field.spacing, lines, gaps, feet)
+        feet = np.where(feet >= 0, feet, np.arange(len(feet), dtype=np.int32))
         while not np.array_equal(feet, after := feet[feet]):
             feet = after
         fronts = np.empty((FRONTS_MAX, 2), dtype=np.int32)
         is_open = np.empty(FRONTS_MAX, dtype=bool)
-        arguments = (graph.number, graph.nodes, self.before, graph.depths, self.lengths, feet)
+        lengths = (self.before, graph.depths, self.lengths)
         voxel = float(graph.field.spacing.max())
-        found = min(find_fronts(*arguments, voxel, fronts, is_open), FRONTS_MAX)
+        found = min(find_fronts(*grid, *lengths, feet, voxel, fronts, is_open), FRONTS_MAX)
         if found == 0:
             return []
         fronts, is_open = fronts[:found], is_open[:found]
@@ -467,7 +472,8 @@ class _Skeleton:
         for one in np.setdiff1d(label, label[is_open]):
             own = fronts[label == one]
             middle = own[int(np.argmax(graph.depths[own].min(axis=1)))]
-            loops.append(self._close(*middle.tolist()))
+            way = self._close(*feet[middle].tolist())
+            loops.append(np.concatenate([middle[:1], way, middle[1:]]))
         return sorted(loops, key=len, reverse=True)
 
     @cached_property

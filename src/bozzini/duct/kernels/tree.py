@@ -119,18 +119,18 @@ def _are_apart(one, two, before, depths, lengths, voxel):
 def find_fronts(number, nodes, before, depths, lengths, feet, voxel, fronts, is_open):
     """Find neighbours whose ways to the root part long before them; return how many there are.
 
-    Their feet, where their paths come to a line, are farther from each other along the lines than
-    three times the clearance at both, and four voxels. A front is open where one gets from one of
-    its sides to the other past its edge, in a triangle of neighbours. A closed one cuts a loop: it
-    is a cocycle of the neighbours' clique complex, which has the topology of the voxels, and the
-    way round, by the lines and once across, crosses it once.
+    Their feet, the places of lines nearest to them, are farther from each other along the lines
+    than three times the clearance at both, and four voxels. A front is open where one gets from
+    one of its sides to the other past its edge, in a triangle of neighbours. A closed one cuts a
+    loop: it is a cocycle of the neighbours' clique complex, which has the topology of the voxels,
+    and the way round, by the lines and once across, crosses it once.
 
     Parameters
     ----------
     lengths : (n,) float
         Of each node's path; negative where none leads.
-    feet : (n,) int
-        Where the path of a node comes to a line.
+    feet : (n,) int32
+        The place of a line that is nearest to a node through the lumen.
     fronts : (k, 2) int32
         Filled with pairs of nodes, as many as it holds.
     is_open : (k,) bool
