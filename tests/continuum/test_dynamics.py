@@ -412,6 +412,7 @@ def test_releases_of_a_steel_rod_are_those_of_another_solver(data_dir, number: i
         ("load_factors", {"load_factors": np.ones((2, 3))}),
         ("axes of the body", {"loads": [PointLoad(force=(1.0, 0.0, 0.0), frame="body")]}),
         ("base has shape", {"base": np.eye(4)}),
+        ("no command 'force'", {"force": 1.0}),
         ("steps", {"options": DynamicsOptions(max_step=1e-12)}),
     ],
 )
