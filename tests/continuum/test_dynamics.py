@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 from scipy.signal import lsim
 from scipy.spatial.transform import Rotation
 
@@ -88,6 +89,34 @@ def test_frequency_with_a_heavy_tip_is_that_of_a_spring() -> None:
     spring = 3.0 * BENDING / LENGTH**3
     exact = math.sqrt(spring / (mass + 33.0 / 140.0 * LINE_MASS * LENGTH)) / (2.0 * math.pi)
     assert linearise(make_wire(), options=heavy).frequency[0] == pytest.approx(exact, rel=1e-3)
+
+
+@pytest.mark.parametrize("share", [-2.0, 0.5, 0.9])
+def test_frequency_under_a_load_along_the_rod_is_that_of_the_beam(share: float) -> None:
+    load = share * math.pi**2 * BENDING / (4.0 * LENGTH**2)
+    found = linearise(make_wire(40), loads=[PointLoad(force=(0.0, 0.0, -load))], options=FREE)
+
+    def miss(frequency: float) -> float:
+        """Determinant of the ends' conditions of a beam under a load of fixed direction."""
+        half = 0.5 * load / BENDING
+        root = math.sqrt(half**2 + LINE_MASS * (2.0 * math.pi * frequency) ** 2 / BENDING)
+        a, b = math.sqrt(root - half), math.sqrt(root + half)  # exponents, real and imaginary
+        x, y = a * LENGTH, b * LENGTH
+        # w = A (cosh ax - cos bx) + B (sinh ax - a/b sin bx): no moment, no force at the tip.
+        moment = (
+            a * a * math.cosh(x) + b * b * math.cos(y),
+            a * a * math.sinh(x) + a * b * math.sin(y),
+        )
+        k = load / BENDING
+        force = (
+            a**3 * math.sinh(x) - b**3 * math.sin(y) + k * (a * math.sinh(x) + b * math.sin(y)),
+            a**3 * math.cosh(x) + a * b * b * math.cos(y) + k * a * (math.cosh(x) - math.cos(y)),
+        )
+        return moment[0] * force[1] - moment[1] * force[0]
+
+    exact = brentq(miss, 0.1 * FIRST, 2.5 * FIRST)
+    assert found.frequency[0] == pytest.approx(exact, rel=1e-3)
+    assert (exact < FIRST) == (share > 0.0)
 
 
 def test_frequency_falls_to_nothing_where_the_rod_buckles() -> None:

@@ -124,7 +124,7 @@ class DynamicsOptions:
         "What is left of infinitely fast motion after a step.",
         low=0.0,
         high=1.0,
-        default=0.9,
+        default=0.8,
     )
 
     def __post_init__(self) -> None:
