@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.integrate import cumulative_trapezoid
 from scipy.optimize import brentq
 from scipy.signal import lsim
 from scipy.spatial.transform import Rotation
@@ -358,6 +359,22 @@ def test_a_base_that_turns_and_a_turned_robot_see_the_same() -> None:
     )
     np.testing.assert_allclose(frame @ one.frames, other.frames, atol=1e-6)
     np.testing.assert_allclose(one.energy.kinetic, other.energy.kinetic, atol=1e-9)
+
+
+def test_a_bent_rod_that_spins_whirls_at_its_own_frequency() -> None:
+    # It begins at the speed of its spin; to one who stands still it swings as without it.
+    times = np.linspace(0.0, 1.5 / FIRST, 151)
+    speed = 0.4 * 2.0 * math.pi * FIRST
+    base = np.tile(np.eye(4), (len(times), 1, 1))
+    base[:, :3, :3] = Rotation.from_rotvec(np.outer(speed * times, [0.0, 0.0, 1.0])).as_matrix()
+    options = dataclasses.replace(FREE, spectral_radius=1.0, max_step=2e-4)
+    held = [PointLoad(force=(5e-3, 0.0, 0.0))]
+    still = simulate(make_wire(12), times, held_by=held, options=options)
+    spun = simulate(make_wire(12), times, held_by=held, base=base, options=options)
+    amplitude = still.tip[0, 0]
+    np.testing.assert_allclose(spun.tip[:, 0], still.tip[:, 0], atol=2e-3 * amplitude)
+    way = speed * cumulative_trapezoid(still.tip[:, 0], times, initial=0.0)
+    np.testing.assert_allclose(spun.tip[:, 1], way, atol=2e-3 * amplitude)
 
 
 def test_motion_goes_on_from_where_it_was() -> None:
