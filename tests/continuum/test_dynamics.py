@@ -148,11 +148,11 @@ def test_kernel_is_the_rate_of_the_derivatives_of_the_kinetic_energy() -> None:
         work = kernels.make_work(count, points)
         drive = base, forces, moments, rod.weights
         kernels.measure_motion(rod.packed, q, rate, drive, work[0], work[1], work[3], work[4])
-        return work, kernels.measure_energies(rod.packed, q, rod.weights, work[0])
+        return work, kernels.measure_energies(rod.packed, q, drive, work[0])
 
     def move(time):
         turned = (Rotation.from_rotvec(time * spin) * turn).as_matrix()
-        return turned, place + time * speed, speed, spin
+        return turned, place + time * speed, speed, spin, np.zeros(3), np.zeros(3)
 
     base = move(0.0)
     work, _ = measure(q, rate, base)
@@ -163,7 +163,7 @@ def test_kernel_is_the_rate_of_the_derivatives_of_the_kinetic_energy() -> None:
         moved[index] = step
         ends = [measure(q + sign * moved, rate, base) for sign in (1.0, -1.0)]
         by_q[index] = (ends[0][1][0] - ends[1][1][0]) / (2.0 * step)
-        lost = [sum(end[1][1:]) for end in ends]
+        lost = [sum(end[1][1:3]) for end in ends]
         by_q[index] -= (lost[0] - lost[1]) / (2.0 * step)
         ends = [measure(q, rate + 1e3 * sign * moved, base) for sign in (1.0, -1.0)]
         by_rate[index] = (ends[0][1][0] - ends[1][1][0]) / (2e3 * step)
@@ -173,7 +173,7 @@ def test_kernel_is_the_rate_of_the_derivatives_of_the_kinetic_energy() -> None:
     for index in np.ndindex(count, 3):
         one = np.zeros((count, 3))
         one[index] = 1.0
-        still = base[0], base[1], np.zeros(3), np.zeros(3)
+        still = base[0], base[1], *(np.zeros(3) for _ in range(4))
         state = measure(q, one, still)[0][0][2]
         jacobian[:, :3, index[0], index[1]], jacobian[:, 3:, index[0], index[1]] = state[4:6]
     velocity = work[0][2][4]
@@ -196,7 +196,7 @@ def test_chain_solves_the_dense_problem() -> None:
     start = rod.find_equilibrium(np.array(pulled), held=False, factors=np.ones(1), turned=np.eye(3))
     np.testing.assert_allclose(start.tensions, q.tensions)
     np.testing.assert_allclose(rod.grid.place_frames(start.rotation_vectors[None])[0], q.frames)
-    base = np.eye(3), np.zeros(3), np.zeros(3), np.zeros(3)
+    base = np.eye(3), *(np.zeros(3) for _ in range(5))
     forces = rod.weights + rod.load_vectors[0][0]
     drive = base, forces, rod.load_vectors[1][0], rod.weights
     work, pull = kernels.make_work(count, points), kernels.make_pull(count, 6)
@@ -311,6 +311,15 @@ def test_motion_ends_near_the_rod_model() -> None:
     assert np.abs(moved.tip[-1] - static.tip).max() < 1e-4 * robot.length
 
 
+def shake(times):
+    """Frames of a base that is moved and turned about all axes."""
+    base = np.tile(np.eye(4), (len(times), 1, 1))
+    vectors = np.sin(np.outer(times, [9.0, 14.0, 11.0])) * [0.4, 0.3, 0.7]
+    base[:, :3, :3] = Rotation.from_rotvec(vectors).as_matrix()
+    base[:, :3, 3] = np.sin(np.outer(times, [13.0, 17.0, 8.0])) * 5.0
+    return base
+
+
 def test_energy_balance_counts_all_that_acts() -> None:
     robot, times = make_arm(), np.linspace(0.0, 0.3, 31)
     loads = [
@@ -325,7 +334,13 @@ def test_energy_balance_counts_all_that_acts() -> None:
             damping_time=3e-3, drag=1e-5, max_step=step, spectral_radius=0.8, tip_weight=0.01
         )
         moved = simulate(
-            robot, times, tensions=commands, loads=loads, load_factors=factors, options=options
+            robot,
+            times,
+            tensions=commands,
+            loads=loads,
+            load_factors=factors,
+            base=shake(times),
+            options=options,
         )
         balance = moved.energy
         assert min(balance.dissipated[-1], np.ptp(balance.work)) > 0.5

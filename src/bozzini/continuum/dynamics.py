@@ -162,7 +162,7 @@ class EnergyBalance:
     kinetic, elastic, gravity, tendons : ndarray
         Of the motion, the backbone, its height, and tendons that stretch.
     work : ndarray
-        Done by loads and tendons since the first time; not by a base that moves.
+        Done by loads, tendons and a base that moves since the first time.
     dissipated : ndarray
         Lost by damping and drag since the first time.
     """
