@@ -119,6 +119,9 @@ continuum pose converging.yaml --displacement C1=2mm,C2=-3mm,C3=-3mm --model rod
 continuum pose converging.yaml --displacement C1=2mm,C2=-3mm,C3=-3mm --model arc
 continuum pose helical.yaml --displacement H1=2mm,H2=-5mm,H3=-5mm,H4=-5mm
 continuum pose gastroscope.yaml --displacement s17a=2mm,s17b=-1mm,s17c=-1mm
+continuum simulate moving.yaml pulls.csv --damping-time 5ms --load force=0:10mN:0 --out motion.csv
+continuum simulate moving.yaml pulls.csv --tip-weight 20mN --segment-kind arc --out motion.png
+continuum simulate two_sections.yaml pulls.csv
 continuum reach two_sections.yaml --to 300mm,0mm,0mm --starts 2
 continuum reach colonoscope.yaml --to 60mm,20mm,100mm
 continuum reach gastroscope.yaml --to 100mm,50mm,600mm --starts 1
@@ -249,6 +252,12 @@ def write_inputs(folder: Path) -> None:
         shutil.copy(path, folder)
     for name, count in (("arm", 7), ("short", 3)):
         write_robot(folder / f"{name}.yaml", count)
+    moving = yaml.safe_load((folder / "two_sections.yaml").read_text(encoding="utf-8"))
+    for section in moving["sections"]:
+        section["line_weight"] = "0.1 N/m"
+    (folder / "moving.yaml").write_text(yaml.safe_dump(moving), encoding="utf-8")
+    rows = ["time [s],T1 tension [N],T4 tension [N]", "0,0,0", "0.02,1,0.5", "0.04,0.2,0.5", ""]
+    (folder / "pulls.csv").write_text("\n".join(rows), encoding="utf-8")
     balls = [((0, 0, 0), 5), ((2, 0, 20), 6), ((9, 0, 38), 4)]
     shapes = [{"centre": list(centre), "radius": radius} for centre, radius in balls]
     cones = {"format": "bozzini shapes", "version": 1, "kind": "cones", "shapes": shapes}

@@ -5,6 +5,8 @@ import math
 
 import numpy as np
 import pytest
+from scipy.integrate import cumulative_trapezoid
+from scipy.optimize import brentq
 from scipy.signal import lsim
 from scipy.spatial.transform import Rotation
 
@@ -90,6 +92,34 @@ def test_frequency_with_a_heavy_tip_is_that_of_a_spring() -> None:
     assert linearise(make_wire(), options=heavy).frequency[0] == pytest.approx(exact, rel=1e-3)
 
 
+@pytest.mark.parametrize("share", [-2.0, 0.5, 0.9])
+def test_frequency_under_a_load_along_the_rod_is_that_of_the_beam(share: float) -> None:
+    load = share * math.pi**2 * BENDING / (4.0 * LENGTH**2)
+    found = linearise(make_wire(40), loads=[PointLoad(force=(0.0, 0.0, -load))], options=FREE)
+
+    def miss(frequency: float) -> float:
+        """Determinant of the ends' conditions of a beam under a load of fixed direction."""
+        half = 0.5 * load / BENDING
+        root = math.sqrt(half**2 + LINE_MASS * (2.0 * math.pi * frequency) ** 2 / BENDING)
+        a, b = math.sqrt(root - half), math.sqrt(root + half)  # exponents, real and imaginary
+        x, y = a * LENGTH, b * LENGTH
+        # w = A (cosh ax - cos bx) + B (sinh ax - a/b sin bx): no moment, no force at the tip.
+        moment = (
+            a * a * math.cosh(x) + b * b * math.cos(y),
+            a * a * math.sinh(x) + a * b * math.sin(y),
+        )
+        k = load / BENDING
+        force = (
+            a**3 * math.sinh(x) - b**3 * math.sin(y) + k * (a * math.sinh(x) + b * math.sin(y)),
+            a**3 * math.cosh(x) + a * b * b * math.cos(y) + k * a * (math.cosh(x) - math.cos(y)),
+        )
+        return moment[0] * force[1] - moment[1] * force[0]
+
+    exact = brentq(miss, 0.1 * FIRST, 2.5 * FIRST)
+    assert found.frequency[0] == pytest.approx(exact, rel=1e-3)
+    assert (exact < FIRST) == (share > 0.0)
+
+
 def test_frequency_falls_to_nothing_where_the_rod_buckles() -> None:
     critical = math.pi**2 * BENDING / (4.0 * LENGTH**2)
     loads = [PointLoad(force=(0.0, 0.0, -0.999 * critical))]
@@ -118,11 +148,11 @@ def test_kernel_is_the_rate_of_the_derivatives_of_the_kinetic_energy() -> None:
         work = kernels.make_work(count, points)
         drive = base, forces, moments, rod.weights
         kernels.measure_motion(rod.packed, q, rate, drive, work[0], work[1], work[3], work[4])
-        return work, kernels.measure_energies(rod.packed, q, rod.weights, work[0])
+        return work, kernels.measure_energies(rod.packed, q, drive, work[0])
 
     def move(time):
         turned = (Rotation.from_rotvec(time * spin) * turn).as_matrix()
-        return turned, place + time * speed, speed, spin
+        return turned, place + time * speed, speed, spin, np.zeros(3), np.zeros(3)
 
     base = move(0.0)
     work, _ = measure(q, rate, base)
@@ -133,7 +163,7 @@ def test_kernel_is_the_rate_of_the_derivatives_of_the_kinetic_energy() -> None:
         moved[index] = step
         ends = [measure(q + sign * moved, rate, base) for sign in (1.0, -1.0)]
         by_q[index] = (ends[0][1][0] - ends[1][1][0]) / (2.0 * step)
-        lost = [sum(end[1][1:]) for end in ends]
+        lost = [sum(end[1][1:3]) for end in ends]
         by_q[index] -= (lost[0] - lost[1]) / (2.0 * step)
         ends = [measure(q, rate + 1e3 * sign * moved, base) for sign in (1.0, -1.0)]
         by_rate[index] = (ends[0][1][0] - ends[1][1][0]) / (2e3 * step)
@@ -143,7 +173,7 @@ def test_kernel_is_the_rate_of_the_derivatives_of_the_kinetic_energy() -> None:
     for index in np.ndindex(count, 3):
         one = np.zeros((count, 3))
         one[index] = 1.0
-        still = base[0], base[1], np.zeros(3), np.zeros(3)
+        still = base[0], base[1], *(np.zeros(3) for _ in range(4))
         state = measure(q, one, still)[0][0][2]
         jacobian[:, :3, index[0], index[1]], jacobian[:, 3:, index[0], index[1]] = state[4:6]
     velocity = work[0][2][4]
@@ -166,7 +196,7 @@ def test_chain_solves_the_dense_problem() -> None:
     start = rod.find_equilibrium(np.array(pulled), held=False, factors=np.ones(1), turned=np.eye(3))
     np.testing.assert_allclose(start.tensions, q.tensions)
     np.testing.assert_allclose(rod.grid.place_frames(start.rotation_vectors[None])[0], q.frames)
-    base = np.eye(3), np.zeros(3), np.zeros(3), np.zeros(3)
+    base = np.eye(3), *(np.zeros(3) for _ in range(5))
     forces = rod.weights + rod.load_vectors[0][0]
     drive = base, forces, rod.load_vectors[1][0], rod.weights
     work, pull = kernels.make_work(count, points), kernels.make_pull(count, 6)
@@ -281,6 +311,15 @@ def test_motion_ends_near_the_rod_model() -> None:
     assert np.abs(moved.tip[-1] - static.tip).max() < 1e-4 * robot.length
 
 
+def shake(times):
+    """Frames of a base that is moved and turned about all axes."""
+    base = np.tile(np.eye(4), (len(times), 1, 1))
+    vectors = np.sin(np.outer(times, [9.0, 14.0, 11.0])) * [0.4, 0.3, 0.7]
+    base[:, :3, :3] = Rotation.from_rotvec(vectors).as_matrix()
+    base[:, :3, 3] = np.sin(np.outer(times, [13.0, 17.0, 8.0])) * 5.0
+    return base
+
+
 def test_energy_balance_counts_all_that_acts() -> None:
     robot, times = make_arm(), np.linspace(0.0, 0.3, 31)
     loads = [
@@ -295,7 +334,13 @@ def test_energy_balance_counts_all_that_acts() -> None:
             damping_time=3e-3, drag=1e-5, max_step=step, spectral_radius=0.8, tip_weight=0.01
         )
         moved = simulate(
-            robot, times, tensions=commands, loads=loads, load_factors=factors, options=options
+            robot,
+            times,
+            tensions=commands,
+            loads=loads,
+            load_factors=factors,
+            base=shake(times),
+            options=options,
         )
         balance = moved.energy
         assert min(balance.dissipated[-1], np.ptp(balance.work)) > 0.5
@@ -329,6 +374,22 @@ def test_a_base_that_turns_and_a_turned_robot_see_the_same() -> None:
     )
     np.testing.assert_allclose(frame @ one.frames, other.frames, atol=1e-6)
     np.testing.assert_allclose(one.energy.kinetic, other.energy.kinetic, atol=1e-9)
+
+
+def test_a_bent_rod_that_spins_whirls_at_its_own_frequency() -> None:
+    # It begins at the speed of its spin; to one who stands still it swings as without it.
+    times = np.linspace(0.0, 1.5 / FIRST, 151)
+    speed = 0.4 * 2.0 * math.pi * FIRST
+    base = np.tile(np.eye(4), (len(times), 1, 1))
+    base[:, :3, :3] = Rotation.from_rotvec(np.outer(speed * times, [0.0, 0.0, 1.0])).as_matrix()
+    options = dataclasses.replace(FREE, spectral_radius=1.0, max_step=2e-4)
+    held = [PointLoad(force=(5e-3, 0.0, 0.0))]
+    still = simulate(make_wire(12), times, held_by=held, options=options)
+    spun = simulate(make_wire(12), times, held_by=held, base=base, options=options)
+    amplitude = still.tip[0, 0]
+    np.testing.assert_allclose(spun.tip[:, 0], still.tip[:, 0], atol=2e-3 * amplitude)
+    way = speed * cumulative_trapezoid(still.tip[:, 0], times, initial=0.0)
+    np.testing.assert_allclose(spun.tip[:, 1], way, atol=2e-3 * amplitude)
 
 
 def test_motion_goes_on_from_where_it_was() -> None:
@@ -412,6 +473,7 @@ def test_releases_of_a_steel_rod_are_those_of_another_solver(data_dir, number: i
         ("load_factors", {"load_factors": np.ones((2, 3))}),
         ("axes of the body", {"loads": [PointLoad(force=(1.0, 0.0, 0.0), frame="body")]}),
         ("base has shape", {"base": np.eye(4)}),
+        ("no command 'force'", {"force": 1.0}),
         ("steps", {"options": DynamicsOptions(max_step=1e-12)}),
     ],
 )

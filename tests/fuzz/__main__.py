@@ -77,6 +77,8 @@ FILES = {
     "arm": ("arm.yaml",),
     "head": ("head.yaml",),
     "commands": ("commands.csv",),
+    "mover": ("mover.yaml",),
+    "pulls": ("pulls.csv",),
     "deflections": ("deflections.csv",),
 }
 LEGAL: dict[str, tuple[int, str]] = {
@@ -149,6 +151,7 @@ LEGAL: dict[str, tuple[int, str]] = {
     "continuum fit": (2, "<two_sections <rows --folds 0 --free base.position"),
     "continuum fabricate": (2, "<robot --out >"),
     "effector fit": (3, "<deflections --free muscles.*.modulus,offset --out >.yaml"),
+    "continuum simulate": (3, "<mover <pulls --max-step 5ms --out >.csv"),
     "effector simulate": (3, "<arm <commands --out >.csv"),
     "effector track": (3, "<arm --radius 4mm --frequency 2Hz --plants 1 --out >.png"),
     "effector fabricate": (2, "--holder-diameter 11mm --out >"),
@@ -389,6 +392,11 @@ def make_originals(folder: Path) -> None:
         "time [s],A pressure [kPa],B pressure [kPa],C pressure [kPa]\n0,0,0,0\n0.5,300,100,0\n"
     )
     (folder / "arm.yaml").write_text(ARM)
+    heavy = ELASTIC.replace(
+        "    bending_stiffness:", "    disc_weight: 1 mN\n    bending_stiffness:"
+    )
+    (folder / "mover.yaml").write_text(heavy)
+    (folder / "pulls.csv").write_text("time [s],T1 tension [N]\n0,0\n0.02,1\n0.05,0.5\n")
     write_head(folder / "head.yaml", Head())
     (folder / "rows.csv").write_text("\n".join([",".join(titles), *pulls]) + "\n")
     seen = np.hstack([each.project(np.linspace([0, 0, 10], [9, 5, 30], 9)) for each in pair])

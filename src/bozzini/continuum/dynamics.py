@@ -12,7 +12,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple, get_args
+from typing import TYPE_CHECKING, NamedTuple, TypedDict, Unpack, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -124,7 +124,7 @@ class DynamicsOptions:
         "What is left of infinitely fast motion after a step.",
         low=0.0,
         high=1.0,
-        default=0.9,
+        default=0.8,
     )
 
     def __post_init__(self) -> None:
@@ -136,7 +136,7 @@ class DynamicsOptions:
 DEFAULT_OPTIONS = DynamicsOptions()
 
 
-class MotionState(NamedTuple):
+class RodMotion(NamedTuple):
     """Where a discrete rod is in its motion; arrays (n, 3).
 
     Attributes
@@ -162,7 +162,7 @@ class EnergyBalance:
     kinetic, elastic, gravity, tendons : ndarray
         Of the motion, the backbone, its height, and tendons that stretch.
     work : ndarray
-        Done by loads and tendons since the first time; not by a base that moves.
+        Done by loads, tendons and a base that moves since the first time.
     dissipated : ndarray
         Lost by damping and drag since the first time.
     """
@@ -211,7 +211,7 @@ class ShapeHistory(Result):
         Steps of Newton's method since the time before.
     reason : str
         Why it ends before the last time; empty where it does not.
-    state : MotionState
+    state : RodMotion
         Where it is at the last time, for ``initial=`` of what comes after it.
     """
 
@@ -225,7 +225,7 @@ class ShapeHistory(Result):
     energy: EnergyBalance = field(repr=False)
     iterations: NDArray[np.int64]
     reason: str
-    state: MotionState = field(repr=False)
+    state: RodMotion = field(repr=False)
 
     @property
     def converged(self) -> bool:
@@ -482,23 +482,39 @@ class _Rod:
         return np.asarray(self.natural_lengths - displacements - pretension)
 
 
+class MotionCommands(TypedDict, total=False):
+    """What acts on a robot over k times; each may be left out.
+
+    Attributes
+    ----------
+    tensions, displacements : (k, t) or (t,) array_like, or mapping
+        Of the tendons [N], [mm]; one of both, linear between times. Without either they have no
+        tension.
+    loads : sequence of PointLoad or LineLoad
+        Loads that keep their direction.
+    load_factors : (k, l) array_like
+        By what each load is multiplied, linear between times; 1 unless given.
+    base : (k, 4, 4) array_like
+        Frames of the base in its own frame at rest [mm], joined by cubics.
+    """
+
+    tensions: ArrayLike | None
+    displacements: ArrayLike | None
+    loads: Sequence[Load]
+    load_factors: ArrayLike | None
+    base: ArrayLike | None
+
+
 def simulate(
     robot: RobotDesign,
     times: ArrayLike,
     *,
-    tensions: ArrayLike | None = None,
-    displacements: ArrayLike | None = None,
-    loads: Sequence[Load] = (),
-    load_factors: ArrayLike | None = None,
     held_by: Sequence[Load] | None = None,
-    base: ArrayLike | None = None,
     initial: ShapeHistory | None = None,
     options: DynamicsOptions = DEFAULT_OPTIONS,
+    **commands: Unpack[MotionCommands],
 ) -> ShapeHistory:
     """Return the motion of a robot under commands over time, from an equilibrium or a state.
-
-    Commands, factors of the loads and the motion of the base are given at the times; the first two
-    are linear between.
 
     Parameters
     ----------
@@ -506,19 +522,13 @@ def simulate(
         The robot; every part of it has a weight, from which its mass follows.
     times : (k,) array_like
         Times of the rows [s], growing.
-    tensions, displacements : (k, t) or (t,) array_like, or mapping, optional
-        Of the tendons [N], [mm]; one of both. Without either they have no tension.
-    loads : sequence of PointLoad or LineLoad
-        Loads that keep their direction.
-    load_factors : (k, l) array_like, optional
-        By what each load is multiplied; 1 unless given.
     held_by : sequence of PointLoad or LineLoad, optional
         What holds the robot at rest before the first time, in place of `loads`.
-    base : (k, 4, 4) array_like, optional
-        Frames of the base in its own frame at rest [mm]; joined by cubics.
     initial : ShapeHistory, optional
         What went before, with the same segments; the equilibrium at the first time unless given.
     options : DynamicsOptions
+    **commands
+        See `MotionCommands`.
 
     Returns
     -------
@@ -542,20 +552,18 @@ def simulate(
     steps = np.ceil(np.diff(rows) / options.max_step * (1.0 - 1e-9))
     if steps.sum() > MOST_STEPS:
         raise InputError(f"there would be {steps.sum():.3g} steps: {MOST_STEPS:g} are legal")
-    given = check_loads(robot, loads)
-    before = given if held_by is None else check_loads(robot, held_by)
-    rod = _Rod(robot, options, given if held_by is None else (*given, *before))
-    count = len(given)
+    for name in commands:
+        if name not in MotionCommands.__annotations__:
+            legal = ", ".join(MotionCommands.__annotations__)
+            raise InputError(f"a motion has no command '{name}': it has {legal}")
+    given, base = check_loads(robot, commands.get("loads", ())), commands.get("base")
+    before = () if held_by is None else check_loads(robot, held_by)
+    rod = _Rod(robot, options, (*given, *before))
     factors = np.zeros((len(rows), len(rod.loads)))
-    factors[:, :count] = 1.0
-    if load_factors is not None:
-        own = check_array("load_factors", load_factors)
-        if own.shape != (len(rows), count) or not np.isfinite(own).all():
-            raise InputError(
-                f"load_factors have shape {own.shape}: they must be finite, {(len(rows), count)}"
-            )
-        factors[:, :count] = own
-    command, held = _take_commands(rod, len(rows), tensions, displacements)
+    factors[:, : len(given)] = _take_factors(rows, given, commands.get("load_factors"))
+    command, held = _take_commands(
+        rod, len(rows), commands.get("tensions"), commands.get("displacements")
+    )
     coefficients = _take_base(rows, base)
     targets = rod.find_limits(command) if held else command
     tables = (
@@ -570,11 +578,11 @@ def simulate(
     if initial is None:
         at_start = factors[0].copy()
         if held_by is not None:
-            at_start[:] = np.arange(len(at_start)) >= count
+            at_start[:] = np.arange(len(at_start)) >= len(given)
         turned = np.eye(3) if base is None else np.asarray(base, dtype=np.float64)[0, :3, :3]
         found = rod.find_equilibrium(command[0], held=held, factors=at_start, turned=turned)
         shape = found.rotation_vectors.shape
-        state = MotionState(found.rotation_vectors.copy(), *(np.zeros(shape) for _ in range(3)))
+        state = RodMotion(found.rotation_vectors.copy(), *(np.zeros(shape) for _ in range(3)))
     else:
         check_kind("initial", initial, ShapeHistory)
         if initial.state.rotation_vectors.shape != rod.grid.rest.shape:
@@ -582,8 +590,19 @@ def simulate(
                 f"initial has {len(initial.state.rotation_vectors)} segments: it must have the "
                 f"{len(rod.grid.rest)} of this robot and options"
             )
-        state = MotionState(*(array.copy() for array in initial.state))
+        state = RodMotion(*(array.copy() for array in initial.state))
     return _run(rod, tendons, tables, steps.astype(np.int64), state, fresh=initial is None)
+
+
+def _take_factors(times: Floats, loads: Sequence[Load], given: ArrayLike | None) -> Floats:
+    """Return by what the loads (l,) are multiplied, (k, l)."""
+    shape = len(times), len(loads)
+    if given is None:
+        return np.ones(shape)
+    factors = check_array("load_factors", given)
+    if factors.shape != shape or not np.isfinite(factors).all():
+        raise InputError(f"load_factors have shape {factors.shape}: they must be finite, {shape}")
+    return factors
 
 
 def _run(
@@ -591,7 +610,7 @@ def _run(
     tendons: tuple[Floats, bool, NDArray[np.bool_]],
     tables: tuple[Floats, ...],
     steps: NDArray[np.int64],
-    state: MotionState,
+    state: RodMotion,
     *,
     fresh: bool,
 ) -> ShapeHistory:
@@ -642,8 +661,8 @@ def _take_commands(
     if tensions is not None and displacements is not None:
         raise InputError("tensions and displacements are given: command one of them")
     if displacements is None:
-        given: Any = np.zeros(len(robot.tendons)) if tensions is None else tensions
-        command = check_tension_commands(robot, given)
+        none = np.zeros(len(robot.tendons))
+        command = check_tension_commands(robot, none if tensions is None else tensions)
     else:
         command = check_displacements(robot, displacements)
         check_pretensions(robot, command, rod.compliances)

@@ -26,7 +26,8 @@ does, takes O(n) (`factor_chain`). Held tendons add a matrix of rank t.
 
 ``body`` are the points with mass or load: segment (p,), in rising order, part of it before the
 point (p,), mass (p,) [t], moments of inertia in the body's axes (p, 3) [t mm^2], drag (p,)
-[N s/mm]. ``base`` is the motion of the base: rotation (3, 3), place, velocity and spin (3,).
+[N s/mm]. ``base`` is the motion of the base: rotation (3, 3), place, velocity, spin, and the rates
+of these two (3,).
 Vectors are in the axes of the base at rest.
 """
 
@@ -280,7 +281,7 @@ def measure_motion(rod, q, rate, drive, motion, beyond, momentum, force):
     [N mm s] and the ``body``; ``drive`` the base, the forces and moments (p, 3), and the weights
     (p, 3) that are among the forces. Fills ``motion``, ``beyond`` (n, 2, 3), the static forces and
     moments beyond each segment with their sign turned, ``momentum`` and ``force`` (n, 3), so that
-    ``momentum' + force = 0``. Returns the powers of the loads and of all damping [N mm/s].
+    ``momentum' + force = 0``. Returns the powers of loads and base, and of all damping [N mm/s].
     """
     grid, rest, damping, body = rod
     base, forces, moments, weights = drive
@@ -353,6 +354,12 @@ def measure_motion(rod, q, rate, drive, motion, beyond, momentum, force):
             _shift(arms[p], linear, angular_beyond)
             _shift(arms[p], pushes[p], moment_beyond)
             p -= 1
+    # What moves the base does P' . v + (H' + v x P) . omega with what holds the loads; of that
+    # (P . v + H . omega)' is in `measure_energies`.
+    cross(base[2], linear_beyond, way)
+    for i in range(3):
+        power += force_beyond[i] * base[2][i] + (moment_beyond[i] + way[i]) * base[3][i]
+        power -= linear_beyond[i] * base[4][i] + angular_beyond[i] * base[5][i]
     return power, lost
 
 
@@ -632,23 +639,33 @@ def find_velocity(rod, q, momentum, drive, work, rate):
 
 
 @kernel
-def measure_energies(rod, q, weights, motion):
-    """Kinetic, elastic and gravitational energy of a motion that is known [N mm]."""
+def measure_energies(rod, q, drive, motion):
+    """Kinetic, elastic and gravitational energy of a motion that is known [N mm].
+
+    And ``P . v + H . omega`` of the whole momentum about the base with the base's velocity, spin.
+    """
     grid, rest, _, body = rod
+    base, _, _, weights = drive
     segments, parts, masses, _, _ = body
     _, arms, _, _, velocities, spins, angular = motion[2][:7]
     places = motion[0][1]
-    kinetic, elastic, gravity = 0.0, 0.0, 0.0
+    kinetic, elastic, gravity, carried = 0.0, 0.0, 0.0, 0.0
+    arm, way = np.empty(3), np.empty(3)
     for p in range(segments.size):
         j = segments[p]
         for i in range(3):
             kinetic += 0.5 * (masses[p] * velocities[p, i] ** 2 + angular[p, i] * spins[p, i])
             there = places[j + 1, i] if parts[p] == 1.0 else places[j, i] + arms[p, i]
             gravity -= weights[p, i] * there
+            arm[i] = there - places[0, i]
+        cross(base[3], arm, way)
+        for i in range(3):
+            carried += masses[p] * velocities[p, i] * (base[2][i] + way[i])
+            carried += angular[p, i] * base[3][i]
     for j in range(len(q)):
         for i in range(3):
             elastic += 0.5 * grid[1][j, i] * (q[j, i] - rest[j, i]) ** 2
-    return kinetic, elastic, gravity
+    return kinetic, elastic, gravity, carried
 
 
 @kernel
@@ -662,7 +679,7 @@ def fill_drive(tables, row, time, drive, targets, slopes):
     times, coefficients, weights, load_forces, load_moments, factors, commands = tables
     base, forces, moments, _ = drive
     share = time / (times[row + 1] - times[row])
-    f, turn, swing = np.empty(8), np.empty(3), np.empty(3)
+    f, turn, swing, change = np.empty(8), np.empty(3), np.empty(3), np.zeros((3, 3))
     c = coefficients[row]
     for i in range(3):
         base[1][i] = ((c[0, i] * time + c[1, i]) * time + c[2, i]) * time + c[3, i]
@@ -670,11 +687,15 @@ def fill_drive(tables, row, time, drive, targets, slopes):
         turn[i] = ((c[0, 3 + i] * time + c[1, 3 + i]) * time + c[2, 3 + i]) * time + c[3, 3 + i]
         swing[i] = (3.0 * c[0, 3 + i] * time + 2.0 * c[1, 3 + i]) * time + c[2, 3 + i]
     fill_functions(turn[0] ** 2 + turn[1] ** 2 + turn[2] ** 2, f)
+    base[3][:] = 0.0
+    add_form(turn, f, 1, swing[0], swing[1], swing[2], 1.0, 1.0, base[3], change)
     fill_rotation(turn, f[1:], base[0])
     for i in range(3):
-        base[3][i] = 0.0
+        base[4][i] = 6.0 * c[0, i] * time + 2.0 * c[1, i]
+        base[5][i] = 0.0
         for k in range(3):
-            base[3][i] += base[0][i, k] * swing[k]
+            base[5][i] += base[0][i, k] * (6.0 * c[0, 3 + k] * time + 2.0 * c[1, 3 + k])
+            base[5][i] += change[i, k] * swing[k]
     fill_rotation(turn, f, base[0])
     for p in range(len(weights)):
         for i in range(3):
@@ -852,8 +873,8 @@ def advance(rod, tendons, tables, scheme, steps, fresh, state, rows):
     q, momentum, rate, momentum_rate = state
     n, p, k = len(q), len(rod[3][0]), len(tendons[0])
     times, weights = tables[0], tables[2]
-    base = np.empty((3, 3)), np.empty(3), np.empty(3), np.empty(3)
-    drive = base, np.empty((p, 3)), np.empty((p, 3)), weights
+    still = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    drive = (np.empty((3, 3)), *still), np.empty((p, 3)), np.empty((p, 3)), weights
     targets, slopes = np.empty(k), np.empty(k)
     work, pull = make_work(n, p), make_pull(n, k)
     solver_state = np.ones(3)
@@ -883,7 +904,7 @@ def advance(rod, tendons, tables, scheme, steps, fresh, state, rows):
         return 0
     copy_matrix(end_rate, guess)
     copy_matrix(end_rate, guess_before)
-    rows[5][0, 4], rows[5][0, 5], rows[6][0] = 0.0, 0.0, 0
+    carried, rows[5][0, 4], rows[5][0, 5], rows[6][0] = rows[5][0, 4], 0.0, 0.0, 0
     before = _measure_powers(
         measure_motion(rod, q, end_rate, drive, work[0], work[1], work[3], work[4]),
         tendons, pull, end_rate, slopes,
@@ -943,7 +964,8 @@ def advance(rod, tendons, tables, scheme, steps, fresh, state, rows):
             rod, tendons, drive, targets, q, momentum, end_work, end_rate, pull, rows, row + 1
         ):
             return row + 1
-        rows[5][row + 1, 4], rows[5][row + 1, 5] = own, lost
+        rows[5][row + 1, 4] += own - carried
+        rows[5][row + 1, 5] = lost
         rows[6][row + 1] = iterations
     return len(times)
 
@@ -966,11 +988,11 @@ def _measure_powers(energies, tendons, pull, rate, slopes):
 
 @kernel
 def _fill_row(rod, tendons, drive, targets, q, momentum, work, rate, pull, rows, row):
-    """Fill a row of `advance` but for work and dissipation; False if momenta have no rates."""
+    """Fill a row of `advance`, its work with what the base carries; False if that fails."""
     rotations, places, velocities, tensions, lengths, energies, _ = rows
     if not find_velocity(rod, q, momentum, drive, work, rate):
         return False
-    found = measure_energies(rod, q, drive[3], work[0])
+    found = measure_energies(rod, q, drive, work[0])
     pull_tendons(rod[0], tendons, targets, q, False, pull, work[4])
     stations = work[0][0]
     for j in range(len(q) + 1):
@@ -981,7 +1003,7 @@ def _fill_row(rod, tendons, drive, targets, q, momentum, work, rate, pull, rows,
     copy_vector(pull[1], lengths[row])
     for i in range(3):
         energies[row, i] = found[i]
-    energies[row, 3] = 0.0
+    energies[row, 3], energies[row, 4] = 0.0, found[3]
     if tendons[1]:
         for m in range(len(targets)):
             energies[row, 3] += 0.5 * tendons[0][m] * pull[0][m] ** 2
