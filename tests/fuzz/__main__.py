@@ -93,6 +93,8 @@ LEGAL: dict[str, tuple[int, str]] = {
     "export": (4, "ros2 <plan --out >.yaml"),
     "segment": (8, "<ct --out >.nii.gz"),
     "demo": (3, "--voxel 3mm --diameter 9mm --link 12mm --out >"),
+    "tree": (4, "<tract --out >.csv"),
+    "reach": (4, "<tract --diameter 3mm --link 3mm --out >.csv"),
     "duct kinds": (1, ""),
     "duct fit": (6, "<tract --pieces 6 --out >.json"),
     "duct show": (6, "<tract or shapes --out >.png"),

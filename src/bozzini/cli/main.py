@@ -40,6 +40,7 @@ COMMANDS = {
     "certify": "Check a saved plan, and prove its clearance again.",
     "execute": "Drive a motion with contact: forces, errors, loops.",
     "export": "Write a plan for simulators and robots: MJCF, URDF, ROS 2.",
+    "tree": "List the branches of airways, vessels and other trees.",
     "reach": "Find how far scopes come into every branch of a tree.",
     "live": "Keep a scope clear in a tract that moves, frame by frame.",
     "cockpit": "See a motion and drive the tip, in the browser.",

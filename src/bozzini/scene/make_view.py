@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TypeAlias
 
@@ -15,6 +15,7 @@ from ..continuum.shape import Shape
 from ..continuum.workspace import ContinuumWorkspace, WorkspaceSample, sample_workspace
 from ..duct.base import Duct, SampledField
 from ..duct.field import RefinedField
+from ..duct.tree import LumenTree
 from ..effector.effector import Effector
 from ..effector.pose import EffectorPose
 from ..effector.workspace import Workspace
@@ -44,7 +45,8 @@ from .view import Body, Chart, Cloud, Mark, Surface, View
 Wall = LabelTract | SurfaceTract | Duct
 Shown: TypeAlias = (
     Plan | Wall | ContinuumRobot | Shape | WorkspaceSample | ContinuumWorkspace | Effector
-    | EffectorPose | Workspace | Cloud | Actuation | Head | HeadPose | HeadReach | TreeReach
+    | EffectorPose | Workspace | Cloud | Actuation | Head | HeadPose | HeadReach
+    | LumenTree | TreeReach
 )  # fmt: skip
 
 MOST_FACES = 120_000
@@ -125,6 +127,8 @@ def _view_thing(thing: Shown) -> View:
         return _view_head(thing)
     if isinstance(thing, HeadReach):
         return _view_reach(thing)
+    if isinstance(thing, LumenTree):
+        return _view_tree(thing)
     if isinstance(thing, TreeReach):
         return _view_branches(thing)
     if isinstance(thing, Cloud):
@@ -490,6 +494,26 @@ def _view_branches(found: TreeReach) -> View:
             tube = _draw_tube(line, np.interp(own, arc, branch.radius))
             parts.setdefault((name, color), []).append(tube)
             begin = end
+    return View(title="Branches that are reached", surfaces=_join_tubes(parts))
+
+
+def _view_tree(tree: LumenTree) -> View:
+    """Return a tree as tubes, a colour for each generation."""
+    from matplotlib import colormaps
+    from matplotlib.colors import to_hex
+
+    shades = colormaps["viridis"](np.linspace(0.0, 0.95, tree.generations))
+    parts: dict[tuple[str, str], list[tuple[Floats, NDArray[np.int64]]]] = {}
+    for branch in tree.branches:
+        key = f"generation {branch.generation}", to_hex(shades[branch.generation])
+        parts.setdefault(key, []).append(_draw_tube(branch.points, branch.radius))
+    return View(title=f"{len(tree.branches)} branches", surfaces=_join_tubes(parts))
+
+
+def _join_tubes(
+    parts: Mapping[tuple[str, str], Sequence[tuple[Floats, NDArray[np.int64]]]],
+) -> tuple[Surface, ...]:
+    """Return a surface for all tubes of a name and a colour."""
     surfaces = []
     for (name, color), tubes in parts.items():
         counts = np.cumsum([0, *(len(vertices) for vertices, _ in tubes)])
@@ -503,4 +527,4 @@ def _view_branches(found: TreeReach) -> View:
                 opacity=0.35 if name == "not reached" else 0.9,
             )
         )
-    return View(title="Branches that are reached", surfaces=tuple(surfaces))
+    return tuple(surfaces)

@@ -11,6 +11,7 @@ from ..anatomy.fiducials import read_fiducial
 from ..anatomy.frame import find_axis
 from ..anatomy.tract import LabelTract
 from ..checks import ceil_mm, floor_mm, quantity
+from ..duct import LumenTree
 from ..errors import InputError
 from ..motion.planners import PlannerOptions
 from ..motion.scope import SIZE_MIN_MM, Scope
@@ -24,8 +25,62 @@ from .branches import NEEDLE, TreeReach, TreeReachOptions, reach_tree
 from .case import Case
 from .options import LumenOptions, ReadOptions, as_planner
 
+FINDINGS = 8
+"""So many things that look odd in a tree are told at once."""
+
 SHOWN = 3
 """Approaches to a target that people are told of."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TreeListing(Task):
+    """List the branches of the lumen in INPUT: airways, vessels, or another one that branches.
+
+    INPUT is a label volume or a surface. The tree begins at its widest end, or at --start. A name
+    says where a branch is: 0.1 is the second widest of those that leave the end of branch 0. The
+    table has a row for each; a picture is the tree unrolled, a page the tree in space. What looks
+    odd is told: loops, branches wider than what they leave, loose parts, ends thinner than a voxel.
+    """
+
+    name = "tree"
+    result = LumenTree
+    has_page = True
+
+    input: str = quantity("file", "A label volume or a surface.")
+    reading: ReadOptions
+    lumen: LumenOptions
+
+    def run(self, progress: Progress = no_progress) -> LumenTree:
+        """Return the tree."""
+        case = Case.open(self.input, self.lumen.path, reading=self.reading, progress=progress)
+        return case.tree
+
+    def describe(self, found: LumenTree) -> str:
+        """Return the generations in a table, and what looks odd."""
+        rows = []
+        for generation in range(found.generations):
+            own = [branch for branch in found.branches if branch.generation == generation]
+            widths = [branch.mean_radius for branch in own]
+            rows.append(
+                [
+                    f"{generation}",
+                    f"{len(own)}",
+                    f"{sum(branch.is_end for branch in own)}",
+                    f"{sum(branch.length for branch in own) / len(own):.1f}",
+                    f"{min(widths):.2f} to {max(widths):.2f}",
+                ]
+            )
+        head = ["generation", "branches", "ends", "mean length [mm]", "radius [mm]"]
+        lines = [
+            f"{len(found.branches)} branches with {len(found.ends)} ends, {found.length:.0f} mm "
+            "of centreline in all",
+            format_rows(head, rows),
+        ]
+        findings = sorted(found.findings, key=lambda item: item.severity != "warning")
+        lines += [f"{item.severity}: {item.message}" for item in findings[:FINDINGS]]
+        if len(found.findings) > FINDINGS:
+            lines.append(f"and {len(found.findings) - FINDINGS} findings more: --json has them all")
+        return "\n".join(lines)
 
 
 def _tell_vessels(near: Approach) -> str:

@@ -25,11 +25,12 @@ def _find_own() -> dict[str, type[Task]]:
     from ..head.operate import HeadComparing
     from ..motion.chain_task import ChainTask
     from ..vision.planning import SetupPlanning
-    from .reaching import TreeReaching
+    from .reaching import TreeListing, TreeReaching
 
     kinds: tuple[type[Task], ...] = (
         SetupPlanning, EffectorSimulation, EffectorTracking, ChainTask,
-        HeadShow, HeadChecking, HeadViewing, HeadReaching, HeadComparing, TreeReaching,
+        HeadShow, HeadChecking, HeadViewing, HeadReaching, HeadComparing, TreeListing,
+        TreeReaching,
     )  # fmt: skip
     return {kind.key: kind for kind in kinds}
 
