@@ -280,7 +280,7 @@ class LumenTree(ClosedForm):
             If ``networkx`` is not installed.
         """
         try:
-            import networkx  # type: ignore[import-untyped]
+            import networkx
         except ImportError:
             raise BozziniError(
                 "this needs the package 'networkx', which is not installed: pip install networkx"
