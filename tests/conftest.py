@@ -98,6 +98,12 @@ def _find_data(name: str) -> Path:
 
 
 @pytest.fixture(scope="session")
+def airway_dir() -> Path:
+    """Label volume and reference tree of a human airway."""
+    return _find_data("airway")
+
+
+@pytest.fixture(scope="session")
 def upper_gi_dir() -> Path:
     """Give the directory of the CT-derived upper tract (GCA-Models, CC BY 4.0)."""
     return _find_data("upper_gi")

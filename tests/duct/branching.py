@@ -100,4 +100,6 @@ def grow(seed: int, splits: int = 6, *, radius: float = 5.0) -> KnownTree:
 
 def _crosses(tree: KnownTree, others: list[int], one: Floats, two: Floats, size: float) -> bool:
     share = np.linspace(0.25, 1.0, 30)[:, None]
-    return bool((tree.measure(one + share * (two - one), others) < size + 0.5 * tree.radius[0]).any())
+    return bool(
+        (tree.measure(one + share * (two - one), others) < size + 0.5 * tree.radius[0]).any()
+    )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -28,6 +28,8 @@ from .centreline import (
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from networkx import DiGraph  # type: ignore[import-untyped]
+    from scipy.spatial import cKDTree
 
 LEAST_SPUR = 1.75
 """A branch reaches at least this many voxels beyond the wall of what it leaves: the steps of a wall
@@ -225,7 +227,7 @@ class LumenTree(ClosedForm):
         return self._owners[index], np.asarray(gaps)
 
     @cached_property
-    def _points(self) -> Any:
+    def _points(self) -> cKDTree:
         from scipy.spatial import cKDTree
 
         return cKDTree(np.concatenate([branch.points for branch in self.branches]))
@@ -266,7 +268,7 @@ class LumenTree(ClosedForm):
         found: Json = to_plain({"branches": rows, "findings": findings, **verdict})
         return found
 
-    def to_networkx(self) -> Any:
+    def to_networkx(self) -> DiGraph:
         """Return the tree as a directed graph of ``networkx``: an edge for each branch.
 
         Nodes are the root, ``""``, and the ends of the branches by name, each with its ``point``;
@@ -278,7 +280,7 @@ class LumenTree(ClosedForm):
             If ``networkx`` is not installed.
         """
         try:
-            import networkx  # type: ignore[import-untyped]
+            import networkx
         except ImportError:
             raise BozziniError(
                 "this needs the package 'networkx', which is not installed: pip install networkx"
