@@ -12,13 +12,16 @@ import pytest
 from bozzini import Scope
 from bozzini.anatomy.airway import AirwayPhantom, make_airway
 from bozzini.cli.main import main
+from bozzini.duct import find_tree
 from bozzini.errors import InputError
 from bozzini.motion import certify_motion, plan_insertion
 from bozzini.motion.planners import PlannerOptions
+from bozzini.motion.verify import verify_plan
 from bozzini.numeric.polylines import measure_arc_length
 from bozzini.study import Case
 from bozzini.study.approach import describe_routes, find_approaches
 from bozzini.study.branches import TreeReach, TreeReachOptions, reach_tree
+from tests.duct.branching import grow
 
 VOXEL = 1.0
 SCOPES = (Scope(diameter=6.0, link_length=4.0), Scope(diameter=4.0, link_length=4.0))
@@ -231,3 +234,40 @@ def test_wrong_input_is_one_line() -> None:
         case.change(branch="0", end=(0.0, 0.0, 0.0))
     with pytest.raises(InputError, match="needle angle"):
         find_approaches(reach_airway(), (0.0, 0.0, 0.0), most=4.0)
+
+
+def check_random_tree(seed: int) -> None:
+    """Branches, depths and certificates of a random tree of tubes, by its known truth."""
+    known = grow(seed, splits=3, radius=6.0)
+    voxel = 0.8
+    duct = known.rasterise(voxel)
+    tree = find_tree(duct, known.start[0])
+    assert len(tree.branches) == len(known.parent)
+    assert len(tree.ends) == len(known.ends)
+    scope = Scope(diameter=2.0 * float(np.quantile(known.radius, 0.4)), link_length=2.0)
+    (ways,) = reach_tree(duct, tree, scopes=(scope,)).ways
+    for way in ways:
+        tip = tree.branches[way.branch].points[-1]
+        route = [min(known.ends, key=lambda k: float(np.linalg.norm(known.end[k] - tip)))]
+        while known.parent[route[0]] >= 0:
+            route.insert(0, known.parent[route[0]])
+        lengths = np.linalg.norm(known.end[route] - known.start[route], axis=1)
+        narrow = known.radius[route] < scope.radius
+        most = float(lengths[: int(np.argmax(narrow))].sum() if narrow.any() else lengths.sum())
+        # In the ball at a branching the head gets on beyond the wide tube's end.
+        assert way.depth <= most + known.radius[0]
+        # Half a diagonal of a voxel at the wall, half a voxel off the middle.
+        tight = known.radius[route] < scope.radius + 1.5 * voxel
+        least = float(lengths[: int(np.argmax(tight))].sum() if tight.any() else lengths.sum())
+        assert way.depth >= 0.9 * least - known.radius[0] - 2.0
+        if way.plan is not None:
+            checked = verify_plan(way.plan, duct, wall=duct)
+            assert checked.certified, [check.message for check in checked.checks if not check.ok]
+            # The body keeps off the true wall, but for what the voxels hide.
+            body = way.plan.joints[:, 0][known.measure(way.plan.joints[:, 0]) < 0.0]
+            assert known.measure(body).max() <= -scope.radius + 0.87 * voxel
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_random_trees_are_reached_as_their_truth_allows(seed: int) -> None:
+    check_random_tree(seed)
