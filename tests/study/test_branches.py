@@ -16,6 +16,7 @@ from bozzini.duct import find_tree
 from bozzini.errors import InputError
 from bozzini.motion import certify_motion, plan_insertion
 from bozzini.motion.planners import PlannerOptions
+from bozzini.motion.recheck import voxel_wall
 from bozzini.motion.verify import verify_plan
 from bozzini.numeric.polylines import measure_arc_length
 from bozzini.study import Case
@@ -261,7 +262,7 @@ def check_random_tree(seed: int) -> None:
         least = float(lengths[: int(np.argmax(tight))].sum() if tight.any() else lengths.sum())
         assert way.depth >= 0.9 * least - known.radius[0] - 2.0
         if way.plan is not None:
-            checked = verify_plan(way.plan, duct, wall=duct)
+            checked = verify_plan(way.plan, duct, wall=voxel_wall(*known.label(voxel)))
             assert checked.certified, [check.message for check in checked.checks if not check.ok]
             # The body keeps off the true wall, but for what the voxels hide.
             body = way.plan.joints[:, 0][known.measure(way.plan.joints[:, 0]) < 0.0]
