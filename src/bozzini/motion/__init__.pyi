@@ -1,3 +1,5 @@
+from .approach import Approach, find_approaches
+from .branches import TreeReach, TreeReachOptions, reach_tree
 from .certify import Certificate, certify_motion
 from .largest import Largest, find_largest
 from .link import LinkPlacement, move_free_chain, place_tail
@@ -15,6 +17,7 @@ from .verify import Verification, certify_plan, verify_file, verify_plan
 __all__ = [
     "PLANNERS",
     "REASON_CODES",
+    "Approach",
     "Certificate",
     "FreeSpace",
     "Introducer",
@@ -32,9 +35,12 @@ __all__ = [
     "Refusal",
     "ReplanOptions",
     "Scope",
+    "TreeReach",
+    "TreeReachOptions",
     "Verification",
     "certify_motion",
     "certify_plan",
+    "find_approaches",
     "find_diameter_limits",
     "find_largest",
     "find_link_limits",
@@ -44,6 +50,7 @@ __all__ = [
     "place_tail",
     "plan_insertion",
     "plan_with_soft_wall",
+    "reach_tree",
     "replan",
     "verify_file",
     "verify_plan",

@@ -24,6 +24,7 @@ from ..head.anchor import BLOCKED, OUT_OF_REACH, REACHED, HeadReach, Stand
 from ..head.design import Head, SectionPoses
 from ..head.shape import HeadPose, list_bodies
 from ..motion.actuate.actuation import Actuation
+from ..motion.branches import TreeReach
 from ..motion.plan import Plan
 from ..motion.scope import Introducer
 from ..numeric.arrays import Floats
@@ -38,7 +39,6 @@ from ..plot.plan_data import (
 )
 from ..plot.scope import REST
 from ..plot.style import choose_clearance_scale
-from ..study.branches import TreeReach
 from .scene import TractMesh, prepare_tract
 from .view import Body, Chart, Cloud, Mark, Surface, View
 

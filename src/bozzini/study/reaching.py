@@ -13,6 +13,8 @@ from ..anatomy.tract import LabelTract
 from ..checks import ceil_mm, floor_mm, quantity
 from ..duct import LumenTree
 from ..errors import InputError
+from ..motion.approach import Approach, find_approaches
+from ..motion.branches import NEEDLE, TreeReach, TreeReachOptions, reach_tree
 from ..motion.planners import PlannerOptions
 from ..motion.scope import SIZE_MIN_MM, Scope
 from ..numeric.arrays import Floats
@@ -20,8 +22,6 @@ from ..progress import Progress, no_progress
 from ..results import format_rows
 from ..task import Task
 from ..units import parse_quantity, parse_vector
-from .approach import Approach, find_approaches
-from .branches import NEEDLE, TreeReach, TreeReachOptions, reach_tree
 from .case import Case
 from .options import LumenOptions, ReadOptions, as_planner
 

@@ -12,14 +12,8 @@ from numpy.typing import NDArray
 
 from ..checks import ceil_mm, check_fields, check_kind, floor_mm, quantity
 from ..duct import Centreline
-from ..duct.base import Duct
+from ..duct.base import Duct, SampledField
 from ..duct.tree import LumenTree
-from ..motion.plan import Plan
-from ..motion.planner import make_planner
-from ..motion.planners import PlannerOptions
-from ..motion.scope import Scope
-from ..motion.space import FreeSpace
-from ..motion.tube import MARGINS
 from ..numeric.arrays import Floats
 from ..numeric.polylines import interpolate_polyline, measure_arc_length
 from ..progress import Progress, no_progress
@@ -34,6 +28,12 @@ from ..results import (
 )
 from ..units import add_unit
 from .approach import Approach, describe_routes, find_begins
+from .plan import Plan
+from .planner import make_planner
+from .planners import PlannerOptions
+from .scope import Scope
+from .space import FreeSpace, grid_of
+from .tube import MARGINS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -331,27 +331,66 @@ def find_ways(
     options = options or TreeReachOptions()
     planning = replace(options.planner, advise=False)
     make_planner("tube").check(scope, planning)
+    free = _find_free(duct, scope.radius + MARGIN)
     known: dict[tuple[float, ...], BranchWay] = {}
     ways = []
     ends = [k for k, branch in enumerate(tree.branches) if branch.is_end]
     for number, end in enumerate(ends):
         progress("reach", number / len(ends))
         line = tree.path(end)
-        offered = np.asarray(duct.clearance_bound(line.points))
-        narrow = np.flatnonzero(offered < scope.radius + MARGIN)
-        last = int(narrow[0]) - 1 if len(narrow) else len(offered) - 1
-        place = tuple(line.points[max(last, 0)].tolist())
+        tries = _find_last(duct, line, free)
+        place = tuple(line.points[max(tries[0], 0)].tolist())
         if place not in known:
-            way = _plan_way(duct, line, last, scope=scope, options=planning)
+            way = _plan_way(duct, line, tries[0], scope=scope, options=planning)
+            if way.depth < line.arc_length[max(tries[-1], 0)]:
+                other = _plan_way(duct, line, tries[-1], scope=scope, options=planning)
+                way = max(way, other, key=lambda each: each.depth)
             known[place] = way if options.robot is None else _follow(way, options.robot, duct, line)
         ways.append(replace(known[place], branch=end))
     progress("reach", 1.0)
     return tuple(ways)
 
 
+@dataclass(frozen=True, eq=False)
+class _Free:
+    """Where a scope's axis may be: the clearance it needs, and the connected parts of nodes."""
+
+    needs: float
+    grid: SampledField | None
+    parts: NDArray[np.int32]
+
+
+def _find_free(duct: Duct, needs: float) -> _Free:
+    from scipy import ndimage
+
+    grid = grid_of(duct)
+    if grid is None:
+        return _Free(needs, None, np.zeros(0, dtype=np.int32))
+    parts, _ = ndimage.label(grid.inflation - grid.values >= needs, structure=np.ones((3, 3, 3)))
+    return _Free(needs, grid, parts)
+
+
+def _find_last(duct: Duct, line: Centreline, free: _Free) -> list[int]:
+    """Return the last points of a line that a scope may come to, the farther one first.
+
+    The lumen is wide enough along the line up to the second. The line may be less clear than the
+    middle of the lumen is, where branches part: up to the first a way beside it is wide enough.
+    """
+    wide = np.asarray(duct.clearance_bound(line.points)) >= free.needs
+    straight = (len(wide) if wide.all() else int(np.argmin(wide))) - 1
+    if free.grid is None or straight < 0 or straight == len(wide) - 1:
+        return [straight]
+    nodes = np.rint(free.grid.to_grid(line.points) / free.grid.spacing).astype(int)
+    nodes = np.clip(nodes, 0, np.array(free.parts.shape) - 1)
+    marks = free.parts[tuple(nodes.T)]
+    joined = np.flatnonzero(wide & (marks == marks[straight]) & (marks > 0))
+    farthest = int(joined[-1]) if len(joined) else straight
+    return [straight] if farthest <= straight else [farthest, straight]
+
+
 def _follow(way: BranchWay, robot: ContinuumRobot, duct: Duct, line: Centreline) -> BranchWay:
     """Return a way as far as a robot can follow it, certified."""
-    from ..motion.actuate.actuate import actuate_plan
+    from .actuate.actuate import actuate_plan
 
     if way.plan is None:
         return way
@@ -388,7 +427,12 @@ def _plan_way(
     if last < 1 or wide < scope.link_length:
         return BranchWay(0.0, None, "diameter", needs, offered, narrow)
     cut = line if whole else line.cut(wide)
-    plan = make_planner("tube").plan(FreeSpace(duct, cut), scope, options=options)
+    space, planner = FreeSpace(duct, cut), make_planner("tube")
+    plan = planner.plan(space, scope, options=options)
+    if scope.length is None and plan.path_arc_length[-1] > plan.links * scope.link_length:
+        # The path is longer than the line: so must the scope be.
+        longer = float(plan.path_arc_length[-1]) + 2.0 * scope.link_length
+        plan = planner.plan(space, replace(scope, length=longer), options=options)
     plan = replace(plan, centreline=cut)
     refusal = plan.refusal
     if refusal is None:
