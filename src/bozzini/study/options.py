@@ -41,6 +41,12 @@ INFLATION_MAX = 30.0
 """As `bozzini.duct.field.INFLATION_MAX` [mm]."""
 
 
+def copy_field(kind: type, name: str) -> Any:
+    """Return a field as another dataclass has it."""
+    known = kind.__dataclass_fields__[name]  # type: ignore[attr-defined]
+    return field(default=known.default, metadata=known.metadata)
+
+
 @dataclass(frozen=True, kw_only=True)
 class ReadOptions:
     """How a file of a tract is read.
@@ -211,12 +217,6 @@ class PathOptions:
                     raise InputError(f"branch cannot be used with {name}: it ends at the branch's")
 
 
-def _as_path(name: str) -> Any:
-    """Return a field as `PathOptions` has it."""
-    known = PathOptions.__dataclass_fields__[name]
-    return field(default=known.default, metadata=known.metadata)
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LumenOptions:
     """The grid of a lumen that branches, and where its root is.
@@ -229,9 +229,9 @@ class LumenOptions:
         The root, as `PathOptions` has a start; by default the widest end.
     """
 
-    voxel: float | None = _as_path("voxel")
-    inflate: float = _as_path("inflate")
-    start: ArrayLike | int | str | None = _as_path("start")
+    voxel: float | None = copy_field(PathOptions, "voxel")
+    inflate: float = copy_field(PathOptions, "inflate")
+    start: ArrayLike | int | str | None = copy_field(PathOptions, "start")
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -284,12 +284,6 @@ class TractFitOptions(PathOptions):
     )
 
 
-def as_planner(name: str) -> Any:
-    """Return a field as `PlannerOptions` has it."""
-    known = PlannerOptions.__dataclass_fields__[name]
-    return field(default=known.default, metadata=known.metadata)
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class InsertionOptions(PathOptions):
     """How a scope is moved along the centreline of a tract, and what else is sought.
@@ -316,9 +310,9 @@ class InsertionOptions(PathOptions):
         default="best",
         words=tuple(PLANNERS),
     )
-    head_step: float = as_planner("head_step")
-    slip: float = as_planner("slip")
-    angle_limit: float | None = as_planner("angle_limit")
+    head_step: float = copy_field(PlannerOptions, "head_step")
+    slip: float = copy_field(PlannerOptions, "slip")
+    angle_limit: float | None = copy_field(PlannerOptions, "angle_limit")
     route: Sequence[float] | str = quantity(
         "text",
         "Advance only, or also retract, or go in again.",

@@ -23,7 +23,7 @@ from ..results import format_rows
 from ..task import Task
 from ..units import parse_quantity, parse_vector
 from .case import Case
-from .options import LumenOptions, ReadOptions, as_planner
+from .options import LumenOptions, ReadOptions, copy_field
 
 FINDINGS = 8
 """So many things that look odd in a tree are told at once."""
@@ -116,7 +116,7 @@ class TreeReaching(Task):
     link: float = quantity(
         "length", "Length of a rigid link.", default=5.0, low=SIZE_MIN_MM, high=1e4
     )
-    angle_limit: float | None = as_planner("angle_limit")
+    angle_limit: float | None = copy_field(PlannerOptions, "angle_limit")
     robot: str | None = quantity(
         "file", "A tendon robot (.yaml) that has to follow each motion.", default=None,
         example="robot.yaml",
