@@ -11,7 +11,7 @@ import click
 import pytest
 from click.shell_completion import ShellComplete
 
-from bozzini.anatomy import ORGANS
+from bozzini.anatomy.tract import ORGANS
 from bozzini.cli.main import COMMANDS, COMPLETE, main, root
 from tests.fuzz.__main__ import find_commands
 
