@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import dataclasses
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any, ClassVar, Self, get_type_hints
 
 import numpy as np
@@ -43,6 +44,8 @@ class Task(ABC):
     result : type of Result
         What `run` returns. Its single numbers made by `measured` or `tabulated` are the outputs of
         a study; with a method `plot` it has a picture.
+    formats : mapping
+        What writes its result in other formats, by the ending of a file.
     has_page : bool
         Whether `bozzini.scene.show` shows its result: its command writes that page, too.
     command, key : str
@@ -53,6 +56,7 @@ class Task(ABC):
     name: ClassVar[str]
     group: ClassVar[str] = ""
     result: ClassVar[type[Result]]
+    formats: ClassVar[Mapping[str, Callable[[Any, Path], None]]] = {}
     has_page: ClassVar[bool] = False
     command: ClassVar[str]
     key: ClassVar[str]

@@ -11,7 +11,8 @@ from scipy.spatial import cKDTree
 
 from bozzini.anatomy import read_tract
 from bozzini.duct import LumenTree, build_field, field_from_mask, find_tree
-from bozzini.errors import GeometryError, InputError
+from bozzini.duct.tree_files import read_swc, write_swc, write_vtp
+from bozzini.errors import FileFormatError, GeometryError, InputError
 
 from .branching import KnownTree, grow
 
@@ -120,3 +121,50 @@ def test_airway_agrees_with_its_own_tree(airway_dir: Path) -> None:
     gaps, nearest = cKDTree(line).query(points)
     assert np.percentile(gaps, 95.0) < 0.5
     assert np.median(np.abs(radius - thick[nearest])) < 0.3
+
+
+def test_a_tree_comes_back_from_swc(tree: LumenTree, tmp_path: Path) -> None:
+    write_swc(tree, tmp_path / "tree.swc")
+    again = read_swc(tmp_path / "tree.swc")
+    assert list(again.names) == list(tree.names)
+    for one, other in zip(again.branches, tree.branches, strict=True):
+        assert one.points == pytest.approx(other.points, abs=1e-6)
+        assert one.radius[1:] == pytest.approx(other.radius[1:], abs=1e-6)
+        assert (one.parent, one.generation, one.is_end) == (
+            other.parent, other.generation, other.is_end
+        )  # fmt: skip
+        assert one.angle == pytest.approx(other.angle, abs=1e-3)
+
+
+def test_a_tree_as_poly_data_has_a_line_for_each_branch(tree: LumenTree, tmp_path: Path) -> None:
+    from xml.etree import ElementTree
+
+    write_vtp(tree, tmp_path / "tree.vtp")
+    root = ElementTree.parse(tmp_path / "tree.vtp").getroot()
+    arrays = {each.get("Name"): (each.text or "").split() for each in root.iter("DataArray")}
+    ends = np.array(arrays["offsets"], dtype=int)
+    places = np.array(arrays["Points"], dtype=float).reshape(-1, 3)
+    assert len(ends) == len(tree.branches)
+    assert places[ends - 1] == pytest.approx(
+        np.array([b.points[-1] for b in tree.branches]), rel=1e-4
+    )
+    generations = [branch.generation for branch in tree.branches]
+    assert [float(value) for value in arrays["Generation"]] == generations
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("1 0 0 0 0 1", "it must be id, type, x, y, z, radius, parent"),
+        ("1 0 0 0 0 0 -1\n", "its radius above 0"),
+        ("1 0 0 0 0 1 -1\n2 0 0 0 1 1 -1\n", "has 2 roots"),
+        ("1 0 0 0 0 1 -1\n2 0 0 0 1 1 1\n3 0 0 0 1 1 4\n4 0 0 0 2 1 3\n", "2 of them are joined"),
+        ("1 0 0 0 0 1 -1\n", "must have one node after it"),
+        ("1 0 0 0 0 1 -1\n2 0 0 0 0 1 1\n", "the same place"),
+    ],
+)
+def test_what_is_no_tree_is_refused(text: str, said: str, tmp_path: Path) -> None:
+    path = tmp_path / "wrong.swc"
+    path.write_text(text)
+    with pytest.raises(FileFormatError, match=said):
+        read_swc(path)

@@ -277,3 +277,22 @@ def check_random_tree(seed: int) -> None:
 @pytest.mark.parametrize("seed", range(4))
 def test_random_trees_are_reached_as_their_truth_allows(seed: int) -> None:
     check_random_tree(seed)
+
+
+def test_a_tree_from_a_file_has_the_same_reach(tmp_path, capsys) -> None:  # type: ignore[no-untyped-def]
+    from bozzini.anatomy.files import write_tract
+
+    phantom, case = open_airway()
+    file, swc = tmp_path / "airway.nii.gz", tmp_path / "tree.swc"
+    write_tract(file, phantom.to_labels(VOXEL))
+    assert main(["tree", str(file), "--out", str(swc)]) == 0
+    capsys.readouterr()
+    assert main(["tree", str(swc), "--json"]) == 0
+    assert len(json.loads(capsys.readouterr().out)["branches"]) == len(case.tree.branches)
+    line = ["reach", str(file), "--tree", str(swc), "--diameter", "6mm", "--link", "4mm"]
+    assert main([*line, "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["depth_mm"] == pytest.approx(reach_airway().scopes[0].depth, abs=0.01)
+    swc.write_text("1 0 0 0 500 1 -1\n2 0 0 0 501 1 1\n")
+    assert main([*line, "--json"]) == 2
+    assert "lies outside the lumen" in capsys.readouterr().out

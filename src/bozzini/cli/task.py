@@ -28,10 +28,13 @@ def make_command(kind: type[Task]) -> click.Command:
     """Return the command of a task: an input that is a file and has no default comes by itself."""
     fields = kind.list_fields().values()
     drawn = hasattr(kind.result, "plot")
-    formats = [".csv", *(PICTURES if drawn else ()), *([".html"] if kind.has_page else ())]
+    pages = [".html"] if kind.has_page else []
+    formats = [".csv", *(PICTURES if drawn else ()), *pages, *kind.formats]
     help = f"A table (.csv){' or a picture' if drawn else ''}."
     if kind.has_page:
         help = "A table (.csv), a picture, or a page in 3-D (.html)."
+    if kind.formats:
+        help = f"{help.removesuffix('.')}; or {', '.join(kind.formats)}."
 
     @click.command(kind.name, cls=CheckedCommand, help=inspect.getdoc(kind))
     @gather("task", lambda **given: kind.from_inputs(given), *map(_make, fields))
@@ -40,7 +43,10 @@ def make_command(kind: type[Task]) -> click.Command:
     def command(task: Task, answer: Answer) -> None:
         with answer.show_progress() as progress:
             found = task.run(progress)
-        if answer.is_page:
+        write = None if answer.out is None else kind.formats.get(answer.out.suffix.lower())
+        if write is not None:
+            write(found, answer.target)
+        elif answer.is_page:
             found.show().save(answer.target)  # type: ignore[attr-defined]
         else:
             answer.write(found.list_table(), lambda: found.plot())  # type: ignore[attr-defined]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -11,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..anatomy.tract import Finding
-from ..checks import check_points, choose
+from ..checks import check_points, show_value
 from ..errors import BozziniError, GeometryError, InputError
 from ..numeric.arrays import Floats
 from ..numeric.polylines import interpolate_polyline, measure_arc_length, resample_polyline
@@ -193,7 +194,11 @@ class LumenTree(ClosedForm):
         if isinstance(branch, Branch):
             branch = branch.name
         if isinstance(branch, str):
-            choose("branch", branch, self.names)
+            if branch not in self.names:
+                raise InputError(
+                    f"there is no branch {show_value(branch)} among the tree's "
+                    f"{len(self.branches)}: 'bozzini tree' lists their names"
+                )
             return self.names[branch]
         if not 0 <= branch < len(self.branches):
             raise InputError(f"branch is {branch}: the tree has 0 to {len(self.branches) - 1}")
@@ -323,6 +328,7 @@ class LumenTree(ClosedForm):
                             ha="center", va="top", xytext=(0, -2),
                             textcoords="offset points")  # fmt: skip
         ax.set_xticks([])
+        ax.margins(y=0.15)  # room for the names
         ax.invert_yaxis()
         return ax
 
@@ -670,9 +676,20 @@ def _name(lines: list[_Line], field: SampledField) -> tuple[Branch, ...]:
         clearance = -field.signed_distance(points)
         radius = clearance + corners
         branches.append(Branch("", line.parent, points, radius, clearance, 0, 0.0, line.is_end))
+    return order_branches(branches)
+
+
+def order_branches(branches: Sequence[Branch]) -> tuple[Branch, ...]:
+    """Return branches in the order of their names, the widest of each place first.
+
+    Parameters
+    ----------
+    branches : sequence of Branch
+        Each after its parent; names, generations and angles are not looked at.
+    """
     kids: dict[int, list[int]] = {}
-    for number, line in enumerate(lines):
-        kids.setdefault(line.parent, []).append(number)
+    for number, branch in enumerate(branches):
+        kids.setdefault(branch.parent, []).append(number)
 
     def rank(number: int) -> tuple[float, ...]:
         branch = branches[number]

@@ -20,6 +20,7 @@ from ..duct import Centreline, SampledField
 from ..duct.field import RefinedField
 from ..errors import PluginError
 from ..io.files import has_parquet, new_directory, write_bytes, write_text
+from ..io.vtp import format_polylines
 from ..motion import (
     PLANNERS,
     Largest,
@@ -127,7 +128,8 @@ def write_centreline(line: Centreline, folder: Path, *, frame: str) -> None:
         in any other frame are turned to RAS there.
     """
     write_text(folder / "centreline.mrk.json", _format_markups(line, frame))
-    write_text(folder / "centreline.vtp", _format_poly_line(line))
+    values = {"MaximumInscribedSphereRadius": line.radius, "ArcLength": line.arc_length}
+    write_text(folder / "centreline.vtp", format_polylines([line.points], values))
 
 
 def _format_markups(line: Centreline, frame: str) -> str:
@@ -169,32 +171,6 @@ def _format_markups(line: Centreline, frame: str) -> str:
         ],
     }
     return json.dumps(record, indent=1, allow_nan=False) + "\n"
-
-
-def _format_poly_line(line: Centreline) -> str:
-    count = len(line.points)
-
-    def array(name: str, values: NDArray[np.float64], parts: int = 1) -> str:
-        text = " ".join(f"{value:.6g}" for value in np.asarray(values).ravel())
-        return (
-            f'<DataArray type="Float64" Name="{name}" NumberOfComponents="{parts}" '
-            f'format="ascii">{text}</DataArray>'
-        )
-
-    connectivity = " ".join(str(number) for number in range(count))
-    return (
-        '<?xml version="1.0"?>\n'
-        '<VTKFile type="PolyData" version="0.1" byte_order="LittleEndian">\n<PolyData>\n'
-        f'<Piece NumberOfPoints="{count}" NumberOfVerts="0" NumberOfLines="1" '
-        'NumberOfStrips="0" NumberOfPolys="0">\n'
-        '<PointData Scalars="MaximumInscribedSphereRadius">\n'
-        f"{array('MaximumInscribedSphereRadius', line.radius)}\n"
-        f"{array('ArcLength', line.arc_length)}\n</PointData>\n"
-        f"<Points>\n{array('Points', line.points, 3)}\n</Points>\n<Lines>\n"
-        f'<DataArray type="Int64" Name="connectivity" format="ascii">{connectivity}</DataArray>\n'
-        f'<DataArray type="Int64" Name="offsets" format="ascii">{count}</DataArray>\n'
-        "</Lines>\n</Piece>\n</PolyData>\n</VTKFile>\n"
-    )
 
 
 def write_volumes(

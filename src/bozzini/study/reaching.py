@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 
@@ -12,6 +14,7 @@ from ..anatomy.frame import find_axis
 from ..anatomy.tract import LabelTract
 from ..checks import ceil_mm, floor_mm, quantity
 from ..duct import LumenTree
+from ..duct.tree_files import read_swc, write_swc, write_vtp
 from ..errors import InputError
 from ..motion.approach import Approach, find_approaches
 from ..motion.branches import NEEDLE, TreeReach, TreeReachOptions, reach_tree
@@ -36,7 +39,8 @@ SHOWN = 3
 class TreeListing(Task):
     """List the branches of the lumen in INPUT: airways, vessels, or another one that branches.
 
-    INPUT is a label volume or a surface. The tree begins at its widest end, or at --start. A name
+    INPUT is a label volume, a surface, or a tree (.swc, in mm), which may be written too. The tree
+    begins at its widest end, or at --start. A name
     says where a branch is: 0.1 is the second widest of those that leave the end of branch 0. The
     table has a row for each; a picture is the tree unrolled, a page the tree in space. What looks
     odd is told: loops, branches wider than what they leave, loose parts, ends thinner than a voxel.
@@ -44,6 +48,7 @@ class TreeListing(Task):
 
     name = "tree"
     result = LumenTree
+    formats = MappingProxyType({".swc": write_swc, ".vtp": write_vtp})
     has_page = True
 
     input: str = quantity("file", "A label volume or a surface.")
@@ -52,6 +57,8 @@ class TreeListing(Task):
 
     def run(self, progress: Progress = no_progress) -> LumenTree:
         """Return the tree."""
+        if Path(self.input).suffix.lower() == ".swc":
+            return read_swc(self.input)
         case = Case.open(self.input, self.lumen.path, reading=self.reading, progress=progress)
         return case.tree
 
@@ -106,6 +113,10 @@ class TreeReaching(Task):
     input: str = quantity("file", "A label volume or a surface.")
     reading: ReadOptions
     lumen: LumenOptions
+    tree: str | None = quantity(
+        "file", "A tree of the lumen (.swc, in mm), in place of one that is found.", default=None,
+        example="tree.swc",
+    )  # fmt: skip
     diameter: float = quantity(
         "length", "Outer diameter of the scope.", default=3.5, low=SIZE_MIN_MM, high=500.0
     )
@@ -167,7 +178,8 @@ class TreeReaching(Task):
             up=tuple(find_axis(case.tract.frame or "RAS", "A").tolist()),
             needle=self.needle,
         )
-        found = reach_tree(case.field, case.tree, scopes=scopes, options=options, progress=progress)
+        tree = self._find_tree(case)
+        found = reach_tree(case.field, tree, scopes=scopes, options=options, progress=progress)
         if target is None:
             return found
         near = find_approaches(
@@ -180,6 +192,21 @@ class TreeReaching(Task):
         return replace(
             found, approaches=near, needle=min((each.needle for each in near), default=None)
         )
+
+    def _find_tree(self, case: Case) -> LumenTree:
+        """Return the tree of the case, or the one that was given."""
+        if self.tree is None:
+            return case.tree
+        tree = read_swc(self.tree)
+        root = tree.branches[0].points[0]
+        outside = float(case.field.signed_distance(root))
+        if outside >= 0.0:
+            place = ", ".join(f"{value:.1f}" for value in root)
+            raise InputError(
+                f"{self.tree} is no tree of {self.input}: its root ({place}) mm lies outside the "
+                f"lumen by {outside:.1f} mm"
+            )
+        return tree
 
     def _find_target(self, case: Case) -> tuple[Floats | None, float]:
         """Return places of the target, world frame, and its radius about them [mm]."""
