@@ -168,3 +168,17 @@ def test_what_is_no_tree_is_refused(text: str, said: str, tmp_path: Path) -> Non
     path.write_text(text)
     with pytest.raises(FileFormatError, match=said):
         read_swc(path)
+
+
+@pytest.mark.parametrize("end", [0, 2])
+def test_a_leak_at_an_end_is_told_with_its_place(known: KnownTree, end: int) -> None:
+    mask, affine = known.label(1.0)
+    mask = np.pad(mask, 12)
+    affine[:3, 3] -= 12.0
+    number = known.ends[end]
+    place, size = known.end[number], 3.5 * known.radius[known.parent[number]]
+    grid = np.stack(np.mgrid[tuple(map(slice, mask.shape))], axis=-1)
+    mask |= np.linalg.norm(grid + affine[:3, 3] - place, axis=-1) < size
+    (leak,) = [f for f in find_tree(field_from_mask(mask, affine)).findings if f.code == "leak"]
+    assert np.linalg.norm(np.array(leak.point) - place) < 4.0
+    assert leak.severity == "warning"

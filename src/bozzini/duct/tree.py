@@ -755,7 +755,7 @@ def _find_odd_branches(tree: LumenTree, field: SampledField) -> list[TreeFinding
         at = own[int(np.argmax(branch.radius[own]))]
         widest = float(branch.radius[at])
         if branch.parent >= 0:
-            before = float(tree.branches[branch.parent].radius.max())
+            before = tree.branches[branch.parent].mean_radius
             if widest > LEAK * before + voxel:
                 factor = widest / before
                 message = (
