@@ -171,7 +171,9 @@ def test_what_is_no_tree_is_refused(text: str, said: str, tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize("end", [0, 2])
-def test_a_leak_at_an_end_is_told_with_its_place(known: KnownTree, end: int) -> None:
+@pytest.mark.parametrize("rooted", [True, False])
+def test_a_leak_at_an_end_is_told_with_its_place(known: KnownTree, end: int, rooted: bool) -> None:
+    """Also where it is taken for the root, as the widest end."""
     mask, affine = known.label(1.0)
     mask = np.pad(mask, 12)
     affine[:3, 3] -= 12.0
@@ -179,6 +181,7 @@ def test_a_leak_at_an_end_is_told_with_its_place(known: KnownTree, end: int) -> 
     place, size = known.end[number], 3.5 * known.radius[known.parent[number]]
     grid = np.stack(np.mgrid[tuple(map(slice, mask.shape))], axis=-1)
     mask |= np.linalg.norm(grid + affine[:3, 3] - place, axis=-1) < size
-    (leak,) = [f for f in find_tree(field_from_mask(mask, affine)).findings if f.code == "leak"]
+    tree = find_tree(field_from_mask(mask, affine), known.start[0] if rooted else None)
+    (leak,) = [finding for finding in tree.findings if finding.code == "leak"]
     assert np.linalg.norm(np.array(leak.point) - place) < 4.0
     assert leak.severity == "warning"

@@ -754,16 +754,17 @@ def _find_odd_branches(tree: LumenTree, field: SampledField) -> list[TreeFinding
         own = np.flatnonzero(branch.own)
         at = own[int(np.argmax(branch.radius[own]))]
         widest = float(branch.radius[at])
-        if branch.parent >= 0:
-            before = tree.branches[branch.parent].mean_radius
-            if widest > LEAK * before + voxel:
-                factor = widest / before
-                message = (
-                    f"branch '{branch.name}' is {factor:.1f} times as wide as its parent at "
-                    f"({_show(branch.points[at])}) mm, {2.0 * widest:.1f} mm: a leak of the "
-                    "segmentation?"
-                )
-                found.append(_find("leak", message, branch.name, branch.points[at], factor))
+        # A leak that is the widest end is taken for the root.
+        before = (tree.branches[branch.parent] if branch.parent >= 0 else branch).mean_radius
+        if widest > LEAK * before + voxel:
+            factor = widest / before
+            than = "its parent" if branch.parent >= 0 else "it is in the middle"
+            message = (
+                f"branch '{branch.name}' is {factor:.1f} times as wide as {than} at "
+                f"({_show(branch.points[at])}) mm, {2.0 * widest:.1f} mm: a leak of the "
+                "segmentation?"
+            )
+            found.append(_find("leak", message, branch.name, branch.points[at], factor))
         width = 2.0 * float(np.median(branch.clearance[own]))
         if branch.is_end and width <= 1.05 * voxel:
             message = f"the end '{branch.name}' is no wider than a voxel, {width:.2f} mm"
