@@ -396,3 +396,27 @@ def test_file_that_cannot_be_read_is_refused(tmp_path) -> None:
     )
     with pytest.raises(InputError, match=r"bad\.stl"):
         Bench(job, no_progress)
+
+
+def test_a_click_into_a_branch_is_planned_to_from_the_trachea(tmp_path) -> None:
+    """Wherever the click is, the scope enters at the root of the tree."""
+    from bozzini.anatomy.airway import make_airway
+    from bozzini.anatomy.files import write_tract
+
+    phantom = make_airway()
+    write_tract(tmp_path / "airway.nii.gz", phantom.to_labels(1.0))
+    job = PlanningRequest(
+        source=tmp_path / "airway.nii.gz",
+        reading=ReadOptions(organ="airway"),
+        options=PathOptions(),
+        scope=Scope(diameter=3.5, link_length=5.0),
+    )
+    own = Bench(job, no_progress)
+    for number in (3, 6):
+        branch = phantom.branches[number]
+        side = np.cross(branch.way, [0.3, 0.5, 0.8])
+        click = 0.5 * (branch.start + branch.end) + branch.radius * side / np.linalg.norm(side)
+        *_, shown = plan(own, end=tuple(click.tolist()))
+        assert shown.info["certified"] and shown.info["status"] == "complete"
+        assert np.linalg.norm(shown.joints[0, 0] - phantom.branches[0].start) < 12.0
+        assert np.linalg.norm(shown.joints[-1, 0] - click) < 1.5 * branch.radius + 1.0
