@@ -9,7 +9,6 @@ from __future__ import annotations
 import dataclasses
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from pathlib import Path
 from typing import Any, ClassVar, Self, get_type_hints
 
 import numpy as np
@@ -56,7 +55,7 @@ class Task(ABC):
     name: ClassVar[str]
     group: ClassVar[str] = ""
     result: ClassVar[type[Result]]
-    formats: ClassVar[Mapping[str, Callable[[Any, Path], None]]] = {}
+    formats: ClassVar[Mapping[str, Callable[..., None]]] = {}
     has_page: ClassVar[bool] = False
     command: ClassVar[str]
     key: ClassVar[str]
