@@ -227,6 +227,17 @@ def test_command_reaches_and_writes_a_table(tmp_path, capsys) -> None:  # type: 
     assert len((tmp_path / "reach.csv").read_text().splitlines()) == 1 + len(reached.rows)
 
 
+def test_what_never_enters_says_why() -> None:
+    _, case = open_airway()
+    huge, stiff = (Scope(diameter=60.0, link_length=5.0), Scope(diameter=4.0, link_length=500.0))
+    found = reach_tree(case.field, case.tree, scopes=(huge, stiff))
+    assert not found.converged and found.depth == 0.0
+    assert {way.stop for way in found.ways[0]} == {"diameter"}
+    assert {way.stop for way in found.ways[1]} == {"link"}
+    assert "too narrow beyond 0.0 mm" in found.reason
+    assert all(math.isnan(row.clearance) for row in found.rows)
+
+
 def test_wrong_input_is_one_line() -> None:
     _, case = open_airway()
     with pytest.raises(InputError, match="there is no branch 'x'"):

@@ -424,7 +424,10 @@ def _plan_way(
         f"the lumen is too narrow beyond {wide:.1f} mm, near {at} mm: the scope needs "
         f"{ceil_mm(needs)} mm from its axis to the wall, and {floor_mm(offered)} mm are sure"
     )
-    if last < 1 or wide < scope.link_length:
+    if last >= 1 and wide < scope.link_length:
+        link = f"a link of {scope.link_length:g} mm is longer than the way, {wide:.1f} mm"
+        return BranchWay(0.0, None, "link", None, None, link)
+    if last < 1:
         return BranchWay(0.0, None, "diameter", needs, offered, narrow)
     cut = line if whole else line.cut(wide)
     space, planner = FreeSpace(duct, cut), make_planner("tube")
