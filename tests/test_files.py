@@ -524,7 +524,8 @@ def test_a_read_only_installation_without_a_home_computes(
     kept = list((closing_place / ("home" if with_home else "tmp")).rglob("*.nbi"))
     assert kept
     if with_home:
-        assert done.stderr == ""
+        # Compiling is told where it takes over 2 s, as on a busy machine.
+        assert done.stderr in ("", "bozzini: note: compiling (once)\n")
         assert os.listdir(closing_place / "tmp") == ["curve.png"]
     else:
         assert done.stderr.startswith("bozzini: note: compiled code is kept in ")
