@@ -17,7 +17,6 @@ from .tract import Organ
 
 _WEIBEL = "generation {} of model A: Weibel, 'Morphometry of the Human Lung', 1963, p. 139"
 _GRAY = "about {} cm long: Gray, 'Anatomy of the Human Body', 20th ed. 1918, p. 1085"
-_CHOICE = "a choice: no figure was found"
 
 DIAMETERS = (18.0, 12.2, 8.3, 5.6, 4.5, 3.5, 2.8, 2.3, 1.86, 1.54)
 """Of the branches by generation [mm]; the trachea is generation 0."""

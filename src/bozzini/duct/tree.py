@@ -183,6 +183,15 @@ class LumenTree(ClosedForm):
         """Of all branches [mm]."""
         return sum(branch.length for branch in self.branches)
 
+    @cached_property
+    def begins(self) -> Floats:
+        """How far from the root each branch begins [mm], shape (b,)."""
+        begins = np.zeros(len(self.branches))
+        for k, branch in enumerate(self.branches):
+            if branch.parent >= 0:
+                begins[k] = begins[branch.parent] + self.branches[branch.parent].length
+        return begins
+
     def find_branch(self, branch: str | int | Branch) -> int:
         """Return the index of a branch, by its name, its index or itself.
 
@@ -307,9 +316,6 @@ class LumenTree(ClosedForm):
         """
         ax = take_axes(ax, x="ends, side by side", y="way from the root [mm]")
         column: dict[int, float] = {}
-        begin = np.zeros(len(self.branches))
-        for k, branch in enumerate(self.branches):
-            begin[k] = 0.0 if branch.parent < 0 else _end_at(self.branches, begin, branch.parent)
         count = 0
         for k in range(len(self.branches) - 1, -1, -1):  # each before its parent
             kids = [j for j, other in enumerate(self.branches) if other.parent == k]
@@ -317,7 +323,7 @@ class LumenTree(ClosedForm):
             count += not kids
         widest = max(branch.mean_radius for branch in self.branches)
         for k, branch in enumerate(self.branches):
-            x, top = column[k], begin[k]
+            x, top = column[k], self.begins[k]
             wide = max(8.0 * branch.mean_radius / widest, 0.5)
             ax.plot([x, x], [top, top + branch.length], "C0", linewidth=wide,
                     solid_capstyle="butt")  # fmt: skip
@@ -331,10 +337,6 @@ class LumenTree(ClosedForm):
         ax.margins(y=0.15)  # room for the names
         ax.invert_yaxis()
         return ax
-
-
-def _end_at(branches: tuple[Branch, ...], begin: Floats, number: int) -> float:
-    return float(begin[number]) + branches[number].length
 
 
 def find_tree(

@@ -61,14 +61,6 @@ class Approach:
     route: str = tabulated()
 
 
-def find_begins(tree: LumenTree) -> Floats:
-    """Return how far from the root every branch begins [mm]."""
-    lengths = [branch.length for branch in tree.branches]
-    return np.array(
-        [sum(lengths[k] for k in tree.list_route(end)[:-1]) for end in range(len(lengths))]
-    )
-
-
 def find_approaches(
     reached: TreeReach,
     target: ArrayLike,
@@ -161,7 +153,6 @@ def describe_routes(tree: LumenTree, *, up: ArrayLike = (0.0, 1.0, 0.0)) -> list
     up : (3,) float
         What is up in its picture at the root, world frame.
     """
-    begins = find_begins(tree)
     frames: list[Floats] = []
     routes: list[str] = []
     for number, branch in enumerate(tree.branches):
@@ -181,7 +172,7 @@ def describe_routes(tree: LumenTree, *, up: ArrayLike = (0.0, 1.0, 0.0)) -> list
         apart = _find_way(branch) - np.mean(sisters, axis=0)
         right, rise, _ = apart @ before
         turn = round(math.degrees(math.atan2(right, rise)) / 45.0) % len(DIRECTIONS)
-        word = f"{DIRECTIONS[turn]} at {begins[number]:.0f} mm"
+        word = f"{DIRECTIONS[turn]} at {tree.begins[number]:.0f} mm"
         routes.append(", ".join(filter(None, [routes[branch.parent], word])))
     return routes
 

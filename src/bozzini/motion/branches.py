@@ -27,7 +27,7 @@ from ..results import (
     to_plain,
 )
 from ..units import add_unit
-from .approach import Approach, describe_routes, find_begins
+from .approach import Approach, describe_routes
 from .plan import Plan
 from .planner import make_planner
 from .planners import PlannerOptions
@@ -298,7 +298,7 @@ def name_units(item: object) -> Json:
 
 
 def find_ways(
-    space: FreeSpace | Duct,
+    duct: Duct,
     tree: LumenTree,
     *,
     scope: Scope,
@@ -312,7 +312,7 @@ def find_ways(
 
     Parameters
     ----------
-    space : FreeSpace or Duct
+    duct : Duct
         The lumen.
     tree : LumenTree
         Of that lumen.
@@ -325,7 +325,6 @@ def find_ways(
     InputError
         If an option is not legal.
     """
-    duct = space.duct if isinstance(space, FreeSpace) else space
     check_kind("tree", tree, LumenTree)
     check_kind("scope", scope, Scope)
     options = options or TreeReachOptions()
@@ -513,7 +512,7 @@ def _list_branches(
 
     Of those that pass it that with the most certified clearance.
     """
-    begins = find_begins(tree)
+    begins = tree.begins
     through = {k: [] for k in range(len(tree.branches))}  # type: dict[int, list[BranchWay]]
     for way in ways:
         for k in tree.list_route(way.branch):

@@ -40,10 +40,10 @@ class TreeListing(Task):
     """List the branches of the lumen in INPUT: airways, vessels, or another one that branches.
 
     INPUT is a label volume, a surface, or a tree (.swc, in mm), which may be written too. The tree
-    begins at its widest end, or at --start. A name
-    says where a branch is: 0.1 is the second widest of those that leave the end of branch 0. The
-    table has a row for each; a picture is the tree unrolled, a page the tree in space. What looks
-    odd is told: loops, branches wider than what they leave, loose parts, ends thinner than a voxel.
+    begins at its widest end, or at --start. A name says where a branch is: 0.1 is the second widest
+    of those that leave the end of branch 0. The table has a row for each; a picture is the tree
+    unrolled, a page the tree in space. What looks odd is told: loops, branches wider than what they
+    leave, loose parts, ends thinner than a voxel.
     """
 
     name = "tree"
