@@ -318,7 +318,7 @@ class Session:
             return
         try:
             if isinstance(message, Slide):
-                self.drive.slide(message.out)
+                self.drive.slide(message.out, message.effector)
             else:
                 self.drive.command_head(message.what, self.plan, self.step)
             self.note = ""
