@@ -165,6 +165,10 @@ def test_end_effector_that_is_not_there_is_refused() -> None:
         drive.command_head("3", plan, STEP)
     with pytest.raises(InputError, match="end-effector is 3"):
         drive.slide(0.5, 3)
+    session = Session()
+    session.drive, drive.state = drive, replace(drive.state, note="two overlap")
+    session.take(session.open(), read_message('{"kind": "head", "what": "3"}'))
+    assert session.describe()["note"].startswith("two overlap; end-effector is 3: ")
     assert drive.number == 1
     for wrong in ('"head", "what": "4"', '"slide", "out": 0.5, "effector": 0'):
         with pytest.raises(MessageError):
