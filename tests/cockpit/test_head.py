@@ -175,13 +175,17 @@ def test_end_effector_that_is_not_there_is_refused() -> None:
             read_message(f'{{"kind": {wrong}}}')
 
 
-def test_instrument_stops_at_the_wall_and_that_is_a_touch() -> None:
-    plan, drive = show_tube()
+@pytest.mark.parametrize(("show", "number", "count"), [(show_tube, 1, 3), (show_two, 2, 1)])
+def test_instrument_stops_at_the_wall_and_that_is_a_touch(show, number, count) -> None:
+    plan, drive = show()
+    drive.count = count
+    drive.command_head(str(number), plan, STEP)
+    drive.hold(np.zeros(2))
     drive.command_head("targets", plan, STEP)
-    assert drive.sum_up().reason == "3 of 3 targets are left"
+    assert drive.sum_up().reason == f"{count} of {count} targets are left"
     duct, known = make_tube()
     stand = replace(stand_head(known, 100.0), frame=plan.frames[STEP].T)
-    chosen = list_touches(Head(), stand, duct=duct).choose(3)
+    chosen = list_touches(drive.head, stand, duct=duct, number=number).choose(count)
     assert drive.task.targets == pytest.approx(chosen.place, abs=1e-3)
     for bend in chosen.bends:
         drive.hold(SEEN * (bend @ drive.turn) / drive.scale)
@@ -192,7 +196,7 @@ def test_instrument_stops_at_the_wall_and_that_is_a_touch() -> None:
     drive.slide(0.0)
     drive.place(plan, STEP)
     run = drive.sum_up()
-    assert run.converged and len(run.rows) == 3
+    assert run.converged and len(run.rows) == count
     assert run.error < 0.5 and run.camera == "still"
 
 
