@@ -25,7 +25,7 @@ from bozzini.cockpit.page import WEB, render_cockpit
 from bozzini.cockpit.server import bind, make_server, run_server
 from bozzini.cockpit.session import Session
 from bozzini.effector import Effector
-from bozzini.head import Head, list_touches, stand_head
+from bozzini.head import Head, PlacedEffector, list_touches, stand_head
 from bozzini.head.operate import TargetTask, look_from_tip
 from bozzini.rig.firmware import find_missing_tools
 from bozzini.scene.view import Body, Surface, View, encode_view
@@ -483,10 +483,10 @@ def test_page_connects_again(visit) -> None:
 class HeadRunning(Running):
     """A head in a round tube of 40 mm radius, without planning."""
 
-    def __init__(self) -> None:
+    def __init__(self, head: Head) -> None:
         super().__init__()
         duct, plan = make_tube()
-        self.drive = self.session.drive = HeadDrive(Head(), targets=2)
+        self.drive = self.session.drive = HeadDrive(head, targets=2)
         angle, along = np.meshgrid(2.0 * math.pi * np.arange(48) / 48, np.linspace(0.0, 200.0, 41))
         rings = [40.0 * np.cos(angle), 40.0 * np.sin(angle), along]
         tube = np.stack(rings, axis=-1).reshape(-1, 3) + SHIFT
@@ -512,8 +512,8 @@ class HeadRunning(Running):
 
 
 @pytest.fixture
-def head(visit):
-    running = HeadRunning()
+def head(visit, request):
+    running = HeadRunning(getattr(request, "param", Head()))
     running.start()
     page = visit(f"http://127.0.0.1:{running.port}/", width=1100, height=560)
     wait_for(page, f"{READY} && cockpit.head && cockpit.frame.links > 0")
@@ -534,7 +534,7 @@ def mask_bodies(drive, pose, picture) -> np.ndarray:
     rows, columns = np.mgrid[4 : height - 40, 4 : width - 6]
     shift = 0.5 * (np.array([width, height]) - min(height, width))
     mask = np.zeros(picture.shape[:2], dtype=bool)
-    for part in drive.list_parts(*pose)[2:]:
+    for part in drive.list_parts([pose])[2:]:
         share = np.linspace(0.0, len(part.line) - 1.0, 200)
         own = np.arange(len(part.line))
         line = np.stack([np.interp(share, own, column) for column in part.line.T], axis=1)
@@ -583,14 +583,68 @@ def test_wall_stands_still_in_the_picture_of_the_head_s_camera(head) -> None:
     for k, way in enumerate(ways):
         steer(way, k / 3)
         picture = look_at_head(page)
-        bends = drive.turn @ drive.state.tip
-        mask = mask_bodies(drive, (drive.placed.shape(bends[None]), drive.wanted), picture)
+        pose = drive.placed.shape((drive.turn @ drive.state.tip)[None])
+        pose = replace(pose, tip=pose.holder_tip + drive.wanted * pose.direction)
+        mask = mask_bodies(drive, pose, picture)
         changed = np.abs(picture - wall[0]).max(axis=2) > 0.0
         assert not (changed & ~mask).any()
         assert (changed & mask).sum() > 500
         moved += (changed & mask).sum()
     page.mouse.up()
     assert moved and session.drive.camera == "still"
+
+
+TWO = Head(diameter=24.0, effectors=(PlacedEffector(x=-5.0), PlacedEffector(x=5.0, turn=1.0)))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("head", [TWO], indirect=True)
+def test_second_end_effector_moves_by_keys_and_the_first_stays(head) -> None:
+    running, page = head
+    drive, plan = running.drive, running.session.plan
+    chosen, pad = page.locator(".which"), page.locator(".pad")
+    spaces = []
+
+    def place() -> tuple[np.ndarray, np.ndarray]:
+        """Return the two end-effectors, each with its instrument."""
+        parts = drive.describe()["head"]["parts"]
+        ends = np.cumsum([part["points"] for part in parts])
+        lines = np.split(drive.place(plan, 10).tip, ends[:-1])
+        spaces.append(page.locator(".pad polygon").get_attribute("points"))
+        return np.concatenate(lines[2:4]), np.concatenate(lines[4:6])
+
+    def press(key, is_so) -> None:
+        page.keyboard.down(key)
+        wait_until(page, is_so)
+
+    camera = "() => [cockpit.frame.camera].map(({ place, way, up }) => [place, way, up])"
+    still = page.evaluate(camera)
+    pad.focus()
+    press("ArrowLeft", lambda state: state["stick"][0] < -0.4)
+    press("e", lambda state: state["head"]["out"] > 0.2)
+    page.keyboard.up("e")
+    page.keyboard.press("2")
+    wait_until(page, lambda state: state["head"]["effector"] == 2)
+    page.keyboard.up("ArrowLeft")
+    wait_until(page, lambda state: state["stick"] == [0.0, 0.0])
+    wait_for(page, "() => document.querySelector('.which').value === '2'")
+    assert float(page.locator(".out").input_value()) == 0.0
+    first, second = place()
+    assert np.ptp(first[:, :2], axis=0).max() > 5.0  # the tube is along z
+    press("ArrowRight", lambda state: state["stick"][0] > 0.4)
+    press("e", lambda state: state["head"]["out"] > 0.2)
+    page.keyboard.up("e")
+    stayed, moved = place()
+    assert np.abs(stayed - first).max() < 1e-9
+    assert np.abs(moved - second).max() > 5.0
+    page.keyboard.up("ArrowRight")
+    wait_until(page, lambda state: state["stick"] == [0.0, 0.0])
+    chosen.select_option("1")
+    wait_until(page, lambda state: state["head"]["effector"] == 1)
+    wait_for(page, "() => Number(document.querySelector('.out').value) > 0.2")
+    assert np.abs(place()[0] - first).max() < 1e-9
+    assert spaces[0] == spaces[1] != spaces[2]  # the workspace is that of the one which is steered
+    assert page.evaluate(camera) == still
 
 
 @pytest.mark.slow

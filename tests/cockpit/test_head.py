@@ -14,7 +14,9 @@ from bozzini.cockpit.head import HeadDrive
 from bozzini.cockpit.session import Session, ShownPlan
 from bozzini.cockpit.wire import MessageError, read_message
 from bozzini.effector import Effector
+from bozzini.errors import InputError
 from bozzini.head import Head, HeadCamera, PlacedEffector, list_touches, stand_head
+from bozzini.head.operate import TargetTask
 from tests.cockpit.conftest import make_plan
 from tests.head.test_reach import make_tube
 
@@ -79,28 +81,111 @@ def test_it_is_said_where_the_camera_has_no_room() -> None:
     assert "the camera's arm goes through the wall" in drive.state.note
 
 
-def test_end_effectors_that_rest_are_drawn_too() -> None:
-    plan, _ = show_tube()
-    apart = [PlacedEffector(x=x) for x in (-5.0, 5.0)]
-    drive = HeadDrive(Head(diameter=24.0, effectors=tuple(apart)))
-    rest = drive.place(plan, STEP).tip
-    drive.hold(np.array([0.5, 0.0]))
+def show_two(apart: float = 10.0) -> tuple[ShownPlan, HeadDrive]:
+    two = [PlacedEffector(x=x, turn=turn) for x, turn in ((-0.5 * apart, 0.4), (0.5 * apart, -1.0))]
+    return show_tube()[0], HeadDrive(Head(diameter=apart + 14.0, effectors=tuple(two)))
+
+
+def place_parts(drive: HeadDrive, plan: ShownPlan) -> dict[str, np.ndarray]:
+    """Return the bodies' lines by name, in the head's frame."""
+    points = (drive.place(plan, STEP).tip - plan.joints[STEP, 0]) @ plan.frames[STEP].T
+    parts = drive.describe()["head"]["parts"]
+    ends = np.cumsum([part["points"] for part in parts])
+    assert ends[-1] == len(points)
+    lines = np.split(points, ends[:-1])
+    return {part["name"]: line for part, line in zip(parts, lines, strict=True)}
+
+
+def test_each_end_effector_is_steered_and_the_other_stays() -> None:
+    plan, drive = show_two()
+    rest = place_parts(drive, plan)
+    names = [f"{what} {k}" for k in (1, 2) for what in ("end-effector", "instrument")]
+    assert list(rest) == ["camera's arm", "camera", *names]
+    first, second = np.array([-0.4, 0.1]), np.array([0.2, 0.3])
+    drive.hold(first)
     drive.slide(0.5)
-    moved = drive.place(plan, STEP).tip
-    ends = np.cumsum([0, *(part["points"] for part in drive.describe()["head"]["parts"])])
-    stood = [np.array_equal(rest[a:b], moved[a:b]) for a, b in zip(ends, ends[1:], strict=False)]
-    names = [part["name"] for part in drive.describe()["head"]["parts"]]
-    assert names == ["camera's arm", "camera", "end-effector 2", "end-effector", "instrument"]
-    assert stood == [True, True, True, False, False] and len(rest) == ends[-1]
+    given = [drive.state.measured]
+    one = place_parts(drive, plan)
+    drive.command_head("2", plan, STEP)
+    for travel in (first, np.zeros(2), second):  # held still, let go, moved
+        kept = place_parts(drive, plan)
+        assert all(np.array_equal(kept[name], one[name]) for name in one)
+        drive.hold(travel)
+    drive.slide(1.0)
+    given.append(drive.state.measured)
+    both = place_parts(drive, plan)
+    assert [name for name in one if not np.array_equal(both[name], one[name])] == names[2:]
+    pose = drive.head.forward(given)
+    for k, name in enumerate(names[::2]):
+        assert both[name] == pytest.approx(pose.bodies[k], abs=1e-9)
+    assert both["instrument 2"][1] == pytest.approx(pose.tip[1], abs=1e-9)
+    tool = one["instrument 1"]
+    assert np.linalg.norm(tool[1] - tool[0]) == pytest.approx(10.0)
+    drive.hold(np.zeros(2))
+    drive.command_head("1", plan, STEP)
+    drive.hold(np.zeros(2))
+    again = place_parts(drive, plan)
+    assert np.array_equal(again["end-effector 1"], one["end-effector 1"])
+    assert drive.tell()["effector"] == 1 and drive.tell()["out"] == 0.5
+    assert drive.state.tip == pytest.approx(np.array(drive.turn.T @ drive._poses[0].bends[0]))
 
 
-def test_instrument_stops_at_the_wall_and_that_is_a_touch() -> None:
-    plan, drive = show_tube()
+def test_collision_of_two_instruments_is_noted() -> None:
+    plan, drive = show_two(24.0)
+    for number, way in ((1, -1.0), (2, 1.0)):  # to the left there is +x
+        drive.command_head(str(number), plan, STEP)
+        drive.hold(np.zeros(2))
+        drive.hold(np.array([0.45 * way, 0.0]))
+        drive.place(plan, STEP)
+        assert ("end-effector 1 and end-effector 2 overlap" in drive.state.note) == (number == 2)
+    given = [drive.placed.effector.inverse(pose.bends[0]).pressures for pose in drive._poses]
+    drive.slide(1.0)
+    drive.slide(1.0, 1)
+    drive.place(plan, STEP)
+    assert drive.state.note == drive.head.forward(given).reason
+    drive.hold(np.array([-0.45, 0.0]))
+    drive.place(plan, STEP)
+    assert not drive.state.note
+
+
+def test_another_instrument_neither_goes_the_way_to_it_nor_touches_by_staying() -> None:
+    task = TargetTask(np.array([[10.0, 0.0, 0.0]]))
+    for at in (0.0, 1.0):
+        task.take(at, np.array([at, 0.0, 0.0]), touches=False)
+    task.change_instrument()
+    for touches in (True, True, False, True):
+        assert not task.rows
+        task.take(2.0, np.array([10.0, 0.0, 0.0]), touches=touches)
+    assert [(row.path, row.error) for row in task.rows] == [(1.0, 0.0)]
+
+
+def test_end_effector_that_is_not_there_is_refused() -> None:
+    plan, drive = show_two()
+    with pytest.raises(InputError, match=r"^end-effector is 3: it must .* 2[^\n]*$"):
+        drive.command_head("3", plan, STEP)
+    with pytest.raises(InputError, match="end-effector is 3"):
+        drive.slide(0.5, 3)
+    session = Session()
+    session.drive, drive.state = drive, replace(drive.state, note="two overlap")
+    session.take(session.open(), read_message('{"kind": "head", "what": "3"}'))
+    assert session.describe()["note"].startswith("two overlap; end-effector is 3: ")
+    assert drive.number == 1
+    for wrong in ('"head", "what": "4"', '"slide", "out": 0.5, "effector": 0'):
+        with pytest.raises(MessageError):
+            read_message(f'{{"kind": {wrong}}}')
+
+
+@pytest.mark.parametrize(("show", "number", "count"), [(show_tube, 1, 3), (show_two, 2, 1)])
+def test_instrument_stops_at_the_wall_and_that_is_a_touch(show, number, count) -> None:
+    plan, drive = show()
+    drive.count = count
+    drive.command_head(str(number), plan, STEP)
+    drive.hold(np.zeros(2))
     drive.command_head("targets", plan, STEP)
-    assert drive.sum_up().reason == "3 of 3 targets are left"
+    assert drive.sum_up().reason == f"{count} of {count} targets are left"
     duct, known = make_tube()
     stand = replace(stand_head(known, 100.0), frame=plan.frames[STEP].T)
-    chosen = list_touches(Head(), stand, duct=duct).choose(3)
+    chosen = list_touches(drive.head, stand, duct=duct, number=number).choose(count)
     assert drive.task.targets == pytest.approx(chosen.place, abs=1e-3)
     for bend in chosen.bends:
         drive.hold(SEEN * (bend @ drive.turn) / drive.scale)
@@ -111,7 +196,7 @@ def test_instrument_stops_at_the_wall_and_that_is_a_touch() -> None:
     drive.slide(0.0)
     drive.place(plan, STEP)
     run = drive.sum_up()
-    assert run.converged and len(run.rows) == 3
+    assert run.converged and len(run.rows) == count
     assert run.error < 0.5 and run.camera == "still"
 
 

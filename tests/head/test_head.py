@@ -24,7 +24,7 @@ from bozzini.head import (
     view_head,
     write_head,
 )
-from bozzini.head.shape import Capsules, is_hidden, measure_gaps, see_places
+from bozzini.head.shape import Capsules, is_hidden, make_chains, measure_gaps, see_places
 
 SLIM = {
     "muscle.outer_radius": 0.4, "muscle.inner_radius": 0.2, "offset": 1.9, "holder_diameter": 4.6,
@@ -229,6 +229,17 @@ def test_a_tip_on_the_end_of_a_body_is_seen_from_ahead() -> None:
     hidden = is_hidden(lens, tips, [Capsules(lines, 4.5)])
     assert not hidden[depth > 1.0].any()
     assert hidden[depth < -1.0].mean() > 0.9  # not where the lens is in the body
+
+
+@pytest.mark.parametrize("out", [0.0, 0.5, 1.25, 20.0])
+def test_an_instrument_s_round_end_reaches_as_far_as_its_tip(out: float) -> None:
+    placed = PlacedEffector(instrument=Instrument(out=20.0))
+    pose = placed.shape(np.array([[6.0, 2.0], [0.0, 0.0]]))
+    pose = replace(pose, tip=pose.holder_tip + out * pose.direction)
+    rod = make_chains(placed, pose)[1]
+    ball = (Capsules(pose.tip[:, None] + 3.0 * pose.direction[:, None] * [[1.0], [1.001]], 1.0),)
+    gaps = np.diagonal(measure_gaps((rod,), ball))
+    assert gaps == pytest.approx([2.0, 2.0])
 
 
 def test_gaps_are_those_of_dense_points() -> None:

@@ -109,6 +109,11 @@ class EffectorDrive:
     """Turns places as the tip's camera sees them (-x is right, y up) into the end-effector's."""
 
     def __init__(self, effector: Effector) -> None:
+        self.listeners: list[Callable[[DriveState], None]] = []
+        self.take(effector)
+
+    def take(self, effector: Effector) -> None:
+        """Drive this end-effector from now on, straight to begin with."""
         if len(effector.design.muscles) != 3:
             raise InputError(
                 f"the end-effector has {len(effector.design.muscles)} muscles: a board has 3"
@@ -116,7 +121,6 @@ class EffectorDrive:
         self.effector, self.scale = effector, find_stick_scale(effector)
         self.limit = effector.design.pressure_limit
         self.travel = np.zeros(2)
-        self.listeners: list[Callable[[DriveState], None]] = []
         self.state = self.find_state(self.solve(self.travel), np.zeros(3))
 
     def solve(self, travel: Floats) -> EffectorInverse:
@@ -172,25 +176,17 @@ class EffectorDrive:
         """Return the body at a step of a plan, its tip bent."""
         return plan.place(step, self.state)
 
-    def slide(self, out: float) -> None:
-        """Slide a head's instrument out, as a share of its reach."""
+    def slide(self, out: float, number: int | None = None) -> None:
+        """Slide a head's instrument out, as a share of its reach; None: the one that is steered."""
         raise InputError("there is no head: start the cockpit with --head")
 
     def command_head(self, what: str, plan: ShownPlan | None, step: int) -> None:
-        """Choose a head's camera, or set targets to touch."""
+        """Choose a head's camera or end-effector, or set targets to touch."""
         raise InputError("there is no head: start the cockpit with --head")
 
     def describe(self) -> Json:
         """Return what the page needs to know once."""
-        design = self.effector.design
-        space = self.effector.workspace(directions=72, samples=1)
-        return {
-            "muscles": list(design.names),
-            "pressure_limit_MPa": self.limit,
-            "full_stick_mm": self.scale,
-            "workspace_mm": (space.boundary @ self.turn).round(3).tolist(),
-            "has_rig": self.has_rig,
-        }
+        return {**describe_effector(self.effector, self.turn), "has_rig": self.has_rig}
 
     def sum_up(self) -> TargetRun | None:
         """Return how a head's targets were touched; None if there are none."""
@@ -202,6 +198,17 @@ class EffectorDrive:
 
     def close(self) -> None:
         """Let the drive go."""
+
+
+def describe_effector(effector: Effector, turn: Floats) -> Json:
+    """Return muscles and workspace as the page shows them; see `EffectorDrive.turn`."""
+    space = effector.workspace(directions=72, samples=1)
+    return {
+        "muscles": list(effector.design.names),
+        "pressure_limit_MPa": effector.design.pressure_limit,
+        "full_stick_mm": find_stick_scale(effector),
+        "workspace_mm": (space.boundary @ turn).round(3).tolist(),
+    }
 
 
 class RigDrive(EffectorDrive):

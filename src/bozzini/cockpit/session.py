@@ -318,7 +318,7 @@ class Session:
             return
         try:
             if isinstance(message, Slide):
-                self.drive.slide(message.out)
+                self.drive.slide(message.out, message.effector)
             else:
                 self.drive.command_head(message.what, self.plan, self.step)
             self.note = ""
@@ -476,7 +476,7 @@ class Session:
             "kind": "status",
             "rig": None if state is None else state.name,
             "controller": None if drive is None else drive.controller,
-            "note": (state.note if state is not None and state.note else self.note),
+            "note": "; ".join(filter(None, [state.note if state else "", self.note])),
             "reason": "" if state is None else state.reason,
             "head": None if drive is None else drive.tell(),
             "reservoir_MPa": None

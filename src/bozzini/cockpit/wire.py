@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_fields, check_number, quantity
 from ..errors import InputError
-from ..head.choices import CAMERAS
+from ..head.choices import CAMERAS, EFFECTORS
 from ..io.records import check_depth
 from ..rig.choices import CONTROLLERS
 
@@ -177,8 +177,12 @@ class RigCommand:
 
 @dataclass(frozen=True, kw_only=True)
 class Slide:
-    """Slide a head's instrument out of its bore: 1 is as far as it reaches."""
+    """Slide an instrument of a head out of its bore: 1 is as far as it reaches.
 
+    It is that of an end-effector, from 1; None: of the one that is steered.
+    """
+
+    effector: int | None = quantity(default=None, low=1, high=3, whole=True)
     out: float = quantity(low=0.0, high=1.0)
     time: float = quantity("time", low=-1e15, high=1e15, default=0.0)
 
@@ -188,9 +192,9 @@ class Slide:
 
 @dataclass(frozen=True, kw_only=True)
 class HeadCommand:
-    """Choose the camera that a head is seen by, or set targets to touch where it stands."""
+    """Choose a head's camera, or the end-effector to steer; or set targets where it stands."""
 
-    what: str = quantity("text", words=(*CAMERAS, "targets"))
+    what: str = quantity("text", words=(*CAMERAS, "targets", *EFFECTORS))
 
     def __post_init__(self) -> None:
         check_fields(self, "head ")

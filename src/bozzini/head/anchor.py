@@ -461,22 +461,24 @@ def list_insertions(plan: Plan, *, step: float) -> list[float]:
     return [*np.arange(float(plan.head_arc_length[0]), plan.inserted, step).tolist(), plan.inserted]
 
 
-def list_touches(head: Head, stand: Stand, *, duct: Duct, samples: int = 400) -> Touches:
-    """Return where the first end-effector's instrument meets the wall, of so many poses.
+def list_touches(
+    head: Head, stand: Stand, *, duct: Duct, number: int = 1, samples: int = 400
+) -> Touches:
+    """Return where an end-effector's instrument meets the wall, of so many poses; others rest.
 
     See `find_reached` for what is in the way; the roll is 0.
 
     Raises
     ------
     InputError
-        If `samples` is outside [10, 100000].
+        If there is no such end-effector, or `samples` is outside [10, 100000].
     """
     check_kind("head", head, Head)
     check_kind("duct", duct, Duct)
     samples = check_integer("samples", samples, low=10, high=100_000)
-    placed = head.effectors[0]
+    placed = head.get_effector(number)
     poses = placed.shape(placed.list_bends(samples))
-    lines = _Search(head, stand, duct).trace(0, poses, np.zeros(1))
+    lines = _Search(head, stand, duct).trace(number - 1, poses, np.zeros(1))
     own = (lines.free > 0.0) & (lines.free < placed.instrument.reach)
     out = lines.free[own]
     return Touches(

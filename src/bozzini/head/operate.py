@@ -138,6 +138,10 @@ class TargetTask:
             reason="" if self.is_done else f"{count - len(rows)} of {count} targets are left",
         )
 
+    def change_instrument(self) -> None:
+        """Go on with another tip: the way from tip to tip is none, nor a touch that lasts."""
+        self._tip, self._touched = None, True
+
     def take(self, time: float, tip: Floats, *, touches: bool) -> None:
         """Take where the tip is at a time [s], and whether it touches the wall.
 

@@ -37,14 +37,15 @@ def make_chains(
 ) -> tuple[Capsules, ...]:
     """Return section and instrument in poses; their round ends reach no further than they do.
 
-    The instrument is short of its tip by so many of its radii.
+    The instrument is short of its tip by so many of its radii; drawn in, it ends in the holder.
     """
     tool, ways = placed.instrument, poses.direction
     body = poses.body.copy()
     body[:, -1] -= min(placed.radius, placed.effector.design.holder_length) * ways
     radius = 0.5 * tool.diameter
-    end = poses.tip - min(short * radius, tool.reach) * ways
-    rod = Capsules(np.stack([poses.holder_tip, end], axis=1), radius)
+    end, start = poses.tip - short * radius * ways, poses.holder_tip
+    is_in = ((end - start) * ways).sum(axis=1) < 0.0
+    rod = Capsules(np.stack([np.where(is_in[:, None], end, start), end], axis=1), radius)
     return (Capsules(body, placed.radius), rod)[: 2 if tool.reach > 0.0 else 1]
 
 
@@ -189,15 +190,9 @@ def pose_head(head: Head, pressures: Sequence[ArrayLike | Mapping[str, ArrayLike
             raise InputError(f"pressures have shape {table.shape}: one pose has (m,)")
         given.append(table)
     poses = shape_effectors(head, given)
-    bodies = list_bodies(head, poses)
-    gaps = {
-        f"{one} and {other}": float(measure_gaps(bodies[one], bodies[other])[0, 0])
-        for one, other in list_pairs(head)
-    }
-    closest = min(gaps, key=gaps.__getitem__)
+    gap, reason = find_overlap(head, poses)
     tips = np.concatenate([pose.tip for pose in poses])
     seen = np.concatenate([see_tips(head, k, poses) for k in range(len(poses))], axis=1)
-    gap = gaps[closest]
     return HeadPose(
         head=head,
         pressures=tuple(given),
@@ -206,8 +201,20 @@ def pose_head(head: Head, pressures: Sequence[ArrayLike | Mapping[str, ArrayLike
         bodies=tuple(pose.body[0] for pose in poses),
         in_view=seen[0] & seen[1] & ~seen[2],
         gap=gap,
-        reason=f"{closest} overlap by {-gap:.2f} mm" if gap < -ROUND_OFF else "",
+        reason=reason,
     )
+
+
+def find_overlap(head: Head, poses: Sequence[SectionPoses]) -> tuple[float, str]:
+    """Return the least gap between a head's bodies in one pose [mm], and which overlap, if any."""
+    bodies = list_bodies(head, poses)
+    gaps = {
+        f"{one} and {other}": float(measure_gaps(bodies[one], bodies[other])[0, 0])
+        for one, other in list_pairs(head)
+    }
+    closest = min(gaps, key=gaps.__getitem__)
+    gap = gaps[closest]
+    return gap, f"{closest} overlap by {-gap:.2f} mm" if gap < -ROUND_OFF else ""
 
 
 def shape_effectors(head: Head, pressures: Sequence[Floats]) -> list[SectionPoses]:

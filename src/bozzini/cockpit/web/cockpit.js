@@ -65,10 +65,10 @@ async function refresh() {
 			const info = await (await fetch("/info.json")).json();
 			drive = createDrive(root.querySelector(".drive"), info.drive, { send, say: cockpit.viewer.say });
 			if (info.drive.head) {
-				head = cockpit.head = createHead(root, info.drive.head, send);
+				head = cockpit.head = createHead(root, info.drive.head, send, drive);
 				head.add(data);
 				cockpit.viewer.setData(data);
-				drive.slide = head.slide;
+				Object.assign(drive, { slide: head.slide, choose: head.choose });
 				head.tell(cockpit.status);
 			}
 			drive.tell(cockpit.status);

@@ -26,23 +26,17 @@ function readGamepad() {
 
 /** Fill the section by what `info.json` says of the drive. */
 export function createDrive(section, info, { send, say }) {
-	const find = (selector) => section.querySelector(selector), full = info.full_stick_mm;
+	const find = (selector) => section.querySelector(selector);
 	const pad = find(".pad"), chosen = find(".buttons select"), buttons = [...section.querySelectorAll("button:not(.aim)")];
 	// As the tip's camera sees it: x of the end-effector's frame goes left, y goes up.
-	const seen = ([x, y]) => [-x / full, -y / full];
-	find("polygon").setAttribute("points", info.workspace_mm.map(seen).join(" "));
+	const seen = (place) => place.map((v) => -v / own.full_stick_mm);
 	find("caption").textContent = info.has_rig ? "Measured / set-point [kPa]" : "Set-points [kPa]";
 	find(".buttons").hidden = !info.has_rig;
 	find(".tip").toggleAttribute("hidden", !info.has_rig);
-	const rows = info.muscles.map((muscle) => {
-		const row = find("template").content.firstElementChild.cloneNode(true);
-		row.cells[0].textContent = muscle;
-		return find("tbody").appendChild(row);
-	});
 	section.hidden = false;
 
 	const keys = new Set();
-	let pressed = null, held = [0, 0], sent = [0, 0], sentAt = 0, then = 0, frame = null, told = "";
+	let pressed = null, held = [0, 0], sent = [0, 0], sentAt = 0, then = 0, frame = null, told = "", own, rows;
 
 	/** Tell the server where pad, keys or gamepad want the stick. */
 	function tick() {
@@ -59,8 +53,9 @@ export function createDrive(section, info, { send, say }) {
 
 	/** Slide the instrument of a head, by keys or the gamepad's other stick. */
 	function slide(far) {
-		const pads = [...(navigator.getGamepads?.() || [])].map((pad) => -pad?.axes[3] || 0);
-		const rate = [...keys].reduce((sum, key) => sum + (SLIDES[key] || 0), 0) + (pads.find((rate) => Math.abs(rate) > REST) || 0);
+		const pads = [...(navigator.getGamepads?.() || [])].filter(Boolean);
+		for (const pad of pads) drive.choose(1 + pad.buttons.findIndex((button) => button.pressed));
+		const rate = [...keys].reduce((sum, key) => sum + (SLIDES[key] || 0), 0) - (pads.map((pad) => pad.axes[3]).find((rate) => Math.abs(rate) > REST) || 0);
 		if (rate) drive.slide(0.3 * far * rate);
 	}
 
@@ -85,6 +80,7 @@ export function createDrive(section, info, { send, say }) {
 	on(pad, "pointerup pointercancel lostpointercapture blur", letGo);
 	on(window, "blur pagehide visibilitychange", letGo);
 	on(pad, "keydown", (event) => {
+		drive.choose(event.key);
 		if (!(WAYS[name(event)] || (info.head && SLIDES[name(event)])) || event.ctrlKey || event.metaKey || event.altKey) return;
 		keys.add(name(event));
 		event.preventDefault();
@@ -95,7 +91,7 @@ export function createDrive(section, info, { send, say }) {
 	for (const each of buttons) each.onclick = () => send({ kind: "rig", what: each.value });
 	chosen.onchange = () => send({ kind: "rig", what: chosen.value });
 
-	const share = (pressure) => `${Math.min(100, Math.max(0, (100 * pressure) / info.pressure_limit_MPa))}%`;
+	const share = (pressure) => `${Math.min(100, Math.max(0, (100 * pressure) / own.pressure_limit_MPa))}%`;
 	const put = (selector, place) => {
 		const at = seen(place);
 		["cx", "cy"].forEach((name, i) => find(selector).setAttribute(name, at[i]));
@@ -104,6 +100,18 @@ export function createDrive(section, info, { send, say }) {
 	const drive = {
 		letGo,
 		slide() {},
+		choose() {},
+		/** Show muscles and workspace of an end-effector. */
+		take(next) {
+			own = next;
+			find("polygon").setAttribute("points", own.workspace_mm.map(seen).join(" "));
+			rows = own.muscles.map((muscle) => {
+				const row = find("template").content.firstElementChild.cloneNode(true);
+				row.cells[0].textContent = muscle;
+				return row;
+			});
+			find("tbody").replaceChildren(...rows);
+		},
 		/** Show a frame. */
 		update(next) {
 			frame = next;
@@ -132,6 +140,7 @@ export function createDrive(section, info, { send, say }) {
 			if (now !== told) say((told = now));
 		},
 	};
+	drive.take(info);
 	setInterval(tick, 16);
 	return drive;
 }
