@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -22,7 +23,8 @@ from bozzini.motion.recheck import voxel_wall
 from bozzini.motion.verify import verify_plan
 from bozzini.numeric.polylines import measure_arc_length
 from bozzini.study import Case
-from tests.duct.branching import grow
+from bozzini.study.ends import choose_branch
+from tests.duct.branching import KnownTree, grow
 
 VOXEL = 1.0
 SCOPES = (Scope(diameter=6.0, link_length=4.0), Scope(diameter=4.0, link_length=4.0))
@@ -307,3 +309,34 @@ def test_a_tree_from_a_file_has_the_same_reach(tmp_path, capsys) -> None:  # typ
     swc.write_text("1 0 0 0 500 1 -1\n2 0 0 0 501 1 1\n")
     assert main([*line, "--json"]) == 2
     assert "lies outside the lumen" in capsys.readouterr().out
+
+
+def test_branches_that_touch_at_their_ends_are_reached_up_to_there() -> None:
+    """Their loop leaves the tree without an end: the scope is planned to where it closes."""
+    corners = np.array([[0, 0, 50], [0, 0, 0], [6, 0, -12], [-6, 0, -12], [2.7, 0, -50],
+                        [-2.7, 0, -50]], dtype=float)  # fmt: skip
+    known = KnownTree(
+        start=corners[[0, 1, 1, 2, 3]],
+        end=corners[[1, 2, 3, 4, 5]],
+        radius=np.array([5.0, 3.0, 3.0, 2.8, 2.8]),
+        parent=(-1, 0, 0, 1, 2),
+    )
+    field = known.rasterise(1.0, offset=0.2)
+    tree = find_tree(field)
+    assert [item.code for item in tree.findings] == ["loop"]
+    assert not tree.ends
+    found = reach_tree(field, tree, scopes=[Scope(diameter=2.0, link_length=4.0)])
+    assert len(found.ways[0]) == len(tree.tips) == 2
+    assert math.isnan(found.ends)
+    assert all(row.reached > 0.9 * row.length for row in found.rows)
+    tract = open_airway()[1].tract
+    line = choose_branch(tract, tree, None, start=None).line
+    assert line.length == max(tree.path(tip).length for tip in tree.tips)
+
+
+def test_a_short_branch_that_is_not_entered_is_not_passed() -> None:
+    row = reach_airway().rows[0]
+    assert row.passed
+    assert not replace(row, length=0.7, reached=0.0).passed
+    for each in reach_airway().rows:
+        assert each.passed == (each.stop == "")

@@ -173,6 +173,12 @@ class LumenTree(ClosedForm):
         """The branches that end in the lumen's ends."""
         return tuple(branch for branch in self.branches if branch.is_end)
 
+    @cached_property
+    def tips(self) -> tuple[int, ...]:
+        """Indices of the branches that nothing leaves: the ends, and where a loop closes."""
+        parents = {branch.parent for branch in self.branches}
+        return tuple(k for k in range(len(self.branches)) if k not in parents)
+
     @property
     def generations(self) -> int:
         """How many branches follow each other at most."""
