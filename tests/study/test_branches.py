@@ -340,3 +340,26 @@ def test_a_short_branch_that_is_not_entered_is_not_passed() -> None:
     assert not replace(row, length=0.7, reached=0.0).passed
     for each in reach_airway().rows:
         assert each.passed == (each.stop == "")
+
+
+def test_what_is_odd_about_an_input_and_a_target_is_told(tmp_path, capsys) -> None:  # type: ignore[no-untyped-def]
+    """Voxels that are not joined with the lumen, and a target that no needle gets to."""
+    import nibabel as nib
+
+    mask, affine = grow(3, 2).label(1.0)
+    mask[1, 1, 1:4] = True
+    nib.save(nib.Nifti1Image(mask.astype(np.uint8), affine), tmp_path / "loose.nii.gz")
+    name = str(tmp_path / "loose.nii.gz")
+    assert main(["tree", name, "--json"]) == 0
+    assert "components-dropped" in _list_codes(capsys)
+    command = ["reach", name, "--link", "4mm", "--json"]
+    assert main([*command, "--target", "0mm,0mm,-20mm"]) == 0
+    assert "target-far" not in _list_codes(capsys)
+    assert main([*command, "--target", "500mm,0mm,0mm"]) == 0
+    assert _list_codes(capsys)[0] == "target-far"
+    assert main([*command, "--target", "0mm,0mm,500mm", "--needle-angle", "1deg"]) == 0
+    assert {"target-far", "components-dropped"} < set(_list_codes(capsys))
+
+
+def _list_codes(capsys) -> list[str]:  # type: ignore[no-untyped-def]
+    return [item["code"] for item in json.loads(capsys.readouterr().out)["findings"]]

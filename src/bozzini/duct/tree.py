@@ -150,12 +150,13 @@ class LumenTree(ClosedForm):
     ----------
     branches : tuple of Branch
         Each after its parent, in the order of their names.
-    findings : tuple of TreeFinding
-        Loops, leaks, parts and ends that are not what they seem.
+    findings : tuple of Finding
+        Loops, leaks, parts and ends that are not what they seem, each a `TreeFinding`; before them,
+        in that of a file, what was found in reading.
     """
 
     branches: tuple[Branch, ...]
-    findings: tuple[TreeFinding, ...] = ()
+    findings: tuple[Finding, ...] = ()
 
     def __repr__(self) -> str:
         return (

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..anatomy.tract import Finding
 from ..checks import ceil_mm, check_fields, check_kind, floor_mm, quantity
 from ..duct import Centreline
 from ..duct.base import Duct, SampledField
@@ -238,6 +239,8 @@ class TreeReach(ReasonedResult):
         The shortest to the target, of any scope [mm]; None without a target, or a way to it.
     reason : str
         Why no scope enters; empty otherwise.
+    findings : tuple of Finding
+        What is odd about the tree, or a target's place.
     """
 
     tree: LumenTree
@@ -251,6 +254,7 @@ class TreeReach(ReasonedResult):
     depth: float = measured("mm")
     needle: float | None = measured("mm")
     reason: str = ""
+    findings: tuple[Finding, ...] = ()
 
     @property
     def residual(self) -> float:
@@ -270,6 +274,7 @@ class TreeReach(ReasonedResult):
             "scopes": [name_units(each) for each in self.scopes],
             "branches": [name_units(each) for each in self.rows],
             "approaches": [name_units(each) for each in self.approaches],
+            "findings": [to_plain(asdict(each)) for each in self.findings],
         }
 
     def plot(self, ax: Axes | None = None) -> Axes:
@@ -501,6 +506,7 @@ def reach_tree(
         depth=first.depth,
         needle=None,
         reason="" if entered else f"no scope enters: {ways[0][0].reason}",
+        findings=tree.findings,
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -11,7 +12,7 @@ import numpy as np
 
 from ..anatomy.fiducials import read_fiducial
 from ..anatomy.frame import find_axis
-from ..anatomy.tract import LabelTract
+from ..anatomy.tract import Finding, LabelTract
 from ..checks import ceil_mm, floor_mm, quantity
 from ..duct import LumenTree
 from ..duct.tree_files import read_swc, write_swc, write_vtp
@@ -83,11 +84,17 @@ class TreeListing(Task):
             "of centreline in all",
             format_rows(head, rows),
         ]
-        findings = sorted(found.findings, key=lambda item: item.severity != "warning")
-        lines += [f"{item.severity}: {item.message}" for item in findings[:FINDINGS]]
-        if len(found.findings) > FINDINGS:
-            lines.append(f"and {len(found.findings) - FINDINGS} findings more: --json has them all")
-        return "\n".join(lines)
+        return "\n".join([*lines, *_tell_findings(found.findings)])
+
+
+def _tell_findings(found: Sequence[Finding], *, notes: bool = True) -> list[str]:
+    """Return a line for each thing that looks odd, warnings first, as far as people read them."""
+    findings = [item for item in found if notes or item.severity == "warning"]
+    findings.sort(key=lambda item: item.severity != "warning")
+    lines = [f"{item.severity}: {item.message}" for item in findings[:FINDINGS]]
+    if len(findings) > FINDINGS:
+        lines.append(f"and {len(findings) - FINDINGS} findings more: --json has them all")
+    return lines
 
 
 def _tell_vessels(near: Approach) -> str:
@@ -189,9 +196,30 @@ class TreeReaching(Task):
             most=math.pi if self.needle_angle is None else self.needle_angle,
             vessels=vessels,
         )
-        return replace(
-            found, approaches=near, needle=min((each.needle for each in near), default=None)
+        shortest = min((each.needle for each in near), default=None)
+        far = self._judge_target(tree, target, radius, shortest)
+        return replace(found, approaches=near, needle=shortest, findings=(*far, *found.findings))
+
+    def _judge_target(
+        self, tree: LumenTree, target: Floats, radius: float, needle: float | None
+    ) -> list[Finding]:
+        """Return a warning where no needle that is long enough gets to a target."""
+        if needle is not None and needle <= self.needle:
+            return []
+        branches, gaps = tree.nearest(np.atleast_2d(target))
+        nearest = int(np.argmin(gaps))
+        away = max(float(gaps[nearest]) - radius, 0.0)
+        what = "no place is reached from which a needle fits"
+        if needle is not None:
+            what = (
+                f"{ceil_mm(needle, 1)} mm from what is reached, and a needle reaches "
+                f"{self.needle:g} mm"
+            )
+        message = (
+            f"the target is out of reach: {what}; it is {away:.1f} mm from the middle of the "
+            f"nearest branch, '{tree.branches[branches[nearest]].name}'"
         )
+        return [Finding("target-far", "warning", message)]
 
     def _find_tree(self, case: Case) -> LumenTree:
         """Return the tree of the case, or the one that was given."""
@@ -257,4 +285,5 @@ class TreeReaching(Task):
                 f"axis{_tell_vessels(each)}; {each.route or 'straight on'}"
                 for each in near
             ]
-        return "\n".join([*lines, *filter(None, [found.reason])])
+        lines += filter(None, [found.reason])
+        return "\n".join([*lines, *_tell_findings(found.findings, notes=False)])
