@@ -136,6 +136,19 @@ def test_a_tree_comes_back_from_swc(tree: LumenTree, tmp_path: Path) -> None:
         assert one.angle == pytest.approx(other.angle, abs=1e-3)
 
 
+def test_a_tree_whose_root_lies_inside_comes_back_from_swc(
+    known: KnownTree, tmp_path: Path
+) -> None:
+    """Its root has two nodes after it, as those of neurons have."""
+    path = tmp_path / "inside.swc"
+    tree = find_tree(known.rasterise(1.0), 0.5 * known.end[0])
+    write_swc(tree, path)
+    path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes())
+    again = read_swc(path)
+    assert again.list_columns()["parent"] == tree.list_columns()["parent"]
+    assert again.length == pytest.approx(tree.length, abs=1e-3)
+
+
 def test_a_tree_as_poly_data_has_a_line_for_each_branch(tree: LumenTree, tmp_path: Path) -> None:
     from xml.etree import ElementTree
 
