@@ -423,15 +423,19 @@ class _Skeleton:
         search = graph.search(source)
         count = int(np.isfinite(search.costs).sum())
         spacing = graph.field.spacing
-        grid = (graph.number, graph.nodes, search.before)
+        before = search.before.copy()
+        grid = (graph.number, graph.nodes, before)
         lengths = np.full(len(graph.nodes), -1.0)
-        add_lengths(np.argsort(search.costs)[:count], *grid, spacing, lengths)
+        order = np.argsort(search.costs)[:count]
+        add_lengths(order, *grid, spacing, lengths)
         farthest = np.argsort(-lengths, kind="stable")[:count]
         owner = np.full(len(graph.nodes), -1, dtype=np.int32)
         tips = np.empty(MOST_LINES, dtype=np.int32)
         least = LEAST_SPUR * float(spacing.max())
-        take_lines(farthest, *grid, graph.depths, spacing, least, owner, tips)
-        return cls(graph=graph, before=search.before, lengths=lengths, owner=owner)
+        floods = (search.costs, lengths, graph.depths)
+        take_lines(farthest, *grid, *floods, spacing, least, owner, tips)
+        add_lengths(order, *grid, spacing, lengths)  # of the steps that were changed
+        return cls(graph=graph, before=before, lengths=lengths, owner=owner)
 
     def split(self) -> list[_Line]:
         """Return the lines between root, branchings and tips; each after its parent."""
