@@ -53,7 +53,9 @@ def take_lines(order, number, nodes, before, costs, lengths, depths, step, least
     """Trace back paths, the farthest node first, each until it meets another; return how many.
 
     Where a path would run on beside another for three times the clearance and four voxels, as in
-    the middle of an even number of voxels, it goes over to it, and `before` is changed. It covers what is joined with each of its nodes within a ball round it: as far beyond the
+    the middle of an even number of voxels, it goes over to it, and `before` is changed.
+
+    A path covers what is joined with each of its nodes within a ball round it: as far beyond the
     wall as the node has clearance, and at least `least`. No path begins where another covers
     (Sato et al., TEASAR, 2000).
 
