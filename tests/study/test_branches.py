@@ -180,6 +180,8 @@ def test_needles_keep_to_their_angle_and_measure_vessels() -> None:
     vessels = target + np.array([[0.0, 0.0, 3.0]])
     (near, *_) = find_approaches(reached, target, vessels=vessels)
     assert near.vessels is not None and near.vessels <= 3.0
+    (thick, *_) = find_approaches(reached, target, vessels=vessels, vessel_radius=0.5)
+    assert thick.vessels == pytest.approx(max(near.vessels - 0.5, 0.0))
     far = find_approaches(reached, target, vessels=vessels + 500.0)[0].vessels
     assert far is not None and far > 100.0
     assert free[0].vessels is None

@@ -97,6 +97,10 @@ def _tell_findings(found: Sequence[Finding], *, notes: bool = True) -> list[str]
     return lines
 
 
+def _show_share(share: float) -> str:
+    return "-" if math.isnan(share) else f"{100.0 * share:.0f} %"
+
+
 def _tell_vessels(near: Approach) -> str:
     return "" if near.vessels is None else f", {floor_mm(near.vessels, 1)} mm from vessels"
 
@@ -178,7 +182,9 @@ class TreeReaching(Task):
             robot = ContinuumRobot.from_yaml(self.robot)
         case = Case.open(self.input, self.lumen.path, reading=self.reading, progress=progress)
         target, radius = self._find_target(case)
-        vessels = None if self.vessels is None else self._find_label(case, self.vessels)
+        vessels, corner = None, 0.0
+        if self.vessels is not None:
+            vessels, corner = self._find_label(self.vessels)
         options = TreeReachOptions(
             planner=PlannerOptions(angle_limit=self.angle_limit),
             robot=robot,
@@ -195,6 +201,7 @@ class TreeReaching(Task):
             radius=radius,
             most=math.pi if self.needle_angle is None else self.needle_angle,
             vessels=vessels,
+            vessel_radius=corner,
         )
         shortest = min((each.needle for each in near), default=None)
         far = self._judge_target(tree, target, radius, shortest)
@@ -244,15 +251,16 @@ class TreeReaching(Task):
             return read_fiducial(self.target, case.tract.frame), self.target_radius
         if "," in self.target:
             return np.array(parse_vector(self.target, "length")), self.target_radius
-        return self._find_label(case, self.target), 0.0
+        return self._find_label(self.target)[0], 0.0
 
-    def _find_label(self, case: Case, names: str) -> Floats:
-        """Return the centres (k, 3) of the voxels of labels in the input [mm]."""
+    def _find_label(self, names: str) -> tuple[Floats, float]:
+        """Return the centres (k, 3) of the voxels of labels, and half a voxel's diagonal [mm]."""
         tract = replace(self.reading, labels=tuple(names.split(",")), organ=None).read(self.input)
         if not isinstance(tract, LabelTract):
             raise InputError(f"{self.input} is a surface: it has no label {names}")
         voxels = np.argwhere(tract.labels > 0)
-        return np.asarray(voxels @ tract.affine[:3, :3].T + tract.affine[:3, 3])
+        corner = 0.5 * float(np.linalg.norm(tract.spacing))
+        return np.asarray(voxels @ tract.affine[:3, :3].T + tract.affine[:3, 3]), corner
 
     def describe(self, found: TreeReach) -> str:
         """Return a table of the scopes, and the nearest approaches."""
@@ -261,11 +269,11 @@ class TreeReaching(Task):
         rows = [
             [
                 f"{each.diameter:g}",
-                f"{100.0 * each.entered:.0f} %",
-                f"{100.0 * each.ends:.0f} %",
-                f"{100.0 * each.length:.0f} %",
-                f"{100.0 * each.volume:.0f} %",
-                f"{100.0 * each.near:.0f} %",
+                _show_share(each.entered),
+                _show_share(each.ends),
+                _show_share(each.length),
+                _show_share(each.volume),
+                _show_share(each.near),
                 floor_mm(each.depth, 1),
             ]
             for each in found.scopes
