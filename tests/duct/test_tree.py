@@ -98,6 +98,24 @@ def test_a_bridge_is_a_loop_and_not_followed(known: KnownTree) -> None:
     assert len(tree.ends) == len(known.ends)
 
 
+@pytest.mark.parametrize("count", [2, 3, 5])
+def test_a_tree_in_line_with_its_voxels_parts_where_its_tubes_do(count: int) -> None:
+    """In the middle of an even number of voxels lie lines side by side: the trunk has one."""
+    turn = 2.0 * np.pi * np.arange(count) / count
+    tips = 30.0 * np.stack([np.cos(turn), np.sin(turn), np.full(count, -0.9)], axis=1)
+    radius = 4.0 if count == 2 else 6.0
+    known = KnownTree(
+        start=np.array([[0.0, 0.0, 50.0], *[np.zeros(3)] * count]),
+        end=np.array([np.zeros(3), *tips]),
+        radius=np.array([radius, *[0.5 * radius] * count]),
+        parent=(-1, *[0] * count),
+    )
+    for voxel in (0.6, 0.8):
+        tree = find_tree(known.rasterise(voxel))
+        assert len(tree.ends) == count
+        assert all(tree.begins[1:] > 40.0)
+
+
 def test_a_ball_is_no_tree() -> None:
     away = np.linalg.norm(np.mgrid[-9:10, -9:10, -9:10], axis=0)
     with pytest.raises(GeometryError, match="no tube"):
@@ -134,6 +152,19 @@ def test_a_tree_comes_back_from_swc(tree: LumenTree, tmp_path: Path) -> None:
             other.parent, other.generation, other.is_end
         )  # fmt: skip
         assert one.angle == pytest.approx(other.angle, abs=1e-3)
+
+
+def test_a_tree_whose_root_lies_inside_comes_back_from_swc(
+    known: KnownTree, tmp_path: Path
+) -> None:
+    """Its root has two nodes after it, as those of neurons have."""
+    path = tmp_path / "inside.swc"
+    tree = find_tree(known.rasterise(1.0), 0.5 * known.end[0])
+    write_swc(tree, path)
+    path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes())
+    again = read_swc(path)
+    assert again.list_columns()["parent"] == tree.list_columns()["parent"]
+    assert again.length == pytest.approx(tree.length, abs=1e-3)
 
 
 def test_a_tree_as_poly_data_has_a_line_for_each_branch(tree: LumenTree, tmp_path: Path) -> None:

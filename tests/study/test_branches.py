@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -22,7 +23,8 @@ from bozzini.motion.recheck import voxel_wall
 from bozzini.motion.verify import verify_plan
 from bozzini.numeric.polylines import measure_arc_length
 from bozzini.study import Case
-from tests.duct.branching import grow
+from bozzini.study.ends import choose_branch
+from tests.duct.branching import KnownTree, grow
 
 VOXEL = 1.0
 SCOPES = (Scope(diameter=6.0, link_length=4.0), Scope(diameter=4.0, link_length=4.0))
@@ -178,6 +180,8 @@ def test_needles_keep_to_their_angle_and_measure_vessels() -> None:
     vessels = target + np.array([[0.0, 0.0, 3.0]])
     (near, *_) = find_approaches(reached, target, vessels=vessels)
     assert near.vessels is not None and near.vessels <= 3.0
+    (thick, *_) = find_approaches(reached, target, vessels=vessels, vessel_radius=0.5)
+    assert thick.vessels == pytest.approx(max(near.vessels - 0.5, 0.0))
     far = find_approaches(reached, target, vessels=vessels + 500.0)[0].vessels
     assert far is not None and far > 100.0
     assert free[0].vessels is None
@@ -307,3 +311,57 @@ def test_a_tree_from_a_file_has_the_same_reach(tmp_path, capsys) -> None:  # typ
     swc.write_text("1 0 0 0 500 1 -1\n2 0 0 0 501 1 1\n")
     assert main([*line, "--json"]) == 2
     assert "lies outside the lumen" in capsys.readouterr().out
+
+
+def test_branches_that_touch_at_their_ends_are_reached_up_to_there() -> None:
+    """Their loop leaves the tree without an end: the scope is planned to where it closes."""
+    corners = np.array([[0, 0, 50], [0, 0, 0], [6, 0, -12], [-6, 0, -12], [2.7, 0, -50],
+                        [-2.7, 0, -50]], dtype=float)  # fmt: skip
+    known = KnownTree(
+        start=corners[[0, 1, 1, 2, 3]],
+        end=corners[[1, 2, 3, 4, 5]],
+        radius=np.array([5.0, 3.0, 3.0, 2.8, 2.8]),
+        parent=(-1, 0, 0, 1, 2),
+    )
+    field = known.rasterise(1.0, offset=0.2)
+    tree = find_tree(field)
+    assert [item.code for item in tree.findings] == ["loop"]
+    assert not tree.ends
+    found = reach_tree(field, tree, scopes=[Scope(diameter=2.0, link_length=4.0)])
+    assert len(found.ways[0]) == len(tree.tips) == 2
+    assert math.isnan(found.ends)
+    assert all(row.reached > 0.9 * row.length for row in found.rows)
+    tract = open_airway()[1].tract
+    line = choose_branch(tract, tree, None, start=None).line
+    assert line.length == max(tree.path(tip).length for tip in tree.tips)
+
+
+def test_a_short_branch_that_is_not_entered_is_not_passed() -> None:
+    row = reach_airway().rows[0]
+    assert row.passed
+    assert not replace(row, length=0.7, reached=0.0).passed
+    for each in reach_airway().rows:
+        assert each.passed == (each.stop == "")
+
+
+def test_what_is_odd_about_an_input_and_a_target_is_told(tmp_path, capsys) -> None:  # type: ignore[no-untyped-def]
+    """Voxels that are not joined with the lumen, and a target that no needle gets to."""
+    import nibabel as nib
+
+    mask, affine = grow(3, 2).label(1.0)
+    mask[1, 1, 1:4] = True
+    nib.save(nib.Nifti1Image(mask.astype(np.uint8), affine), tmp_path / "loose.nii.gz")
+    name = str(tmp_path / "loose.nii.gz")
+    assert main(["tree", name, "--json"]) == 0
+    assert "components-dropped" in _list_codes(capsys)
+    command = ["reach", name, "--link", "4mm", "--json"]
+    assert main([*command, "--target", "0mm,0mm,-20mm"]) == 0
+    assert "target-far" not in _list_codes(capsys)
+    assert main([*command, "--target", "500mm,0mm,0mm"]) == 0
+    assert _list_codes(capsys)[0] == "target-far"
+    assert main([*command, "--target", "0mm,0mm,500mm", "--needle-angle", "1deg"]) == 0
+    assert {"target-far", "components-dropped"} < set(_list_codes(capsys))
+
+
+def _list_codes(capsys) -> list[str]:  # type: ignore[no-untyped-def]
+    return [item["code"] for item in json.loads(capsys.readouterr().out)["findings"]]

@@ -150,12 +150,13 @@ class LumenTree(ClosedForm):
     ----------
     branches : tuple of Branch
         Each after its parent, in the order of their names.
-    findings : tuple of TreeFinding
-        Loops, leaks, parts and ends that are not what they seem.
+    findings : tuple of Finding
+        Loops, leaks, parts and ends that are not what they seem, each a `TreeFinding`; before them,
+        in that of a file, what was found in reading.
     """
 
     branches: tuple[Branch, ...]
-    findings: tuple[TreeFinding, ...] = ()
+    findings: tuple[Finding, ...] = ()
 
     def __repr__(self) -> str:
         return (
@@ -172,6 +173,12 @@ class LumenTree(ClosedForm):
     def ends(self) -> tuple[Branch, ...]:
         """The branches that end in the lumen's ends."""
         return tuple(branch for branch in self.branches if branch.is_end)
+
+    @cached_property
+    def tips(self) -> tuple[int, ...]:
+        """Indices of the branches that nothing leaves: the ends, and where a loop closes."""
+        parents = {branch.parent for branch in self.branches}
+        return tuple(k for k in range(len(self.branches)) if k not in parents)
 
     @property
     def generations(self) -> int:
@@ -416,15 +423,19 @@ class _Skeleton:
         search = graph.search(source)
         count = int(np.isfinite(search.costs).sum())
         spacing = graph.field.spacing
-        grid = (graph.number, graph.nodes, search.before)
+        before = search.before.copy()
+        grid = (graph.number, graph.nodes, before)
         lengths = np.full(len(graph.nodes), -1.0)
-        add_lengths(np.argsort(search.costs)[:count], *grid, spacing, lengths)
+        order = np.argsort(search.costs)[:count]
+        add_lengths(order, *grid, spacing, lengths)
         farthest = np.argsort(-lengths, kind="stable")[:count]
         owner = np.full(len(graph.nodes), -1, dtype=np.int32)
         tips = np.empty(MOST_LINES, dtype=np.int32)
         least = LEAST_SPUR * float(spacing.max())
-        take_lines(farthest, *grid, graph.depths, spacing, least, owner, tips)
-        return cls(graph=graph, before=search.before, lengths=lengths, owner=owner)
+        floods = (search.costs, lengths, graph.depths)
+        take_lines(farthest, *grid, *floods, spacing, least, owner, tips)
+        add_lengths(order, *grid, spacing, lengths)  # of the steps that were changed
+        return cls(graph=graph, before=before, lengths=lengths, owner=owner)
 
     def split(self) -> list[_Line]:
         """Return the lines between root, branchings and tips; each after its parent."""

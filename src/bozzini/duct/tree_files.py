@@ -30,8 +30,8 @@ def write_swc(tree: LumenTree, path: str | os.PathLike[str]) -> None:
     rows = ["# tree of a lumen, lengths in mm", "# id type x y z radius parent"]
     last: list[int] = []
     for branch in tree.branches:
-        before = last[branch.parent] if branch.parent >= 0 else -1
-        skipped = int(branch.parent >= 0)  # its first point is the last one of its parent
+        skipped = int(bool(last))  # its first point is the last one of its parent, or the root
+        before = last[branch.parent] if branch.parent >= 0 else skipped or -1
         for point, radius in zip(branch.points[skipped:], branch.radius[skipped:], strict=True):
             number = len(rows) - 1
             values = " ".join(f"{value:.6f}" for value in (*point, radius))
@@ -56,7 +56,7 @@ def read_swc(path: str | os.PathLike[str]) -> LumenTree:
     source = check_path("path", path)
     note_input(source)
     try:
-        lines = source.read_text(encoding="utf-8").splitlines()
+        lines = source.read_text(encoding="utf-8-sig").splitlines()
     except (OSError, ValueError) as error:
         raise FileFormatError(f"cannot read {source}: {error}") from None
     nodes: dict[int, tuple[Floats, int]] = {}
@@ -89,17 +89,17 @@ def _split(source: Path, nodes: dict[int, tuple[Floats, int]]) -> list[Branch]:
     roots = kids.get(-1, [])
     if len(roots) != 1:
         raise FileFormatError(f"{source} has {len(roots)} roots: it must have 1, of parent -1")
-    waiting = [([roots[0]], -1)]
+    if roots[0] not in kids:
+        raise FileFormatError(f"{source}: the root, node {roots[0]}, must have one node after it")
+    waiting = [([roots[0], kid], -1) for kid in kids[roots[0]]]
     branches: list[Branch] = []
-    taken = 1
+    taken = 1 + len(waiting)
     while waiting:
         way, parent = waiting.pop()
         while len(after := kids.get(way[-1], [])) == 1:
             way.append(after[0])
             taken += 1
         taken += len(after)
-        if len(way) < 2:
-            raise FileFormatError(f"{source}: the root, node {way[0]}, must have one node after it")
         table = np.stack([nodes[key][0] for key in way])
         waiting += [([way[-1], kid], len(branches)) for kid in after]
         points, radius = table[:, :3], table[:, 3]

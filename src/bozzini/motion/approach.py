@@ -68,6 +68,7 @@ def find_approaches(
     radius: float = 0.0,
     most: float = math.pi,
     vessels: Floats | None = None,
+    vessel_radius: float = 0.0,
 ) -> tuple[Approach, ...]:
     """Find from which branches a target is near, the shortest needle first.
 
@@ -85,6 +86,8 @@ def find_approaches(
         The largest angle between the scope's axis and the needle [rad].
     vessels : (n, 3) float, optional
         Places that vessels are full of, world frame [mm].
+    vessel_radius : float
+        Of the vessels about each of these: of voxels half their diagonal [mm].
 
     Raises
     ------
@@ -125,21 +128,24 @@ def find_approaches(
                 needle=max(float(distance[k]) - radius, 0.0),
                 angle=float(angle[k]),
                 clearance=row.clearance,
-                vessels=_clear_needle(tips[k], end, vessels),
+                vessels=_clear_needle(tips[k], end, vessels, vessel_radius),
                 route=row.route,
             )
         )
     return tuple(sorted(found, key=lambda each: (-each.diameter, each.needle)))
 
 
-def _clear_needle(start: Floats, end: Floats, vessels: Floats | None) -> float | None:
-    """Return how far a needle stays from places at least [mm]; None without any."""
+def _clear_needle(
+    start: Floats, end: Floats, vessels: Floats | None, radius: float
+) -> float | None:
+    """Return how far a needle stays from balls about places at least [mm]; None without any."""
     if vessels is None:
         return None
     along = end - start
     squared = max(float(along @ along), 1e-12)
     share = np.clip((vessels - start) @ along / squared, 0.0, 1.0)
-    return float(np.linalg.norm(start + share[:, None] * along - vessels, axis=1).min())
+    gap = np.linalg.norm(start + share[:, None] * along - vessels, axis=1).min() - radius
+    return max(float(gap), 0.0)
 
 
 def describe_routes(tree: LumenTree, *, up: ArrayLike = (0.0, 1.0, 0.0)) -> list[str]:

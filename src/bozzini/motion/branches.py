@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..anatomy.tract import Finding
 from ..checks import ceil_mm, check_fields, check_kind, floor_mm, quantity
 from ..duct import Centreline
 from ..duct.base import Duct, SampledField
@@ -171,8 +172,8 @@ class BranchReach:
 
     @property
     def passed(self) -> bool:
-        """Whether the head comes to its end."""
-        return self.reached >= self.length - END
+        """Whether the head comes into it, and to its end."""
+        return self.reached > 0.0 and self.reached >= self.length - END
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -186,7 +187,7 @@ class ScopeReach:
     entered, passed : float
         Share of the branches whose beginning, and whose end, the head comes beyond and to.
     ends : float
-        Share of the ends of the tree that are reached.
+        Share of the ends of the tree that are reached; NaN without any.
     length : float
         Share of the length of all branches.
     volume : float
@@ -227,7 +228,7 @@ class TreeReach(ReasonedResult):
     rows : tuple of BranchReach
         Every branch for every scope.
     ways : tuple of tuple of BranchWay
-        For every scope one to each end of the tree; ends behind the same stop share it.
+        For every scope one to each tip of the tree; tips behind the same stop share it.
     approaches : tuple of Approach
         To a target, the shortest needle first; empty without one.
     ends, volume, near : float
@@ -238,6 +239,8 @@ class TreeReach(ReasonedResult):
         The shortest to the target, of any scope [mm]; None without a target, or a way to it.
     reason : str
         Why no scope enters; empty otherwise.
+    findings : tuple of Finding
+        What is odd about the tree, or a target's place.
     """
 
     tree: LumenTree
@@ -251,6 +254,7 @@ class TreeReach(ReasonedResult):
     depth: float = measured("mm")
     needle: float | None = measured("mm")
     reason: str = ""
+    findings: tuple[Finding, ...] = ()
 
     @property
     def residual(self) -> float:
@@ -270,6 +274,7 @@ class TreeReach(ReasonedResult):
             "scopes": [name_units(each) for each in self.scopes],
             "branches": [name_units(each) for each in self.rows],
             "approaches": [name_units(each) for each in self.approaches],
+            "findings": [to_plain(asdict(each)) for each in self.findings],
         }
 
     def plot(self, ax: Axes | None = None) -> Axes:
@@ -305,7 +310,7 @@ def find_ways(
     options: TreeReachOptions | None = None,
     progress: Progress = no_progress,
 ) -> tuple[BranchWay, ...]:
-    """Plan a scope's motion from the root of a tree towards each of its ends.
+    """Plan a scope's motion from the root of a tree towards each of its tips.
 
     The head gets along the centreline until the lumen is too narrow for it, if a certified motion
     to there is found; else as far as one is. Ends that lie behind the same place share the motion.
@@ -333,9 +338,8 @@ def find_ways(
     free = _find_free(duct, scope.radius + MARGIN)
     known: dict[tuple[float, ...], BranchWay] = {}
     ways = []
-    ends = [k for k, branch in enumerate(tree.branches) if branch.is_end]
-    for number, end in enumerate(ends):
-        progress("reach", number / len(ends))
+    for number, end in enumerate(tree.tips):
+        progress("reach", number / len(tree.tips))
         line = tree.path(end)
         tries = _find_last(duct, line, free)
         place = tuple(line.points[max(tries[0], 0)].tolist())
@@ -502,6 +506,7 @@ def reach_tree(
         depth=first.depth,
         needle=None,
         reason="" if entered else f"no scope enters: {ways[0][0].reason}",
+        findings=tree.findings,
     )
 
 
@@ -526,7 +531,7 @@ def _list_branches(
 
         best = max(through[k], key=judge)
         reached = float(np.clip(best.depth - begins[k], 0.0, branch.length))
-        stops = best.depth < past - END
+        stops = reached <= 0.0 or best.depth < past - END
         rows.append(
             BranchReach(
                 diameter=scope.diameter,
@@ -556,7 +561,7 @@ def _sum_up(
         link=scope.link_length,
         entered=len(entered) / len(rows),
         passed=sum(row.passed for row in rows) / len(rows),
-        ends=sum(row.passed for row in ends) / len(ends),
+        ends=sum(row.passed for row in ends) / len(ends) if ends else math.nan,
         length=sum(row.reached for row in rows) / sum(row.length for row in rows),
         volume=volume,
         near=near,

@@ -535,7 +535,7 @@ def choose_branch(
     """
     findings: tuple[Finding, ...] = ()
     if branch is None:
-        branch = max(tree.ends, key=lambda end: tree.path(end).length).name
+        branch = tree.branches[max(tree.tips, key=lambda tip: tree.path(tip).length)].name
         message = (
             f"the lumen branches: the way is that to its farthest end, branch {branch}; give "
             "--branch to choose, 'bozzini tree' lists them, 'bozzini reach' tries all"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -11,7 +12,7 @@ import numpy as np
 
 from ..anatomy.fiducials import read_fiducial
 from ..anatomy.frame import find_axis
-from ..anatomy.tract import LabelTract
+from ..anatomy.tract import Finding, LabelTract
 from ..checks import ceil_mm, floor_mm, quantity
 from ..duct import LumenTree
 from ..duct.tree_files import read_swc, write_swc, write_vtp
@@ -83,11 +84,21 @@ class TreeListing(Task):
             "of centreline in all",
             format_rows(head, rows),
         ]
-        findings = sorted(found.findings, key=lambda item: item.severity != "warning")
-        lines += [f"{item.severity}: {item.message}" for item in findings[:FINDINGS]]
-        if len(found.findings) > FINDINGS:
-            lines.append(f"and {len(found.findings) - FINDINGS} findings more: --json has them all")
-        return "\n".join(lines)
+        return "\n".join([*lines, *_tell_findings(found.findings)])
+
+
+def _tell_findings(found: Sequence[Finding], *, notes: bool = True) -> list[str]:
+    """Return a line for each thing that looks odd, warnings first, as far as people read them."""
+    findings = [item for item in found if notes or item.severity == "warning"]
+    findings.sort(key=lambda item: item.severity != "warning")
+    lines = [f"{item.severity}: {item.message}" for item in findings[:FINDINGS]]
+    if len(findings) > FINDINGS:
+        lines.append(f"and {len(findings) - FINDINGS} findings more: --json has them all")
+    return lines
+
+
+def _show_share(share: float) -> str:
+    return "-" if math.isnan(share) else f"{100.0 * share:.0f} %"
 
 
 def _tell_vessels(near: Approach) -> str:
@@ -171,7 +182,9 @@ class TreeReaching(Task):
             robot = ContinuumRobot.from_yaml(self.robot)
         case = Case.open(self.input, self.lumen.path, reading=self.reading, progress=progress)
         target, radius = self._find_target(case)
-        vessels = None if self.vessels is None else self._find_label(case, self.vessels)
+        vessels, corner = None, 0.0
+        if self.vessels is not None:
+            vessels, corner = self._find_label(self.vessels)
         options = TreeReachOptions(
             planner=PlannerOptions(angle_limit=self.angle_limit),
             robot=robot,
@@ -188,10 +201,32 @@ class TreeReaching(Task):
             radius=radius,
             most=math.pi if self.needle_angle is None else self.needle_angle,
             vessels=vessels,
+            vessel_radius=corner,
         )
-        return replace(
-            found, approaches=near, needle=min((each.needle for each in near), default=None)
+        shortest = min((each.needle for each in near), default=None)
+        far = self._judge_target(tree, target, radius, shortest)
+        return replace(found, approaches=near, needle=shortest, findings=(*far, *found.findings))
+
+    def _judge_target(
+        self, tree: LumenTree, target: Floats, radius: float, needle: float | None
+    ) -> list[Finding]:
+        """Return a warning where no needle that is long enough gets to a target."""
+        if needle is not None and needle <= self.needle:
+            return []
+        branches, gaps = tree.nearest(np.atleast_2d(target))
+        nearest = int(np.argmin(gaps))
+        away = max(float(gaps[nearest]) - radius, 0.0)
+        what = "no place is reached from which a needle fits"
+        if needle is not None:
+            what = (
+                f"{ceil_mm(needle, 1)} mm from what is reached, and a needle reaches "
+                f"{self.needle:g} mm"
+            )
+        message = (
+            f"the target is out of reach: {what}; it is {away:.1f} mm from the middle of the "
+            f"nearest branch, '{tree.branches[branches[nearest]].name}'"
         )
+        return [Finding("target-far", "warning", message)]
 
     def _find_tree(self, case: Case) -> LumenTree:
         """Return the tree of the case, or the one that was given."""
@@ -216,15 +251,16 @@ class TreeReaching(Task):
             return read_fiducial(self.target, case.tract.frame), self.target_radius
         if "," in self.target:
             return np.array(parse_vector(self.target, "length")), self.target_radius
-        return self._find_label(case, self.target), 0.0
+        return self._find_label(self.target)[0], 0.0
 
-    def _find_label(self, case: Case, names: str) -> Floats:
-        """Return the centres (k, 3) of the voxels of labels in the input [mm]."""
+    def _find_label(self, names: str) -> tuple[Floats, float]:
+        """Return the centres (k, 3) of the voxels of labels, and half a voxel's diagonal [mm]."""
         tract = replace(self.reading, labels=tuple(names.split(",")), organ=None).read(self.input)
         if not isinstance(tract, LabelTract):
             raise InputError(f"{self.input} is a surface: it has no label {names}")
         voxels = np.argwhere(tract.labels > 0)
-        return np.asarray(voxels @ tract.affine[:3, :3].T + tract.affine[:3, 3])
+        corner = 0.5 * float(np.linalg.norm(tract.spacing))
+        return np.asarray(voxels @ tract.affine[:3, :3].T + tract.affine[:3, 3]), corner
 
     def describe(self, found: TreeReach) -> str:
         """Return a table of the scopes, and the nearest approaches."""
@@ -233,11 +269,11 @@ class TreeReaching(Task):
         rows = [
             [
                 f"{each.diameter:g}",
-                f"{100.0 * each.entered:.0f} %",
-                f"{100.0 * each.ends:.0f} %",
-                f"{100.0 * each.length:.0f} %",
-                f"{100.0 * each.volume:.0f} %",
-                f"{100.0 * each.near:.0f} %",
+                _show_share(each.entered),
+                _show_share(each.ends),
+                _show_share(each.length),
+                _show_share(each.volume),
+                _show_share(each.near),
                 floor_mm(each.depth, 1),
             ]
             for each in found.scopes
@@ -257,4 +293,5 @@ class TreeReaching(Task):
                 f"axis{_tell_vessels(each)}; {each.route or 'straight on'}"
                 for each in near
             ]
-        return "\n".join([*lines, *filter(None, [found.reason])])
+        lines += filter(None, [found.reason])
+        return "\n".join([*lines, *_tell_findings(found.findings, notes=False)])

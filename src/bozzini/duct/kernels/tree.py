@@ -28,9 +28,32 @@ def add_lengths(order, number, nodes, before, step, lengths):
         lengths[here] = lengths[last] + math.sqrt(x * x + y * y + z * z)
 
 
+@kernel
+def _find_beside(here, number, nodes, costs, owner, own):
+    """Return the neighbour on another path that is nearest to the root, nearer than `here`; or -1.
+
+    `own` is the number of the path of `here`.
+    """
+    nx, ny, nz = number.shape
+    flat = nodes[here]
+    i, j, k = flat // (ny * nz), (flat // nz) % ny, flat % nz
+    best, least = -1, costs[here]
+    for a in range(max(i - 1, 0), min(i + 2, nx)):
+        for b in range(max(j - 1, 0), min(j + 2, ny)):
+            for c in range(max(k - 1, 0), min(k + 2, nz)):
+                there = number[a, b, c]
+                if there >= 0 and owner[there] >= 0 and owner[there] != own:
+                    if costs[there] < least:
+                        best, least = there, costs[there]
+    return best
+
+
 @kernel(nogil=True)
-def take_lines(order, number, nodes, before, depths, step, least, owner, tips):
+def take_lines(order, number, nodes, before, costs, lengths, depths, step, least, owner, tips):
     """Trace back paths, the farthest node first, each until it meets another; return how many.
+
+    Where a path would run on beside another for three times the clearance and four voxels, as in
+    the middle of an even number of voxels, it goes over to it, and `before` is changed.
 
     A path covers what is joined with each of its nodes within a ball round it: as far beyond the
     wall as the node has clearance, and at least `least`. No path begins where another covers
@@ -42,6 +65,8 @@ def take_lines(order, number, nodes, before, depths, step, least, owner, tips):
         Nodes, the one with the longest path first.
     before : (n,) int32
         The node before on the path.
+    costs, lengths : (n,) float
+        Of each node's path.
     depths : (n,) float
         Clearance [mm].
     owner : (n,) int32
@@ -91,6 +116,14 @@ def take_lines(order, number, nodes, before, depths, step, least, owner, tips):
                                     covered[there] = True
                                     stack[top] = there
                                     top += 1
+            beside = _find_beside(here, number, nodes, costs, owner, found)
+            if beside >= 0:
+                on, way, far = here, 0.0, 3.0 * depths[here] + 4.0 * max(step[0], step[1], step[2])
+                while way < far and before[on] >= 0 and owner[before[on]] < 0:
+                    on = before[on]
+                    way = lengths[here] - lengths[on]
+                if way >= far and _find_beside(on, number, nodes, costs, owner, found) >= 0:
+                    before[here] = beside
             last = before[here]
             if last >= 0:
                 flat = nodes[last]
