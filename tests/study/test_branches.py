@@ -304,6 +304,20 @@ def test_a_tree_from_a_file_has_the_same_reach(tmp_path, capsys) -> None:  # typ
     assert main([*line, "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert told["depth_mm"] == pytest.approx(reach_airway().scopes[0].depth, abs=0.01)
+    lines = tmp_path / "tree.vtp"
+    assert main(["tree", str(file), "--out", str(lines)]) == 0
+    assert main(["tree", str(file), "--out", str(tmp_path / "tree.mrk.json")]) == 0
+    start = ",".join(f"{value:.3f}mm" for value in case.tree.ends[0].points[-1])
+    capsys.readouterr()
+    first = []
+    for each in (lines, tmp_path / "tree.mrk.json"):
+        assert main(["tree", str(each), f"--start={start}", "--json"]) == 0
+        first.append(json.loads(capsys.readouterr().out)["branches"][0]["points_mm"][0])
+    assert first[0] == pytest.approx(case.tree.ends[0].points[-1], abs=0.01)
+    assert first[1] == pytest.approx(first[0], abs=0.01)
+    for wrong, said in (("--labels=1", "it has no labels"), ("--start=trachea", "a point x,y,z")):
+        assert main(["tree", str(lines), wrong, "--json"]) == 2
+        assert said in capsys.readouterr().out
     swc.write_text("1 0 0 0 500 1 -1\n2 0 0 0 501 1 1\n")
     assert main([*line, "--json"]) == 2
     assert "lies outside the lumen" in capsys.readouterr().out

@@ -152,10 +152,13 @@ class LumenTree(ClosedForm):
         Each after its parent, in the order of their names.
     findings : tuple of TreeFinding
         Loops, leaks, parts and ends that are not what they seem.
+    frame : str, optional
+        Where the world's axes point in the patient, such as ``"RAS"``, as far as that is known.
     """
 
     branches: tuple[Branch, ...]
     findings: tuple[TreeFinding, ...] = ()
+    frame: str | None = None
 
     def __repr__(self) -> str:
         return (

@@ -258,7 +258,8 @@ class Case:
         """All branches of the lumen, from its root: the start that was given, or the widest end."""
         with self._clock("tree"), explain_scale(self.tract):
             root = None if self.start is None else find_root(self.field, self.start)
-            return find_tree(self.field, root, progress=self.progress)
+            tree = find_tree(self.field, root, progress=self.progress)
+            return replace(tree, frame=self.tract.frame)
 
     @property
     def line(self) -> Centreline:
