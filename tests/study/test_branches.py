@@ -248,6 +248,21 @@ def test_wrong_input_is_one_line() -> None:
         find_approaches(reach_airway(), (0.0, 0.0, 0.0), most=4.0)
 
 
+def test_a_branch_is_chosen_by_its_name_in_anatomy(tmp_path) -> None:  # type: ignore[no-untyped-def]
+    _, case = open_airway()
+    names = tmp_path / "names.csv"
+    names.write_text("branch,name\n0.1,LMB\n")
+    named = case.change(branch="lmb", names=str(names))
+    plain = case.change(branch="0.1")
+    assert np.array_equal(named.line.points, plain.line.points)
+    scope = Scope(diameter=3.0, link_length=4.0)
+    plans = [each.plan(scope, advise=False) for each in (named, plain)]
+    stated = [
+        each.case.state(each.plan, centreline=each.centreline, findings=()).input for each in plans
+    ]
+    assert stated[0] == stated[1]
+
+
 def check_random_tree(seed: int) -> None:
     """Branches, depths and certificates of a random tree of tubes, by its known truth."""
     known = grow(seed, splits=3, radius=6.0)

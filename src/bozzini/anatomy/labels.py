@@ -215,10 +215,9 @@ def tract_from_volume(volume: Volume, *, labels: Labels | None = None) -> LabelT
     """
     source = volume.source
     frame = None if volume.frame is None else check_frame(volume.frame)
-    array = _check_volume(np.asarray(volume.array), source)
+    values = narrow_volume(volume.array, source)
     matrix = check_affine(volume.affine, source)
     found = list(volume.findings)
-    values = _narrow(array, source)
     # Runs lie along the axis that is contiguous in memory.
     turned = values.flags.f_contiguous and not values.flags.c_contiguous
     voxels = np.ascontiguousarray(values.T if turned else values)
@@ -382,11 +381,18 @@ def _check_volume(given: Voxels, source: str) -> Voxels:
     return volume
 
 
-def _narrow(volume: Voxels, source: str) -> Voxels:
-    """Return the voxels as uint8 or uint16 in the same order of axes, without a copy if possible.
+def narrow_volume(given: Voxels, source: str) -> Voxels:
+    """Return voxels of labels as uint8 or uint16 in the same order of axes.
 
-    Large volumes are checked and converted in pieces: a CT may not fit twice in memory.
+    There is no copy if that is possible. Large volumes are checked and converted in pieces: a CT
+    may not fit twice in memory.
+
+    Raises
+    ------
+    InputError
+        If they are no labels.
     """
+    volume = _check_volume(np.asarray(given), source)
     if volume.dtype.kind == "b":
         return volume.view(np.uint8)
     flat = volume.ravel(order="K")
@@ -450,6 +456,11 @@ def _check_shear(matrix: Matrix, size: NDArray[np.float64]) -> list[Finding]:
         f"wall by up to {ceil_mm(shift)} mm"
     )
     return [Finding("axes-squared", "note", message)]
+
+
+def find_centres(mask: NDArray[np.bool_], affine: Matrix) -> NDArray[np.float64]:
+    """Return the centres (k, 3) of the voxels in a mask, world frame [mm]."""
+    return np.asarray(np.argwhere(mask) @ affine[:3, :3].T + affine[:3, 3])
 
 
 def measure_voxel(affine: Matrix) -> float:

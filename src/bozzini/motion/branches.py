@@ -141,6 +141,8 @@ class BranchReach:
         Of the scope [mm].
     branch : str
         Its name.
+    anatomy : str
+        What it is called in anatomy, if that is known.
     generation : int
     length : float
         Of the branch [mm].
@@ -160,6 +162,7 @@ class BranchReach:
     diameter: float = tabulated("mm")
     link: float = tabulated("mm")
     branch: str = tabulated()
+    anatomy: str = tabulated()
     generation: int = tabulated()
     length: float = tabulated("mm")
     reached: float = tabulated("mm")
@@ -532,6 +535,7 @@ def _list_branches(
                 diameter=scope.diameter,
                 link=scope.link_length,
                 branch=branch.name,
+                anatomy=branch.anatomy,
                 generation=branch.generation,
                 length=branch.length,
                 reached=reached,

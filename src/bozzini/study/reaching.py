@@ -10,10 +10,12 @@ import numpy as np
 
 from ..anatomy.fiducials import read_fiducial
 from ..anatomy.frame import find_axis
+from ..anatomy.labels import find_centres
 from ..anatomy.tract import LabelTract
 from ..checks import ceil_mm, floor_mm, quantity, show_value
 from ..duct import LumenTree
 from ..duct.tree_files import is_tree, read_tree, write_curves, write_swc, write_vtp
+from ..duct.tree_names import read_names
 from ..errors import InputError
 from ..motion.approach import Approach, find_approaches
 from ..motion.branches import NEEDLE, TreeReach, TreeReachOptions, reach_tree
@@ -66,7 +68,7 @@ class TreeListing(Task):
         """Return the tree that INPUT is."""
         for part in (self.reading, self.lumen):
             for name, item in part.__dataclass_fields__.items():
-                if name not in ("frame", "start") and getattr(part, name) != item.default:
+                if name not in ("frame", "start", "names") and getattr(part, name) != item.default:
                     raise InputError(
                         f"{self.input} is a tree already: it has no {name}, leave it out"
                     )
@@ -75,7 +77,8 @@ class TreeListing(Task):
             raise InputError(
                 f"start is {show_value(start)}: {self.input} is a tree, it must be a point x,y,z"
             )
-        return read_tree(self.input, root=start, frame=self.reading.frame)
+        tree = read_tree(self.input, root=start, frame=self.reading.frame)
+        return tree if self.lumen.names is None else read_names(tree, self.lumen.names)
 
     def describe(self, found: LumenTree) -> str:
         """Return the generations in a table, and what looks odd."""
@@ -103,6 +106,11 @@ class TreeListing(Task):
         if len(found.findings) > FINDINGS:
             lines.append(f"and {len(found.findings) - FINDINGS} findings more: --json has them all")
         return "\n".join(lines)
+
+
+def _tell_name(tree: LumenTree, branch: str) -> str:
+    anatomy = tree.branches[tree.find_branch(branch)].anatomy
+    return f"{branch} ({anatomy})" if anatomy else branch
 
 
 def _tell_vessels(near: Approach) -> str:
@@ -222,7 +230,7 @@ class TreeReaching(Task):
                 f"{self.tree} is no tree of {self.input}: its root ({place}) mm lies outside the "
                 f"lumen by {outside:.1f} mm"
             )
-        return tree
+        return tree if self.lumen.names is None else read_names(tree, self.lumen.names)
 
     def _find_target(self, case: Case) -> tuple[Floats | None, float]:
         """Return places of the target, world frame, and its radius about them [mm]."""
@@ -239,8 +247,7 @@ class TreeReaching(Task):
         tract = replace(self.reading, labels=tuple(names.split(",")), organ=None).read(self.input)
         if not isinstance(tract, LabelTract):
             raise InputError(f"{self.input} is a surface: it has no label {names}")
-        voxels = np.argwhere(tract.labels > 0)
-        return np.asarray(voxels @ tract.affine[:3, :3].T + tract.affine[:3, 3])
+        return find_centres(tract.mask, tract.affine)
 
     def describe(self, found: TreeReach) -> str:
         """Return a table of the scopes, and the nearest approaches."""
@@ -268,9 +275,9 @@ class TreeReaching(Task):
         for size in dict.fromkeys(each.diameter for each in found.approaches):
             near = [each for each in found.approaches if each.diameter == size][:SHOWN]
             lines += [
-                f"{size:g} mm to the target: from branch {each.branch} at {each.depth:.1f} mm, "
-                f"needle {ceil_mm(each.needle, 1)} mm at {math.degrees(each.angle):.0f} deg to the "
-                f"axis{_tell_vessels(each)}; {each.route or 'straight on'}"
+                f"{size:g} mm to the target: from branch {_tell_name(tree, each.branch)} at "
+                f"{each.depth:.1f} mm, needle {ceil_mm(each.needle, 1)} mm at "
+                f"{math.degrees(each.angle):.0f} deg to the axis{_tell_vessels(each)}; {each.route or 'straight on'}"
                 for each in near
             ]
         return "\n".join([*lines, *filter(None, [found.reason])])
