@@ -154,14 +154,15 @@ class LumenTree(ClosedForm):
     ----------
     branches : tuple of Branch
         Each after its parent, in the order of their names.
-    findings : tuple of TreeFinding
-        Loops, leaks, parts and ends that are not what they seem.
+    findings : tuple of Finding
+        `TreeFinding`: loops, leaks, parts and ends that are not what they seem; and what of the
+        tract makes the whole tree doubtful.
     frame : str, optional
         Where the world's axes point in the patient, such as ``"RAS"``, as far as that is known.
     """
 
     branches: tuple[Branch, ...]
-    findings: tuple[TreeFinding, ...] = ()
+    findings: tuple[Finding, ...] = ()
     frame: str | None = None
 
     def __repr__(self) -> str:

@@ -260,7 +260,9 @@ class Case:
         with self._clock("tree"), explain_scale(self.tract):
             root = None if self.start is None else find_root(self.field, self.start)
             tree = find_tree(self.field, root, progress=self.progress)
-            tree = replace(tree, frame=self.tract.frame)
+            hollow = [item for item in self.tract.findings if item.code == "hollow"]
+            findings = (*hollow, *tree.findings)
+            tree = replace(tree, frame=self.tract.frame, findings=findings)
             names = self.options.names
             return tree if names is None else read_names(tree, names)
 

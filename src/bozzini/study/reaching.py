@@ -277,7 +277,9 @@ class TreeReaching(Task):
             lines += [
                 f"{size:g} mm to the target: from branch {_tell_name(tree, each.branch)} at "
                 f"{each.depth:.1f} mm, needle {ceil_mm(each.needle, 1)} mm at "
-                f"{math.degrees(each.angle):.0f} deg to the axis{_tell_vessels(each)}; {each.route or 'straight on'}"
+                f"{math.degrees(each.angle):.0f} deg to the axis{_tell_vessels(each)}; "
+                f"{each.route or 'straight on'}"
                 for each in near
             ]
-        return "\n".join([*lines, *filter(None, [found.reason])])
+        doubts = [item.message for item in tree.findings if item.code == "hollow"]
+        return "\n".join([*lines, *doubts, *filter(None, [found.reason])])
