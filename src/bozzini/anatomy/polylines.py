@@ -205,7 +205,11 @@ def _read_markups(path: Path) -> RoundLines:
 
 
 def format_curves(
-    names: Sequence[str], lines: Sequence[Floats], radius: Sequence[Floats], *, frame: str
+    names: Sequence[str],
+    lines: Sequence[Floats],
+    radius: Sequence[Floats | None],
+    *,
+    frame: str,
 ) -> str:
     """Return lines as curves of 3D Slicer, their radius as a measurement at the control points.
 
@@ -215,8 +219,8 @@ def format_curves(
         Of each line; ``""`` leaves it to Slicer.
     lines : sequence of (n, 3) float
         Points of each [mm].
-    radius : sequence of (n,) float
-        About these [mm].
+    radius : sequence of (n,) float or None
+        About these [mm]; None leaves it out.
     frame : str
         Of the points. Markups know RAS and LPS only: any other one is turned to RAS.
     """
@@ -237,8 +241,11 @@ def format_curves(
             }
             for number, (point, arc) in enumerate(zip(line @ turn.T, arcs, strict=True), start=1)
         ]
-        radii = [round(float(value), 4) for value in around]
-        length = {"name": "length", "enabled": True, "value": round(float(arcs[-1]), 4)}
+        length = round(float(arcs[-1]), 4)
+        measured: list[dict[str, object]] = [{"name": "length", "value": length}]
+        if around is not None:
+            radii = [round(float(value), 4) for value in around]
+            measured.append({"name": "Radius", "controlPointValues": radii})
         curves.append(
             {
                 "type": "Curve",
@@ -247,15 +254,7 @@ def format_curves(
                 "coordinateUnits": "mm",
                 "labelFormat": "%N-%d",
                 "controlPoints": points,
-                "measurements": [
-                    length | {"units": "mm"},
-                    {
-                        "name": "Radius",
-                        "enabled": True,
-                        "units": "mm",
-                        "controlPointValues": radii,
-                    },
-                ],
+                "measurements": [{**each, "enabled": True, "units": "mm"} for each in measured],
                 "display": {"visibility": True, "pointLabelsVisibility": False},
             }
         )

@@ -122,7 +122,7 @@ def write_centreline(line: Centreline, folder: Path, *, frame: str) -> None:
         Of the line's coordinates, such as ``"RAS"``. Markups know RAS and LPS only: coordinates
         in any other frame are turned to RAS there.
     """
-    curve = format_curves([""], [line.points], [line.radius], frame=frame)
+    curve = format_curves([""], [line.points], [None], frame=frame)
     write_text(folder / "centreline.mrk.json", curve)
     values = {"MaximumInscribedSphereRadius": line.radius, "ArcLength": line.arc_length}
     write_text(folder / "centreline.vtp", format_polylines([line.points], values))
