@@ -207,6 +207,10 @@ def test_what_is_no_tree_of_lines_is_refused(tree: LumenTree, tmp_path: Path) ->
         write()
         with pytest.raises(FileFormatError, match=said):
             read_tree(path)
+    same = [np.ones((4, 3))]
+    _write_xml(path, same, [np.ones(4)], "Radius", how="zlib")
+    with pytest.raises(FileFormatError, match="the root must have a node after it"):
+        read_tree(path)
     _write_legacy(tmp_path / "t.vtk", lines, radii, "Radius", binary=False)
     text = (tmp_path / "t.vtk").read_text()
     (tmp_path / "t.vtk").write_text(text[: text.index("LINES")])

@@ -104,9 +104,9 @@ def read_round_lines(path: str | os.PathLike[str]) -> RoundLines:
     read = _read_markups if has_suffix(path, (".mrk.json",)) else _read_poly_data
     lines = read(file)
     for points, radius in zip(lines.points, lines.radius, strict=True):
-        if len(points) != len(radius):
+        if radius.shape != (len(points),):
             raise FileFormatError(
-                f"{path} has a line of {len(points)} points with {len(radius)} radii"
+                f"{path} has a line of {len(points)} points with {radius.size} radii"
             )
         if not (np.isfinite(points).all() and np.isfinite(radius).all() and (radius > 0.0).all()):
             raise FileFormatError(
@@ -133,15 +133,18 @@ def _read_poly_data(path: Path) -> RoundLines:
             space = b"".join(codes).decode("ascii", "replace")
             for piece in root.iter("Piece"):
                 table = reader.read_cells(piece, "Lines")
-                lines = [] if table is None else split_lines(*table)
-                if lines:
+                rows = [] if table is None else split_lines(*table)
+                if rows:
                     items = {each.get("Name", ""): each for each in piece.iterfind("PointData/*")}
                     radius = reader.read(items[_choose_radius(path, items)])
-                    pieces.append((reader.read_points(piece), lines, radius))
+                    pieces.append((reader.read_points(piece), rows, radius))
     if not pieces:
         raise FileFormatError(f"{path} has no lines: a tree is poly data with lines")
     with tell_damage(path):
-        return _cut_lines(pieces, _find_space(space))
+        lines = _cut_lines(pieces, _find_space(space))
+    if not lines.points:
+        raise FileFormatError(f"{path} has no lines of more than one point")
+    return lines
 
 
 def _choose_radius(path: Path, names: Iterable[str]) -> str:
@@ -163,6 +166,8 @@ def _cut_lines(
         for line in lines:
             if line.min(initial=0) < 0:
                 raise ValueError("negative number of a point")
+            if len(line) < 2:
+                continue
             points.append(places[line])
             radii.append(np.asarray(radius, dtype=np.float64)[line])
     return RoundLines(tuple(points), tuple(radii), frame)

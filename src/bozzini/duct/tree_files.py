@@ -151,7 +151,8 @@ def _find_widest(nodes: Nodes) -> int:
         radius = float(np.median([nodes.values[k][3] for k in way]))
         return radius, float(nodes.values[end][2])
 
-    return max((k for k, others in enumerate(nodes.beside) if len(others) == 1), key=rate)
+    ends = [k for k, others in enumerate(nodes.beside) if len(others) == 1]
+    return max(ends, key=rate, default=0)  # without any there is one node, which is refused
 
 
 def _split(source: Path, nodes: Nodes, root: int) -> list[Branch]:
