@@ -240,6 +240,15 @@ def rows_of(kind: type) -> Any:
     return dataclasses.field(metadata={"rows": kind})
 
 
+def list_row(item: object) -> Json:
+    """Return the fields of a dataclass made by `tabulated` as plain values, units in the names."""
+    return {
+        _name_column(field): to_plain(getattr(item, field.name))
+        for field in dataclasses.fields(item)  # type: ignore[arg-type]
+        if "column" in field.metadata
+    }
+
+
 def format_rows(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """Return a table for people, its columns aligned to the right but for the first."""
     table = [list(head), *(list(row) for row in rows)]

@@ -268,3 +268,24 @@ def test_axes_not_quite_square_are_noted_only_where_it_moves_the_wall():
     assert "axes-squared" not in codes(tract_from_labels(array, affine))
     affine[0, 1] = 20.0 * 9e-4
     assert "wall by up to 0.0" in codes(tract_from_labels(array, affine))["axes-squared"].message
+
+
+@pytest.mark.parametrize("limit", [1e6, 2e4])
+def test_a_wall_is_told_from_a_lumen(limit, monkeypatch):
+    """A bent tube, open at its ends, as lumen and as wall; a solid ring; two tubes that touch."""
+    monkeypatch.setattr("bozzini.anatomy.labels.HOLLOW_VOXELS", limit)
+    x, y, z = np.mgrid[-30:31, -30:31, 0:70].astype(float)
+    away = np.hypot(x - 8.0 * np.sin(z / 20.0), y)
+    ring = np.hypot(np.hypot(x, y) - 20.0, z - 35.0) < 7.0
+    told = {
+        name: [f.message for f in tract_from_labels(mask.astype(np.uint8), np.eye(4)).findings
+               if f.code == "hollow"]
+        for name, mask in {
+            "lumen": away < 8.0,
+            "wall": (away >= 8.0) & (away < 10.0),
+            "ring": ring,
+            "pair": (away < 8.0) | (np.hypot(x + 14.0, y - 4.0) < 8.0),
+        }.items()
+    }  # fmt: skip
+    assert len(told.pop("wall")) == 1
+    assert not any(told.values())

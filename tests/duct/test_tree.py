@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from bozzini.anatomy import read_tract
 from bozzini.duct import LumenTree, build_field, field_from_mask, find_tree
-from bozzini.duct.tree_files import read_swc, write_swc, write_vtp
+from bozzini.duct.tree_files import read_tree, write_swc, write_vtp
 from bozzini.errors import FileFormatError, GeometryError, InputError
 
 from .branching import KnownTree, grow
@@ -143,7 +143,7 @@ def test_airway_agrees_with_its_own_tree(airway_dir: Path) -> None:
 
 def test_a_tree_comes_back_from_swc(tree: LumenTree, tmp_path: Path) -> None:
     write_swc(tree, tmp_path / "tree.swc")
-    again = read_swc(tmp_path / "tree.swc")
+    again = read_tree(tmp_path / "tree.swc")
     assert list(again.names) == list(tree.names)
     for one, other in zip(again.branches, tree.branches, strict=True):
         assert one.points == pytest.approx(other.points, abs=1e-6)
@@ -162,7 +162,7 @@ def test_a_tree_whose_root_lies_inside_comes_back_from_swc(
     tree = find_tree(known.rasterise(1.0), 0.5 * known.end[0])
     write_swc(tree, path)
     path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes())
-    again = read_swc(path)
+    again = read_tree(path)
     assert again.list_columns()["parent"] == tree.list_columns()["parent"]
     assert again.length == pytest.approx(tree.length, abs=1e-3)
 
@@ -190,7 +190,7 @@ def test_a_tree_as_poly_data_has_a_line_for_each_branch(tree: LumenTree, tmp_pat
         ("1 0 0 0 0 0 -1\n", "its radius above 0"),
         ("1 0 0 0 0 1 -1\n2 0 0 0 1 1 -1\n", "has 2 roots"),
         ("1 0 0 0 0 1 -1\n2 0 0 0 1 1 1\n3 0 0 0 1 1 4\n4 0 0 0 2 1 3\n", "2 of them are joined"),
-        ("1 0 0 0 0 1 -1\n", "must have one node after it"),
+        ("1 0 0 0 0 1 -1\n", "must have a node after it"),
         ("1 0 0 0 0 1 -1\n2 0 0 0 0 1 1\n", "the same place"),
     ],
 )
@@ -198,7 +198,7 @@ def test_what_is_no_tree_is_refused(text: str, said: str, tmp_path: Path) -> Non
     path = tmp_path / "wrong.swc"
     path.write_text(text)
     with pytest.raises(FileFormatError, match=said):
-        read_swc(path)
+        read_tree(path)
 
 
 @pytest.mark.parametrize("end", [0, 2])

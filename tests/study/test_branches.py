@@ -252,6 +252,21 @@ def test_wrong_input_is_one_line() -> None:
         find_approaches(reach_airway(), (0.0, 0.0, 0.0), most=4.0)
 
 
+def test_a_branch_is_chosen_by_its_name_in_anatomy(tmp_path) -> None:  # type: ignore[no-untyped-def]
+    _, case = open_airway()
+    names = tmp_path / "names.csv"
+    names.write_text("branch,name\n0.1,LMB\n")
+    named = case.change(branch="lmb", names=str(names))
+    plain = case.change(branch="0.1")
+    assert np.array_equal(named.line.points, plain.line.points)
+    scope = Scope(diameter=3.0, link_length=4.0)
+    plans = [each.plan(scope, advise=False) for each in (named, plain)]
+    stated = [
+        each.case.state(each.plan, centreline=each.centreline, findings=()).input for each in plans
+    ]
+    assert stated[0] == stated[1]
+
+
 def check_random_tree(seed: int) -> None:
     """Branches, depths and certificates of a random tree of tubes, by its known truth."""
     known = grow(seed, splits=3, radius=6.0)
@@ -308,6 +323,20 @@ def test_a_tree_from_a_file_has_the_same_reach(tmp_path, capsys) -> None:  # typ
     assert main([*line, "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert told["depth_mm"] == pytest.approx(reach_airway().scopes[0].depth, abs=0.01)
+    lines = tmp_path / "tree.vtp"
+    assert main(["tree", str(file), "--out", str(lines)]) == 0
+    assert main(["tree", str(file), "--out", str(tmp_path / "tree.mrk.json")]) == 0
+    start = ",".join(f"{value:.3f}mm" for value in case.tree.ends[0].points[-1])
+    capsys.readouterr()
+    first = []
+    for each in (lines, tmp_path / "tree.mrk.json"):
+        assert main(["tree", str(each), f"--start={start}", "--json"]) == 0
+        first.append(json.loads(capsys.readouterr().out)["branches"][0]["points_mm"][0])
+    assert first[0] == pytest.approx(case.tree.ends[0].points[-1], abs=0.01)
+    assert first[1] == pytest.approx(first[0], abs=0.01)
+    for wrong, said in (("--labels=1", "it has no labels"), ("--start=trachea", "a point x,y,z")):
+        assert main(["tree", str(lines), wrong, "--json"]) == 2
+        assert said in capsys.readouterr().out
     swc.write_text("1 0 0 0 500 1 -1\n2 0 0 0 501 1 1\n")
     assert main([*line, "--json"]) == 2
     assert "lies outside the lumen" in capsys.readouterr().out

@@ -8,14 +8,17 @@ from __future__ import annotations
 
 import base64
 import io
+import itertools
 import json
 import math
 import re
 import zlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple, cast
+from urllib.parse import unquote
 from xml.etree import ElementTree
 
 import numpy as np
@@ -247,7 +250,7 @@ _LEGACY_TYPES = {
 
 _XML_TYPES = {
     "Int8": "i1", "UInt8": "u1", "Int16": "i2", "UInt16": "u2", "Int32": "i4", "UInt32": "u4",
-    "Int64": "i8", "UInt64": "u8", "Float32": "f4", "Float64": "f8",
+    "Int64": "i8", "UInt64": "u8", "Float32": "f4", "Float64": "f8", "String": "u1",
 }  # fmt: skip
 
 MOST_BYTES = 1 << 31
@@ -256,6 +259,37 @@ MOST_BYTES = 1 << 31
 
 def _read_vtk(path: Path) -> Mesh:
     """Read a legacy VTK PolyData file; polygons and strips become triangles."""
+    found = load_legacy(path)
+    return found.points, found.faces
+
+
+class LegacyData(NamedTuple):
+    """What a legacy VTK PolyData file holds.
+
+    Attributes
+    ----------
+    points : (n, 3) float
+    faces : (m, 3) int
+    lines : list of (k,) int
+        Numbers of the points of each.
+    title : str
+        Its second line.
+    rest : bytes
+        What follows the cells, not read yet: its attributes.
+    take : callable
+        What reads numbers of that.
+    """
+
+    points: Vertices
+    faces: Faces
+    lines: list[Faces]
+    title: str
+    rest: bytes
+    take: Taker
+
+
+def load_legacy(path: Path) -> LegacyData:
+    """Read a legacy VTK PolyData file, but for its attributes."""
     data = path.read_bytes()
     head = data.split(b"\n", 3)
     if not head[0].startswith(b"# vtk DataFile") or len(head) < 4:
@@ -269,8 +303,18 @@ def _read_vtk(path: Path) -> Mesh:
         raise FileFormatError(
             f"{path} is {_show(body.partition(bytes([10]))[0])}: only DATASET POLYDATA is read"
         )
+    take = _take_binary if form == b"BINARY" else _take_ascii
+    with tell_damage(path):
+        return _read_legacy(body[kind.end() :], take, _show(head[1]))
+
+
+@contextmanager
+def tell_damage(path: Path) -> Iterator[None]:
+    """Refuse a file in which numbers do not add up."""
     try:
-        return _read_legacy(body[kind.end() :], _take_binary if form == b"BINARY" else _take_ascii)
+        yield
+    except FileFormatError:
+        raise
     except _DAMAGE:
         raise FileFormatError(f"{path} is cut short or damaged: {_COUNTS}") from None
 
@@ -289,14 +333,18 @@ Taker = Callable[[bytes, int, str], tuple[Numbers, bytes]]
 """Reads numbers of a type from the beginning of bytes; returns them and the bytes that follow."""
 
 
-def _read_legacy(body: bytes, take: Taker) -> Mesh:
+_WORDS = re.compile(rb"\s*([A-Za-z_]+)[ \t]*([^\n]*)(\n|$)")
+"""A line that begins with a word."""
+
+
+def _read_legacy(body: bytes, take: Taker, title: str) -> LegacyData:
     points = None
     faces: list[Faces] = []
-    while True:
-        line = re.compile(rb"\s*([A-Za-z_]+)[ \t]*([^\n]*)(\n|$)").match(body)
-        if line is None:
-            break
+    lines: list[Faces] = []
+    while (line := _WORDS.match(body)) is not None:
         word, rest = line[1].upper(), line[2].split()
+        if word in (b"POINT_DATA", b"CELL_DATA"):
+            break
         body = body[line.end() :]
         if word == b"POINTS":
             values, body = take(body, 3 * int(rest[0]), _LEGACY_TYPES[rest[1].decode().lower()])
@@ -307,13 +355,63 @@ def _read_legacy(body: bytes, take: Taker) -> Mesh:
                 faces.append(_split_polygons(*table))
             elif word == b"TRIANGLE_STRIPS":
                 faces.append(_split_strips(*table))
-        elif word == b"METADATA":  # runs to the next empty line
-            body = body[body.index(b"\n\n") + 2 :] if b"\n\n" in body else b""
-        else:  # attributes follow the cells
+            elif word == b"LINES":
+                lines += split_lines(*table)
+        elif word == b"METADATA":
+            body = _skip_metadata(body)
+        elif word == b"FIELD":
+            _, body = _take_fields(body, int(rest[1]), take)
+        else:
             break
     if points is None:
         raise ValueError("no points")
-    return points, _join(faces)
+    return LegacyData(points, _join(faces), lines, title, body, take)
+
+
+def _skip_metadata(body: bytes) -> bytes:
+    """Return what follows the next empty line."""
+    return body[body.index(b"\n\n") + 2 :] if b"\n\n" in body else b""
+
+
+def _take_fields(body: bytes, count: int, take: Taker) -> tuple[dict[str, Numbers], bytes]:
+    """Read so many named arrays."""
+    found = {}
+    for _ in range(count):
+        if re.match(rb"\s*METADATA", body):
+            body = _skip_metadata(body)
+        line = re.match(rb"\s*(\S+)[ \t]+(\d+)[ \t]+(\d+)[ \t]+(\w+)[^\n]*\n", body)
+        if line is None:
+            raise ValueError("no array")
+        kind = _LEGACY_TYPES[line[4].decode().lower()]
+        values, body = take(body[line.end() :], int(line[2]) * int(line[3]), kind)
+        found[unquote(line[1].decode("utf-8", "replace"))] = values
+    return found, body
+
+
+def read_point_data(body: bytes, take: Taker) -> dict[str, Numbers]:
+    """Return the arrays of the points among the attributes of a legacy VTK file."""
+    found: dict[str, Numbers] = {}
+    of_points, count = False, 0
+    while (line := _WORDS.match(body)) is not None:
+        word, rest = line[1].upper(), line[2].split()
+        body = body[line.end() :]
+        arrays: dict[str, Numbers] = {}
+        if word in (b"POINT_DATA", b"CELL_DATA"):
+            of_points, count = word == b"POINT_DATA", int(rest[0])
+        elif word in (b"SCALARS", b"VECTORS", b"NORMALS"):
+            parts = (int(rest[2]) if len(rest) > 2 else 1) if word == b"SCALARS" else 3
+            table = re.match(rb"\s*LOOKUP_TABLE[^\n]*\n", body)
+            body = body if table is None else body[table.end() :]
+            values, body = take(body, parts * count, _LEGACY_TYPES[rest[1].decode().lower()])
+            arrays = {unquote(rest[0].decode("utf-8", "replace")): values}
+        elif word == b"FIELD":
+            arrays, body = _take_fields(body, int(rest[1]), take)
+        elif word == b"METADATA":
+            body = _skip_metadata(body)
+        else:
+            break
+        found |= arrays if of_points else {}
+    return found
 
 
 def _take_ascii(body: bytes, number: int, kind: str) -> tuple[Numbers, bytes]:
@@ -390,12 +488,25 @@ def _split_strips(corners: Faces, starts: Faces) -> Faces:
     return _join(faces)
 
 
+def split_lines(corners: Faces, starts: Faces) -> list[Faces]:
+    """Return the numbers of the points of each line."""
+    _check_offsets(corners, starts)
+    return [corners[a:b] for a, b in itertools.pairwise(starts.tolist())]
+
+
 def _join(faces: list[Faces]) -> Faces:
     return np.concatenate([np.zeros((0, 3), dtype=np.int64), *faces])
 
 
 def _read_vtp(path: Path) -> Mesh:
-    """Read a VTK XML PolyData file with inline or appended data, plain or packed with zlib."""
+    """Read the triangles of a VTK XML PolyData file."""
+    root, reader = open_vtp(path)
+    with tell_damage(path):
+        return join_meshes([_read_piece(piece, reader) for piece in root.iter("Piece")])
+
+
+def open_vtp(path: Path) -> tuple[ElementTree.Element, XmlArrays]:
+    """Open a VTK XML PolyData file with inline or appended data, plain or packed with zlib."""
     data = path.read_bytes()
     appended = b""
     start = data.find(b"<AppendedData")
@@ -422,12 +533,8 @@ def _read_vtp(path: Path) -> Mesh:
             f"{path} is packed by {packer[:40]}: only vtkZLibDataCompressor is read"
         )
     coded = encoding is not None and encoding[1] == b"base64"
-    try:
-        reader = _XmlArrays(root, appended, coded=coded)
-        pieces = [_read_piece(piece, reader) for piece in root.iter("Piece")]
-        return join_meshes(pieces)
-    except _DAMAGE:
-        raise FileFormatError(f"{path} is cut short or damaged: {_COUNTS}") from None
+    with tell_damage(path):
+        return root, XmlArrays(root, appended, coded=coded)
 
 
 def join_meshes(meshes: list[Mesh]) -> Mesh:
@@ -439,19 +546,16 @@ def join_meshes(meshes: list[Mesh]) -> Mesh:
     )
 
 
-def _read_piece(piece: ElementTree.Element, reader: _XmlArrays) -> Mesh:
-    points = _to_points(reader.read(piece.find("Points/DataArray")))
+def _read_piece(piece: ElementTree.Element, reader: XmlArrays) -> Mesh:
     faces = []
     for name, split in (("Polys", _split_polygons), ("Strips", _split_strips)):
-        arrays = {item.get("Name"): item for item in piece.findall(f"{name}/DataArray")}
-        if {"connectivity", "offsets"} <= set(arrays):
-            corners = reader.read(arrays["connectivity"]).astype(np.int64)
-            ends = reader.read(arrays["offsets"]).astype(np.int64)
-            faces.append(split(corners, np.concatenate(([0], ends))))
-    return points, _join(faces)
+        table = reader.read_cells(piece, name)
+        if table is not None:
+            faces.append(split(*table))
+    return reader.read_points(piece), _join(faces)
 
 
-class _XmlArrays:
+class XmlArrays:
     """Decodes the arrays of a VTK XML file."""
 
     def __init__(self, root: ElementTree.Element, appended: bytes, *, coded: bool) -> None:
@@ -461,7 +565,21 @@ class _XmlArrays:
         self.appended = appended
         self.coded = coded
 
+    def read_points(self, piece: ElementTree.Element) -> Vertices:
+        """Return the points (n, 3) of a piece."""
+        return _to_points(self.read(piece.find("Points/DataArray")))
+
+    def read_cells(self, piece: ElementTree.Element, name: str) -> tuple[Faces, Faces] | None:
+        """Return cells of a piece as corners, and the offset of each cell in them, 0 first."""
+        arrays = {item.get("Name"): item for item in piece.findall(f"{name}/DataArray")}
+        if not {"connectivity", "offsets"} <= set(arrays):
+            return None
+        corners = self.read(arrays["connectivity"]).astype(np.int64)
+        ends = self.read(arrays["offsets"]).astype(np.int64)
+        return corners, np.concatenate(([0], ends))
+
     def read(self, item: ElementTree.Element | None) -> Numbers:
+        """Return the numbers of an array, one after the other."""
         if item is None:
             raise ValueError("an array is missing")
         kind = _XML_TYPES[item.get("type", "")]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar
@@ -76,6 +77,15 @@ MANY_COMPONENTS = 100
 
 ENCLOSED_SHARE = 0.5
 """Share of a label's faces that touch the lumen, above which it lies inside the lumen."""
+
+HOLLOW_VOXELS = 1e6
+"""A label is tried for being a wall with at most about so many voxels."""
+HOLLOW_SHARE = 0.1
+"""A wall encloses at least this share of its own volume in its slices..."""
+HOLLOW_DEPTH = 2.5
+"""...with room for a ball at least so many times as deep as..."""
+HOLLOW_MOST = 0.9
+"""...this share of the wall's voxels lies in it."""
 
 Voxels = NDArray[Any]
 """Voxels of any type of number."""
@@ -215,10 +225,9 @@ def tract_from_volume(volume: Volume, *, labels: Labels | None = None) -> LabelT
     """
     source = volume.source
     frame = None if volume.frame is None else check_frame(volume.frame)
-    array = _check_volume(np.asarray(volume.array), source)
+    values = narrow_volume(volume.array, source)
     matrix = check_affine(volume.affine, source)
     found = list(volume.findings)
-    values = _narrow(array, source)
     # Runs lie along the axis that is contiguous in memory.
     turned = values.flags.f_contiguous and not values.flags.c_contiguous
     voxels = np.ascontiguousarray(values.T if turned else values)
@@ -252,7 +261,7 @@ def tract_from_volume(volume: Volume, *, labels: Labels | None = None) -> LabelT
     lumen, corner = kept.crop(turned=turned)
     matrix = matrix.copy()
     matrix[:3, 3] += axes[:3, :3] @ (corner - PADDING_VOXELS)
-    found += _check_topology(lumen, matrix)
+    found += _check_topology(lumen, matrix) + _check_hollow(lumen, matrix)
     if len(others):
         found += _check_inside(runs, voxels, lumen.T if turned else lumen, corner, axes, volume)
     there = np.flatnonzero(kept.sum_by(kept.labels))
@@ -382,11 +391,18 @@ def _check_volume(given: Voxels, source: str) -> Voxels:
     return volume
 
 
-def _narrow(volume: Voxels, source: str) -> Voxels:
-    """Return the voxels as uint8 or uint16 in the same order of axes, without a copy if possible.
+def narrow_volume(given: Voxels, source: str) -> Voxels:
+    """Return voxels of labels as uint8 or uint16 in the same order of axes.
 
-    Large volumes are checked and converted in pieces: a CT may not fit twice in memory.
+    There is no copy if that is possible. Large volumes are checked and converted in pieces: a CT
+    may not fit twice in memory.
+
+    Raises
+    ------
+    InputError
+        If they are no labels.
     """
+    volume = _check_volume(np.asarray(given), source)
     if volume.dtype.kind == "b":
         return volume.view(np.uint8)
     flat = volume.ravel(order="K")
@@ -450,6 +466,11 @@ def _check_shear(matrix: Matrix, size: NDArray[np.float64]) -> list[Finding]:
         f"wall by up to {ceil_mm(shift)} mm"
     )
     return [Finding("axes-squared", "note", message)]
+
+
+def find_centres(mask: NDArray[np.bool_], affine: Matrix) -> NDArray[np.float64]:
+    """Return the centres (k, 3) of the voxels in a mask, world frame [mm]."""
+    return np.asarray(np.argwhere(mask) @ affine[:3, :3].T + affine[:3, 3])
 
 
 def measure_voxel(affine: Matrix) -> float:
@@ -720,6 +741,45 @@ def _check_topology(lumen: Voxels, affine: Matrix) -> list[Finding]:
         )
         found.append(Finding("cavities", "warning", message))
     return found + report_handles(handles)
+
+
+def _check_hollow(lumen: Voxels, affine: Matrix) -> list[Finding]:
+    """Warn of labels that are the wall of a tube: rings in the slices, wide inside and thin.
+
+    Voxels are joined to larger ones until they are few. What the slices across one axis enclose is
+    compared with the label: in volume, and by the largest ball in it. Where a solid tube closes a
+    ring in its slices, what these enclose is no deeper than the tube is thick.
+    """
+    from scipy.ndimage import distance_transform_edt, generate_binary_structure, label
+
+    step = math.ceil((lumen.size / HOLLOW_VOXELS) ** (1.0 / 3.0))
+    coarse = lumen != 0
+    for axis, size in enumerate(lumen.shape):
+        coarse = np.bitwise_or.reduceat(coarse, np.arange(0, size, step), axis=axis)
+    spacing = step * np.linalg.norm(affine[:3, :3], axis=0)
+    for axis in range(3):
+        across = generate_binary_structure(3, 1)
+        np.moveaxis(across, axis, 0)[[0, 2]] = False
+        parts, count = label(~coarse, across)
+        outside = np.zeros(count + 1, dtype=bool)
+        outside[0] = True  # the label itself
+        for side in np.delete(np.arange(3), axis):
+            outside[np.take(parts, (0, -1), axis=int(side))] = True
+        inner = ~outside[parts]
+        ratio = np.count_nonzero(inner) / np.count_nonzero(coarse)
+        if ratio < HOLLOW_SHARE:
+            continue
+        depth = float(distance_transform_edt(inner, sampling=spacing).max())
+        depths = distance_transform_edt(coarse, sampling=spacing)[coarse]
+        thick = float(np.quantile(depths, HOLLOW_MOST))
+        if depth >= HOLLOW_DEPTH * thick:
+            message = (
+                f"the label is hollow: most of it is less than {2.0 * thick:.1f} mm thick, round a "
+                f"space of {2.0 * depth:.1f} mm: a wall, and not the lumen in it? Give the label "
+                "of the lumen, or fill it"
+            )
+            return [Finding("hollow", "warning", message)]
+    return []
 
 
 def _check_inside(

@@ -72,7 +72,7 @@ __all__ = ["command"]
     help="0 for any that is free.",
 )
 @click.option(
-    "--name", "names", multiple=True, help="Name of this computer for others; may be repeated."
+    "--name", "host_names", multiple=True, help="Name of this computer for others; may be repeated."
 )
 @click.option("--no-browser", is_flag=True, help="Do not open the page.")
 @option(
@@ -100,7 +100,7 @@ def command(
     targets: int | None,
     host: str,
     port: int,
-    names: tuple[str, ...],
+    host_names: tuple[str, ...],
     no_browser: bool,
     operator: str | None,
     answer: Answer,
@@ -149,7 +149,7 @@ def command(
         chosen = CockpitOptions(
             host=host,
             port=port,
-            names=names,
+            names=host_names,
             rig=rig,
             board=board,
             effector=effector,

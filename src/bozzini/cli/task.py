@@ -43,7 +43,8 @@ def make_command(kind: type[Task]) -> click.Command:
     def command(task: Task, answer: Answer) -> None:
         with answer.show_progress() as progress:
             found = task.run(progress)
-        write = None if answer.out is None else kind.formats.get(answer.out.suffix.lower())
+        ending = "" if answer.out is None else answer.out.name.lower()
+        write = next((each for end, each in kind.formats.items() if ending.endswith(end)), None)
         if write is not None:
             write(found, answer.target)
         elif answer.is_page:

@@ -83,6 +83,8 @@ class Branch:
         Between its direction and that of the end of its parent [rad]; 0 at the root.
     is_end : bool
         Whether nothing leaves its end, and no loop closes there.
+    anatomy : str
+        What it is called in anatomy, such as ``"RB3"``; empty where that is not known.
     """
 
     name: str
@@ -93,6 +95,7 @@ class Branch:
     generation: int
     angle: float
     is_end: bool
+    anatomy: str = ""
 
     @property
     def length(self) -> float:
@@ -126,15 +129,16 @@ class TreeFinding(Finding):
     Parameters
     ----------
     code : str
-        ``"loop"``, ``"leak"``, ``"loose-part"``, ``"hole"``, ``"thin-end"`` or ``"root-inside"``.
+        ``"loop"``, ``"leak"``, ``"loose-part"``, ``"hole"``, ``"thin-end"``, ``"root-inside"`` or
+        ``"unnamed"``.
     branch : str
         The name of the branch that it is about; empty for none.
     point : (float, float, float)
         Where [mm].
     size : float
         Of a loop its length [mm], of a leak by what factor it is wider than the parent, of a loose
-        part or a hole its volume [mm^3], of a thin end its width [mm], and of a root inside a
-        branch the length behind it [mm].
+        part or a hole its volume [mm^3], of a thin end its width [mm], of a root inside a
+        branch the length behind it [mm], and of a name that no branch has 0.
     """
 
     branch: str
@@ -153,10 +157,13 @@ class LumenTree(ClosedForm):
     findings : tuple of Finding
         Loops, leaks, parts and ends that are not what they seem, each a `TreeFinding`; before them,
         in that of a file, what was found in reading.
+    frame : str, optional
+        Where the world's axes point in the patient, such as ``"RAS"``, as far as that is known.
     """
 
     branches: tuple[Branch, ...]
     findings: tuple[Finding, ...] = ()
+    frame: str | None = None
 
     def __repr__(self) -> str:
         return (
@@ -200,7 +207,7 @@ class LumenTree(ClosedForm):
         return begins
 
     def find_branch(self, branch: str | int | Branch) -> int:
-        """Return the index of a branch, by its name, its index or itself.
+        """Return the index of a branch, by one of its names, its index or itself.
 
         Raises
         ------
@@ -210,6 +217,10 @@ class LumenTree(ClosedForm):
         if isinstance(branch, Branch):
             branch = branch.name
         if isinstance(branch, str):
+            called = branch.strip().lower()
+            known = [k for k, each in enumerate(self.branches) if each.anatomy.lower() == called]
+            if branch not in self.names and called and len(known) == 1:
+                return known[0]
             if branch not in self.names:
                 raise InputError(
                     f"there is no branch {show_value(branch)} among the tree's "
@@ -264,6 +275,7 @@ class LumenTree(ClosedForm):
         first, last = (np.stack([branch.points[at] for branch in rows]) for at in (0, -1))
         columns: Json = {
             "name": [branch.name for branch in rows],
+            "anatomy": [branch.anatomy for branch in rows],
             "parent": [rows[b.parent].name if b.parent >= 0 else "" for b in rows],
             "generation": [branch.generation for branch in rows],
             "length_mm": [branch.length for branch in rows],
@@ -337,8 +349,9 @@ class LumenTree(ClosedForm):
             if branch.parent >= 0:
                 ax.plot([column[branch.parent], x], [top, top], "C7", linewidth=0.5)
             if branch.is_end:
-                ax.annotate(branch.name, (x, top + branch.length), rotation=90, fontsize=5,
-                            ha="center", va="top", xytext=(0, -2),
+                name = branch.anatomy or branch.name
+                ax.annotate(name, (x, top + branch.length), rotation=90, fontsize=5, ha="center",
+                            va="top", xytext=(0, -2),
                             textcoords="offset points")  # fmt: skip
         ax.set_xticks([])
         ax.margins(y=0.15)  # room for the names

@@ -18,11 +18,11 @@ from ..results import (
     ReasonedResult,
     Result,
     format_rows,
+    list_row,
     measured,
     rows_of,
     tabulated,
     take_axes,
-    to_plain,
 )
 from ..task import Task
 from .design import FITS, Head, PlacedEffector, read_head
@@ -47,9 +47,7 @@ class ResultOfRows(Result):
 
     def to_dict(self) -> Json:
         """Return the result as plain values, a dictionary for each row."""
-        columns = self.list_columns() if self.rows else {}
-        rows = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
-        return {**super().to_dict(), "rows": to_plain(rows)}
+        return {**super().to_dict(), "rows": [list_row(row) for row in self.rows]}
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -135,7 +135,8 @@ def check_new_file(
         replaced, or its place takes no new file.
     """
     given = check_path("path", path)
-    if given.suffix.lower() not in suffixes:
+    endings = (given.suffix.lower(), "".join(given.suffixes[-2:]).lower())
+    if not set(endings) & set(suffixes):
         raise OutputError(f"{given} ends in '{given.suffix}': it must end in {', '.join(suffixes)}")
     try:
         target = _follow_to_file(given)

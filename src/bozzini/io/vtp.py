@@ -14,6 +14,7 @@ def format_polylines(
     point_data: Mapping[str, Floats],
     *,
     cell_data: Mapping[str, Floats] | None = None,
+    frame: str | None = None,
 ) -> str:
     """Return lines as VTK poly data.
 
@@ -25,6 +26,8 @@ def format_polylines(
         Values at the points of all lines, one line after the other; the first are its scalars.
     cell_data : mapping of str to (l,) float, optional
         A value for each line.
+    frame : str, optional
+        Of the points; 3D Slicer takes ``"RAS"`` or ``"LPS"``, others are not stated.
     """
     points = np.concatenate(list(lines))
     ends = np.cumsum([len(line) for line in lines])
@@ -36,7 +39,8 @@ def format_polylines(
     return (
         '<?xml version="1.0"?>\n'
         '<VTKFile type="PolyData" version="0.1" byte_order="LittleEndian">\n<PolyData>\n'
-        f'<Piece NumberOfPoints="{len(points)}" NumberOfVerts="0" NumberOfLines="{len(ends)}" '
+        + (_format_space(frame) if frame in ("RAS", "LPS") else "")
+        + f'<Piece NumberOfPoints="{len(points)}" NumberOfVerts="0" NumberOfLines="{len(ends)}" '
         'NumberOfStrips="0" NumberOfPolys="0">\n'
         f'<PointData Scalars="{scalars}">\n'
         f"{values}\n</PointData>\n"
@@ -45,6 +49,14 @@ def format_polylines(
         f'<DataArray type="Int64" Name="connectivity" format="ascii">{connectivity}</DataArray>\n'
         f'<DataArray type="Int64" Name="offsets" format="ascii">{offsets}</DataArray>\n'
         "</Lines>\n</Piece>\n</PolyData>\n</VTKFile>\n"
+    )
+
+
+def _format_space(frame: str) -> str:
+    codes = " ".join(str(code) for code in frame.encode())
+    return (
+        '<FieldData>\n<Array type="String" Name="SPACE" NumberOfTuples="1" format="ascii">'
+        f"{codes} 0</Array>\n</FieldData>\n"
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -21,13 +21,13 @@ from ..progress import Progress, no_progress
 from ..results import (
     Json,
     ReasonedResult,
+    list_row,
     measured,
     rows_of,
     tabulated,
     take_axes,
     to_plain,
 )
-from ..units import add_unit
 from .approach import Approach, describe_routes
 from .plan import Plan
 from .planner import make_planner
@@ -142,6 +142,8 @@ class BranchReach:
         Of the scope [mm].
     branch : str
         Its name.
+    anatomy : str
+        What it is called in anatomy, if that is known.
     generation : int
     length : float
         Of the branch [mm].
@@ -161,6 +163,7 @@ class BranchReach:
     diameter: float = tabulated("mm")
     link: float = tabulated("mm")
     branch: str = tabulated()
+    anatomy: str = tabulated()
     generation: int = tabulated()
     length: float = tabulated("mm")
     reached: float = tabulated("mm")
@@ -271,9 +274,9 @@ class TreeReach(ReasonedResult):
             "near": self.near,
             "depth_mm": self.depth,
             "needle_mm": self.needle,
-            "scopes": [name_units(each) for each in self.scopes],
-            "branches": [name_units(each) for each in self.rows],
-            "approaches": [name_units(each) for each in self.approaches],
+            "scopes": [list_row(each) for each in self.scopes],
+            "branches": [list_row(each) for each in self.rows],
+            "approaches": [list_row(each) for each in self.approaches],
             "findings": [to_plain(asdict(each)) for each in self.findings],
         }
 
@@ -292,14 +295,6 @@ class TreeReach(ReasonedResult):
         ax.set_ylim(-0.02, 1.02)
         ax.legend(title="diameter")
         return ax
-
-
-def name_units(item: object) -> Json:
-    """Return a dataclass of `tabulated` fields as plain values, their units in the names."""
-    return {
-        add_unit(each.name, each.metadata.get("unit", "")): to_plain(getattr(item, each.name))
-        for each in fields(item)  # type: ignore[arg-type]
-    }
 
 
 def find_ways(
@@ -537,6 +532,7 @@ def _list_branches(
                 diameter=scope.diameter,
                 link=scope.link_length,
                 branch=branch.name,
+                anatomy=branch.anatomy,
                 generation=branch.generation,
                 length=branch.length,
                 reached=reached,

@@ -21,6 +21,7 @@ from ..anatomy.tract import Finding, LabelTract, SurfaceTract
 from ..checks import check_kind, floor_mm
 from ..duct import Centreline, LumenTree, SampledField, build_field, find_tree
 from ..duct.field import RefinedField, check_tract, refine_field
+from ..duct.tree_names import read_names
 from ..motion.largest import Largest, find_largest
 from ..motion.moving import plan_with_soft_wall, replan
 from ..motion.plan import Plan, TractInput
@@ -259,7 +260,10 @@ class Case:
         with self._clock("tree"), explain_scale(self.tract):
             root = None if self.start is None else find_root(self.field, self.start)
             tree = find_tree(self.field, root, progress=self.progress)
-        return replace(tree, findings=(*self.tract.findings, *tree.findings))
+            findings = (*self.tract.findings, *tree.findings)
+            tree = replace(tree, frame=self.tract.frame, findings=findings)
+            names = self.options.names
+            return tree if names is None else read_names(tree, names)
 
     @property
     def line(self) -> Centreline:
@@ -400,9 +404,13 @@ class Case:
             arc_length=round_points(line.arc_length),
             radius=round_points(line.radius),
         )
+        stated = self.stated
+        if self.options.branch is not None:  # its name by path: others are in another file
+            known = self.tree.branches[self.tree.find_branch(self.options.branch)].name
+            stated = TractInput.read({**stated.describe(), "branch": known})
         return replace(
             plan,
-            input=self.stated,
+            input=stated,
             centreline=rounded,
             findings=tuple(f"{item.severity}: {item.message}" for item in findings),
             more={"ends": [candidate.describe() for candidate in centreline.candidates]},

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..anatomy.frame import find_axis
+from ..anatomy.labels import find_centres
 from ..anatomy.tract import Finding, LabelTract, Opening, SurfaceTract, name_place
 from ..checks import check_points
 from ..duct import Centreline, LumenTree, SampledField, find_centreline
@@ -697,8 +698,7 @@ def _find_label(tract: Tract, option: str, label: int) -> Place:
             f"{option} is label {label}, which is not in the lumen: it must be one of "
             f"{', '.join(str(v) for v in there)}"
         )
-    voxels = np.argwhere(tract.labels == label)
-    centres = np.asarray(voxels @ tract.affine[:3, :3].T + tract.affine[:3, 3])
+    centres = find_centres(tract.labels == label, tract.affine)
     named = tract.label_names.get(label)
     name = f"label {label}" + (f", {named}" if named else "")
     return Place(name=name, given=label, kind="label", points=centres)

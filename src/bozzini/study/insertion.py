@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..anatomy.files import encode_volume
-from ..anatomy.frame import convert_frame
+from ..anatomy.polylines import format_curves
 from ..anatomy.tract import Finding, LabelTract, SurfaceTract
 from ..continuum import ContinuumRobot
 from ..duct import Centreline, SampledField
@@ -112,11 +112,6 @@ def summarise_plan(plan: Plan, field: SampledField, line: Centreline) -> Json:
 # Coordinates stay in the frame of the input [mm]. Slicer's markups name that frame, RAS or LPS; a
 # NIfTI file's world is RAS+ by its standard, so there the axes are turned.
 
-MARKUPS_SCHEMA = (
-    "https://raw.githubusercontent.com/slicer/slicer/master/Modules/Loadable/Markups/"
-    "Resources/Schema/markups-schema-v1.0.3.json#"
-)
-
 
 def write_centreline(line: Centreline, folder: Path, *, frame: str) -> None:
     """Write centreline.mrk.json and centreline.vtp into a folder.
@@ -127,50 +122,10 @@ def write_centreline(line: Centreline, folder: Path, *, frame: str) -> None:
         Of the line's coordinates, such as ``"RAS"``. Markups know RAS and LPS only: coordinates
         in any other frame are turned to RAS there.
     """
-    write_text(folder / "centreline.mrk.json", _format_markups(line, frame))
+    curve = format_curves([""], [line.points], [None], frame=frame)
+    write_text(folder / "centreline.mrk.json", curve)
     values = {"MaximumInscribedSphereRadius": line.radius, "ArcLength": line.arc_length}
     write_text(folder / "centreline.vtp", format_polylines([line.points], values))
-
-
-def _format_markups(line: Centreline, frame: str) -> str:
-    system, points = frame, line.points
-    if frame not in ("RAS", "LPS"):
-        system, points = "RAS", points @ convert_frame(np.eye(4), frame)[:3, :3].T
-    record = {
-        "@schema": MARKUPS_SCHEMA,
-        "markups": [
-            {
-                "type": "Curve",
-                "coordinateSystem": system,
-                "coordinateUnits": "mm",
-                "labelFormat": "%N-%d",
-                "controlPoints": [
-                    {
-                        "id": f"{number}",
-                        "label": f"{arc:.0f} mm",
-                        "position": [round(float(value), 4) for value in point],
-                        "selected": True,
-                        "locked": True,
-                        "visibility": False,
-                        "positionStatus": "defined",
-                    }
-                    for number, (point, arc) in enumerate(
-                        zip(points, line.arc_length, strict=True), start=1
-                    )
-                ],
-                "measurements": [
-                    {
-                        "name": "length",
-                        "enabled": True,
-                        "value": round(line.length, 4),
-                        "units": "mm",
-                    }
-                ],
-                "display": {"visibility": True, "pointLabelsVisibility": False},
-            }
-        ],
-    }
-    return json.dumps(record, indent=1, allow_nan=False) + "\n"
 
 
 def write_volumes(

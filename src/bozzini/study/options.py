@@ -164,6 +164,8 @@ class PathOptions:
     branch : str, optional
         Of a lumen that branches: the line is the way from the root, which is the start or else the
         widest end, to the end of this branch of `bozzini.duct.find_tree`.
+    names : str, optional
+        A file with names for its branches, see `bozzini.duct.tree_names.read_names`.
 
     Raises
     ------
@@ -208,6 +210,12 @@ class PathOptions:
         default=None,
         example="0.1.0",
     )
+    names: str | None = quantity(
+        "file",
+        "Names for branches: labels of lobes or segments, or a table branch,name or x,y,z,name.",
+        default=None,
+        example="lobes.nii.gz",
+    )
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -223,7 +231,7 @@ class LumenOptions:
 
     Parameters
     ----------
-    voxel, inflate
+    voxel, inflate, names
         As `PathOptions` has them.
     start
         The root, as `PathOptions` has a start; by default the widest end.
@@ -232,6 +240,7 @@ class LumenOptions:
     voxel: float | None = copy_field(PathOptions, "voxel")
     inflate: float = copy_field(PathOptions, "inflate")
     start: ArrayLike | int | str | None = copy_field(PathOptions, "start")
+    names: str | None = copy_field(PathOptions, "names")
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -239,7 +248,9 @@ class LumenOptions:
     @property
     def path(self) -> PathOptions:
         """The same as options of a path."""
-        return PathOptions(voxel=self.voxel, inflate=self.inflate, start=self.start)
+        return PathOptions(
+            voxel=self.voxel, inflate=self.inflate, start=self.start, names=self.names
+        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

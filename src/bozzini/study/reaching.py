@@ -5,17 +5,18 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
 
 from ..anatomy.fiducials import read_fiducial
 from ..anatomy.frame import find_axis
+from ..anatomy.labels import find_centres
 from ..anatomy.tract import Finding, LabelTract
-from ..checks import ceil_mm, floor_mm, quantity
+from ..checks import ceil_mm, floor_mm, quantity, show_value
 from ..duct import LumenTree
-from ..duct.tree_files import read_swc, write_swc, write_vtp
+from ..duct.tree_files import is_tree, read_tree, write_curves, write_swc, write_vtp
+from ..duct.tree_names import read_names
 from ..errors import InputError
 from ..motion.approach import Approach, find_approaches
 from ..motion.branches import NEEDLE, TreeReach, TreeReachOptions, reach_tree
@@ -27,6 +28,7 @@ from ..results import format_rows
 from ..task import Task
 from ..units import parse_quantity, parse_vector
 from .case import Case
+from .ends import find_root
 from .options import LumenOptions, ReadOptions, copy_field
 
 FINDINGS = 8
@@ -40,16 +42,16 @@ SHOWN = 3
 class TreeListing(Task):
     """List the branches of the lumen in INPUT: airways, vessels, or another one that branches.
 
-    INPUT is a label volume, a surface, or a tree (.swc, in mm), which may be written too. The tree
-    begins at its widest end, or at --start. A name says where a branch is: 0.1 is the second widest
-    of those that leave the end of branch 0. The table has a row for each; a picture is the tree
-    unrolled, a page the tree in space. What looks odd is told: loops, branches wider than what they
-    leave, loose parts, ends thinner than a voxel.
+    INPUT is a label volume, a surface, or a tree: SWC, lines of VMTK with their radius (.vtp,
+    .vtk), curves of 3D Slicer (.mrk.json). The tree begins at its widest end, or at --start. A name
+    says where a branch is: 0.1 is the second widest of those that leave the end of branch 0. The
+    table has a row for each; a picture is the tree unrolled, a page the tree in space. What looks
+    odd is told: loops, branches wider than what they leave, loose parts, ends thinner than a voxel.
     """
 
     name = "tree"
     result = LumenTree
-    formats = MappingProxyType({".swc": write_swc, ".vtp": write_vtp})
+    formats = MappingProxyType({".swc": write_swc, ".vtp": write_vtp, ".mrk.json": write_curves})
     has_page = True
 
     input: str = quantity("file", "A label volume or a surface.")
@@ -58,10 +60,26 @@ class TreeListing(Task):
 
     def run(self, progress: Progress = no_progress) -> LumenTree:
         """Return the tree."""
-        if Path(self.input).suffix.lower() == ".swc":
-            return read_swc(self.input)
+        if is_tree(self.input):
+            return self._read()
         case = Case.open(self.input, self.lumen.path, reading=self.reading, progress=progress)
         return case.tree
+
+    def _read(self) -> LumenTree:
+        """Return the tree that INPUT is."""
+        for part in (self.reading, self.lumen):
+            for name, item in part.__dataclass_fields__.items():
+                if name not in ("frame", "start", "names") and getattr(part, name) != item.default:
+                    raise InputError(
+                        f"{self.input} is a tree already: it has no {name}, leave it out"
+                    )
+        start = self.lumen.start
+        if isinstance(start, (str, int)):
+            raise InputError(
+                f"start is {show_value(start)}: {self.input} is a tree, it must be a point x,y,z"
+            )
+        tree = read_tree(self.input, root=start, frame=self.reading.frame)
+        return tree if self.lumen.names is None else read_names(tree, self.lumen.names)
 
     def describe(self, found: LumenTree) -> str:
         """Return the generations in a table, and what looks odd."""
@@ -101,6 +119,11 @@ def _show_share(share: float) -> str:
     return "-" if math.isnan(share) else f"{100.0 * share:.0f} %"
 
 
+def _tell_name(tree: LumenTree, branch: str) -> str:
+    anatomy = tree.branches[tree.find_branch(branch)].anatomy
+    return f"{branch} ({anatomy})" if anatomy else branch
+
+
 def _tell_vessels(near: Approach) -> str:
     return "" if near.vessels is None else f", {floor_mm(near.vessels, 1)} mm from vessels"
 
@@ -125,8 +148,8 @@ class TreeReaching(Task):
     reading: ReadOptions
     lumen: LumenOptions
     tree: str | None = quantity(
-        "file", "A tree of the lumen (.swc, in mm), in place of one that is found.", default=None,
-        example="tree.swc",
+        "file", "A tree of the lumen (as 'bozzini tree' reads it), in place of one that is found.",
+        default=None, example="tree.swc",
     )  # fmt: skip
     diameter: float = quantity(
         "length", "Outer diameter of the scope.", default=3.5, low=SIZE_MIN_MM, high=500.0
@@ -232,7 +255,8 @@ class TreeReaching(Task):
         """Return the tree of the case, or the one that was given."""
         if self.tree is None:
             return case.tree
-        tree = read_swc(self.tree)
+        start = None if case.start is None else find_root(case.field, case.start)
+        tree = read_tree(self.tree, root=start, frame=case.tract.frame)
         root = tree.branches[0].points[0]
         outside = float(case.field.signed_distance(root))
         if outside >= 0.0:
@@ -241,7 +265,7 @@ class TreeReaching(Task):
                 f"{self.tree} is no tree of {self.input}: its root ({place}) mm lies outside the "
                 f"lumen by {outside:.1f} mm"
             )
-        return tree
+        return tree if self.lumen.names is None else read_names(tree, self.lumen.names)
 
     def _find_target(self, case: Case) -> tuple[Floats | None, float]:
         """Return places of the target, world frame, and its radius about them [mm]."""
@@ -258,9 +282,8 @@ class TreeReaching(Task):
         tract = replace(self.reading, labels=tuple(names.split(",")), organ=None).read(self.input)
         if not isinstance(tract, LabelTract):
             raise InputError(f"{self.input} is a surface: it has no label {names}")
-        voxels = np.argwhere(tract.labels > 0)
         corner = 0.5 * float(np.linalg.norm(tract.spacing))
-        return np.asarray(voxels @ tract.affine[:3, :3].T + tract.affine[:3, 3]), corner
+        return find_centres(tract.mask, tract.affine), corner
 
     def describe(self, found: TreeReach) -> str:
         """Return a table of the scopes, and the nearest approaches."""
@@ -288,9 +311,10 @@ class TreeReaching(Task):
         for size in dict.fromkeys(each.diameter for each in found.approaches):
             near = [each for each in found.approaches if each.diameter == size][:SHOWN]
             lines += [
-                f"{size:g} mm to the target: from branch {each.branch} at {each.depth:.1f} mm, "
-                f"needle {ceil_mm(each.needle, 1)} mm at {math.degrees(each.angle):.0f} deg to the "
-                f"axis{_tell_vessels(each)}; {each.route or 'straight on'}"
+                f"{size:g} mm to the target: from branch {_tell_name(tree, each.branch)} at "
+                f"{each.depth:.1f} mm, needle {ceil_mm(each.needle, 1)} mm at "
+                f"{math.degrees(each.angle):.0f} deg to the axis{_tell_vessels(each)}; "
+                f"{each.route or 'straight on'}"
                 for each in near
             ]
         lines += filter(None, [found.reason])
