@@ -627,3 +627,63 @@ def test_reach_takes_any_routing_by_tensions(ask, run):
     assert code == 2 and "give --model energy or --model rod" in err
     code, _, err = run("reach", TWO, "--to", "30mm,10mm,90mm", "--load", "force=1N:0N:0N")
     assert code == 2 and "--load is not for the arc model" in err
+
+
+TUBE = {
+    "format": "bozzini shapes",
+    "version": 1,
+    "kind": "cones",
+    "shapes": [
+        {"centre": list(centre), "radius": 7} for centre in ((0, 0, 0), (0, 0, 40), (25, 0, 90))
+    ],
+}
+SOFT = ("--tract", "tube.json", "--wall-stiffness", "0.5MPa", "--between", "1")
+
+
+@pytest.fixture
+def tube(tmp_path):
+    (tmp_path / "tube.json").write_text(json.dumps(TUBE))
+    names = ("density: 6450 kg/m^3", "diameter: 1 mm", "modulus: 60 GPa")
+    wire = "\n".join(f"    {name}" for name in names)
+    tendons = "  tendons:\n  - {name: T1, offset: 1.5 mm, angle: 0 deg}"
+    own = "\n".join(
+        [tendons, "  radius: 2 mm", "  discs: 10", "  line_weight: 0.1 N/m", "  wire:", wire]
+    )
+    (tmp_path / "passive.yaml").write_text(f"name: passive\nsections:\n- length: 60 mm\n{own}\n")
+    (tmp_path / "times.csv").write_text("time [s],T1 tension [N]\n" + "0,0\n1,0\n2,0\n")
+
+
+def test_a_robot_is_pushed_into_a_tract_in_time(run, tube):
+    line = (
+        "simulate",
+        "passive.yaml",
+        "times.csv",
+        *SOFT,
+        "--speed",
+        "40mm/s",
+        "--max-step",
+        "5ms",
+    )
+    code, out, _ = run(*line, "--damping-time", "20ms", "--json", "--out", "tip.csv")
+    found = json.loads(out)
+    assert code == 0
+    assert found["wall_N"][0] == 0.0 < found["wall_N"][-1]
+    before, after = np.array(found["tip_mm"])[[0, -1]]
+    assert 50.0 < after[2] - before[2] < 60.0
+    assert "wall_N" in Path("tip.csv").read_text().splitlines()[0]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (SOFT[:2], "wall_stiffness is not given"),
+        (("--speed", "20mm/s"), "without --tract"),
+        (("--friction", "0.1"), "without --tract"),
+        ((*SOFT, "--speed", "-2mm/s"), "speed is -2 mm/s"),
+        ((*SOFT, "--tolerance", "1e-3mm"), "tolerance of contact is of equilibria"),
+    ],
+)
+def test_walls_of_a_motion_are_refused_in_one_line(run, tube, arguments, words):
+    code, out, err = run("simulate", "passive.yaml", "times.csv", *arguments)
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert words in err

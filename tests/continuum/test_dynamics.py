@@ -11,6 +11,8 @@ from scipy.signal import lsim
 from scipy.spatial.transform import Rotation
 
 from bozzini.continuum import (
+    ContactModel,
+    ContactOptions,
     ContinuumRobot,
     DynamicsOptions,
     EnergyModel,
@@ -20,11 +22,14 @@ from bozzini.continuum import (
     Section,
     Tendon,
     Wire,
+    insert_robot,
     linearise,
+    push_in,
     simulate,
 )
-from bozzini.continuum.dynamics import _Rod
+from bozzini.continuum.dynamics import _Contacts, _Rod
 from bozzini.continuum.kernels import dynamics as kernels
+from bozzini.duct import RoundCones
 from bozzini.errors import GeometryError, InputError
 
 LENGTH, MODULUS, DENSITY = 200.0, 200e3, 7850.0  # mm, MPa, kg/m^3
@@ -66,6 +71,56 @@ def make_arm(discs: int = 10, stiffness: float = 2e3) -> ContinuumRobot:
             for part in range(2)
         )
     )
+
+
+@dataclasses.dataclass(frozen=True)
+class Tub:
+    """A lumen between two planes across an axis, at distances on both sides [mm]."""
+
+    axis: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    half: float = 8.0
+    dim: int = 3
+    error: float = 0.0
+
+    def signed_distance(self, points, /):
+        return np.abs(np.asarray(points) @ np.asarray(self.axis)) - self.half
+
+
+LEVEL = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
+"""A base that looks along x; its own x is down."""
+
+
+def make_level_arm(rotation=LEVEL) -> ContinuumRobot:
+    wire = Wire(diameter=1.0, modulus=60e3, density=6450.0)
+    pulled = Tendon(name="up", offset=1.5, angle=math.pi, stiffness=2e3)
+    section = Section(
+        length=200.0, radius=2.0, discs=29, wire=wire, line_weight=2e-4, tendons=(pulled,)
+    )
+    return ContinuumRobot((section,), base_rotation=rotation)
+
+
+FALLING = DynamicsOptions(segment="channel", damping_time=0.05, max_step=2e-3)
+SOFT = ContactOptions(wall_stiffness=0.5)
+COARSE = ContactOptions(wall_stiffness=0.5, segment_length=3.0)
+LIFT = [PointLoad(force=(-0.021, 0.0, 0.0))]
+
+
+def fall(times, robot=None, duct=None, contact=SOFT, options=FALLING, **commands):
+    found = simulate(
+        robot or make_level_arm(),
+        times,
+        held_by=LIFT,
+        options=options,
+        duct=duct or Tub(),
+        contact=contact,
+        **commands,
+    )
+    assert found.converged, found.reason
+    return found
+
+
+def no_walls(rod: _Rod):
+    return _Contacts(rod, (), ContactOptions()).packed
 
 
 def find_orders(values):
@@ -146,7 +201,7 @@ def test_kernel_is_the_rate_of_the_derivatives_of_the_kinetic_energy() -> None:
 
     def measure(q, rate, base):
         work = kernels.make_work(count, points)
-        drive = base, forces, moments, rod.weights
+        drive = base, forces, moments, rod.weights, no_walls(rod)
         kernels.measure_motion(rod.packed, q, rate, drive, work[0], work[1], work[3], work[4])
         return work, kernels.measure_energies(rod.packed, q, drive, work[0])
 
@@ -198,7 +253,7 @@ def test_chain_solves_the_dense_problem() -> None:
     np.testing.assert_allclose(rod.grid.place_frames(start.rotation_vectors[None])[0], q.frames)
     base = np.eye(3), *(np.zeros(3) for _ in range(5))
     forces = rod.weights + rod.load_vectors[0][0]
-    drive = base, forces, rod.load_vectors[1][0], rod.weights
+    drive = base, forces, rod.load_vectors[1][0], rod.weights, no_walls(rod)
     work, pull = kernels.make_work(count, points), kernels.make_pull(count, 6)
     vectors = start.rotation_vectors
     kernels.measure_motion(
@@ -208,7 +263,8 @@ def test_chain_solves_the_dense_problem() -> None:
     kernels.pull_tendons(rod.grid.packed, tendons, np.array(pulled), vectors, True, pull, work[4])
     assert np.abs(work[4]).max() < 1e-6  # it is an equilibrium
     scale, right = 300.0, np.random.default_rng(2).standard_normal((count, 3))
-    kernels.factor_chain(rod.packed, vectors, scale, 1.0, pull[4], work[0], work[1], work[2])
+    blocks = pull[4], np.empty((0, 3, 3))
+    kernels.factor_chain(rod.packed, vectors, scale, 1.0, blocks, work[0], work[1], work[2])
     out = np.empty_like(right)
     kernels.solve_chain(work[2], right, out)
     dense = scale**2 * found.mass + scale * found.damping + found.stiffness
@@ -408,6 +464,121 @@ def test_a_cable_goes_slack() -> None:
     moves[:, 1:3] = -np.minimum(20.0 * times, 2.0)[:, None]
     moved = simulate(make_arm(), times, displacements=moves)
     assert moved.converged and moved.tensions.min() == 0.0 and moved.tensions[-1, 0] > 0.5
+
+
+@pytest.mark.parametrize("pull", [0.0, 0.35])
+def test_a_robot_that_falls_on_a_wall_rests_as_in_equilibrium(pull: float) -> None:
+    found = fall(np.linspace(0.0, 3.0, 31), tensions=[pull])
+    assert found.wall_sum[0] == 0.0
+    robot = make_level_arm()
+    model = ContactModel(
+        robot, Tub(), options=dataclasses.replace(SOFT, segment_length=200.0 / 30.0 + 1e-6)
+    )
+    rest = model.shape_under_tensions([pull])
+    tip = rest.points[-1] @ robot.base_frame[:3, :3]
+    assert np.linalg.norm(found.tip[-1] - tip) < 1e-4 * 200.0
+    assert rest.normal_forces.sum() > 1e-3
+    assert found.wall_sum[-1] == pytest.approx(rest.normal_forces.sum(), rel=1e-3)
+    assert np.abs(found.velocities[-1]).max() < 1e-3
+
+
+def test_a_blow_wins_no_energy() -> None:
+    options = DynamicsOptions(segment="chord", max_step=2e-3)
+    found = fall(np.linspace(0.0, 0.6, 301), options=options)
+    assert found.wall_sum.max() > 5.0 * found.wall_sum[-1]
+    assert found.gaps.min() > -0.1
+    balance = found.energy
+    assert np.all(np.diff(balance.residual) < 1e-4 * balance.kinetic.max())
+    np.testing.assert_allclose(balance.walls[found.wall_sum == 0.0], 0.0, atol=1e-12)
+
+
+def test_friction_is_that_of_what_slides_and_holds_what_rests() -> None:
+    times = np.linspace(0.0, 3.0, 121)
+    base = np.tile(np.eye(4), (len(times), 1, 1))
+    base[:, 2, 3] = 10.0 * np.clip(times - 1.0, 0.0, 1.0)  # it lies down, is drawn out, and rests
+    contact = dataclasses.replace(SOFT, friction=0.3)
+    found = fall(times, contact=contact, base=base, options=dataclasses.replace(FALLING, drag=1e-7))
+    down, back = found.wall_forces[..., 0].sum(axis=1), found.wall_forces[..., 2].sum(axis=1)
+    sliding = (times > 1.3) & (times < 1.9)
+    np.testing.assert_allclose(back[sliding], 0.3 * down[sliding], rtol=0.02)
+    assert np.all(np.abs(back) <= 0.3 * np.abs(down) * 1.05 + 1e-5)
+    assert np.abs(found.velocities[-1]).max() < 1e-2
+    smooth = fall(times, base=base)
+    assert np.abs(smooth.wall_forces[..., 2]).max() < 1e-3 * np.abs(down).max()
+
+
+def test_walls_and_robot_turned_together_see_the_same() -> None:
+    times, turn = np.linspace(0.0, 0.4, 41), Rotation.from_rotvec([0.4, -0.3, 0.8])
+    one = fall(times)
+    options = dataclasses.replace(FALLING, gravity=tuple(turn.apply(FALLING.gravity)))
+    robot = make_level_arm(turn.as_matrix() @ LEVEL)
+    other = fall(times, robot, Tub(axis=tuple(turn.as_matrix()[:, 2])), options=options)
+    np.testing.assert_allclose(other.tip, one.tip, atol=1e-5)
+    np.testing.assert_allclose(other.wall_forces, one.wall_forces, atol=1e-5)
+    # A lumen's wall is an obstacle's, seen from outside.
+    floor = Tub(axis=(0.0, 0.0, 1.0), half=1e3)
+    block = dataclasses.replace(floor)
+    object.__setattr__(block, "signed_distance", lambda points: points[..., 2] + 8.0)
+    third = simulate(
+        make_level_arm(), times, held_by=LIFT, options=FALLING, obstacles=block, contact=SOFT
+    )
+    np.testing.assert_allclose(third.tip, one.tip, atol=1e-6)
+
+
+def test_a_motion_among_walls_goes_on_from_where_it_was() -> None:
+    times, contact = np.linspace(0.0, 1.0, 11), dataclasses.replace(SOFT, friction=0.3)
+    whole = fall(times, contact=contact)
+    first = fall(times[:6], contact=contact)
+    second = simulate(
+        make_level_arm(), times[5:], initial=first, options=FALLING, duct=Tub(), contact=contact
+    )
+    assert whole.wall_sum[5] > 0.0
+    np.testing.assert_allclose(second.tip[-1], whole.tip[-1], atol=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("words", "commands"),
+    [
+        ("wall_stiffness", {"duct": Tub()}),
+        ("is not given", {"duct": Tub(), "contact": ContactOptions()}),
+        ("without a wall", {"contact": SOFT}),
+        ("segment_length", {"duct": Tub(), "contact": COARSE}),
+        ("must be a duct", {"obstacles": 3, "contact": SOFT}),
+    ],
+)  # fmt: skip
+def test_walls_that_do_not_fit_are_refused(words: str, commands: dict[str, object]) -> None:
+    with pytest.raises(InputError, match=words):
+        simulate(make_level_arm(), [0.0, 0.1], options=FALLING, **commands)
+
+
+def test_a_robot_pushed_in_slowly_ends_as_one_in_equilibrium_at_each_step() -> None:
+    turn = np.linspace(0.0, 1.2, 40)
+    bend = np.stack([120.0 * (1.0 - np.cos(turn)), 0.0 * turn, 60.0 + 120.0 * np.sin(turn)], axis=1)
+    way = np.concatenate([np.linspace([0.0, 0.0, 0.0], bend[0], 20)[:-1], bend])
+    duct, wire = (
+        RoundCones(way, np.full(len(way), 8.0)),
+        Wire(diameter=1.0, modulus=60e3, density=6450.0),
+    )
+    section = Section(length=180.0, radius=2.0, discs=29, wire=wire, line_weight=2e-4)
+    contact = dataclasses.replace(SOFT, segment_length=3.0)
+    model = ContactModel(ContinuumRobot((section,)), duct, options=contact)
+    still = insert_robot(model, way)
+    times = np.linspace(0.0, 4.0, 41)
+    robot, base = push_in(model, way, times=times, speed=60.0)
+    found = simulate(
+        robot, times, base=base, duct=duct, contact=SOFT, introducer=180.0, options=FALLING
+    )
+    assert still.converged
+    assert found.converged
+    tip = robot.base_frame[:3, :3] @ found.tip[-1] + robot.base_frame[:3, 3]
+    assert np.linalg.norm(tip - still.last.points[-1]) < 0.5
+    assert found.wall_sum[-1] == pytest.approx(still.last.normal_forces.sum(), rel=0.1)
+    assert found.gaps.min() > -0.5
+
+
+def test_a_robot_that_starts_in_a_wall_is_refused() -> None:
+    with pytest.raises(GeometryError, match="deep in a wall"):
+        simulate(make_level_arm(), [0.0, 0.1], options=FALLING, duct=Tub(half=2.0), contact=SOFT)
 
 
 def test_result_is_told_in_every_way() -> None:

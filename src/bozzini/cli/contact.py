@@ -370,7 +370,7 @@ def insert_command(
         table = DriveTable.passive(robot, to)
     duct, line = read_lumen(source, reading, options, answer, line=True)
     model = ContactModel(robot, duct, loads=tuple(map(parse_load, load)), options=contact)
-    points = _start_inside(model, line)
+    points = start_inside(model, line)
     with answer.show_progress() as progress:
         found = insert_robot(model, points, drives=table, step=step, progress=progress)
     result: Json = {"input": source, "file": None, "contacts": None, "notes": model.notes}
@@ -398,7 +398,7 @@ def _read_drives(path: Path, robot: ContinuumRobot) -> DriveTable:
     return dataclasses.replace(table, frame=Actuation.load(plan).frame)
 
 
-def _start_inside(model: ContactModel, line: Centreline | None) -> Floats:
+def start_inside(model: ContactModel, line: Centreline | None) -> Floats:
     """Return the centreline from the first place on that has room for the body."""
     import numpy as np
 

@@ -17,12 +17,14 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..checks import show_apart, spell_option
-from ..continuum import CONTINUUM_MODELS, DynamicsOptions, ElasticModel
+from ..continuum import CONTINUUM_MODELS, ContactOptions, DynamicsOptions, ElasticModel
 from ..continuum.kinematics import LOADS
 from ..errors import GeometryError, InputError, PluginError
 from ..fabricate import BodyOptions
 from ..io.files import write_text
 from ..results import Json, format_rows
+from ..study.options import PathOptions, ReadOptions
+from ._tract_options import tract_options
 from .common import (
     EXIT_NEGATIVE,
     INPUT,
@@ -46,7 +48,16 @@ from .common import (
     run_exit,
     step_option,
 )
-from .contact import contact_command, insert_command, load_option, parse_load
+from .contact import (
+    contact_command,
+    contact_options,
+    insert_command,
+    load_option,
+    parse_load,
+    path_options,
+    read_lumen,
+    start_inside,
+)
 from .fit import command as fit_command
 from .fit import parse_settings
 from .routing import design_command, rank_command
@@ -59,6 +70,7 @@ if TYPE_CHECKING:
         ContinuumRobot,
         ContinuumWorkspace,
         InverseOptions,
+        MotionCommands,
         Shape,
         ShapeHistory,
     )
@@ -1089,35 +1101,60 @@ def _format_workspace(found: ContinuumWorkspace) -> list[str]:
 @command.command("simulate")
 @robot_argument
 @click.argument("table", metavar="TABLE.csv", type=INPUT)
+@click.option("--tract", type=INPUT, metavar="INPUT", help="What the body touches, as of insert.")
+@option("--speed SPEED", "Push it into --tract, from an introducer before the entry.", "speed")
 @load_option
-@options_of(DynamicsOptions, "options")
+@tract_options
+@path_options
+@contact_options
+@options_of(DynamicsOptions, "dynamics")
 @answer_options(
     ".csv", *PICTURES, help="Tip, tendons and energies by time (.csv), or a picture of the tip."
 )
 def simulate_command(
-    robot_file: Path, table: Path, load: tuple[str, ...], options: DynamicsOptions, answer: Answer
+    robot_file: Path,
+    table: Path,
+    tract: Path | None,
+    speed: float | None,
+    load: tuple[str, ...],
+    reading: ReadOptions,
+    options: PathOptions,
+    contact: ContactOptions,
+    dynamics: DynamicsOptions,
+    answer: Answer,
 ) -> None:
     """Simulate a robot under commands of its tendons over time, from rest under the first ones.
 
     TABLE has 'time [s]', and 'T1 tension [N]' or 'T1 displacement [mm]' of tendons; between rows
     they change evenly, and there is a row of the answer for each. Masses follow from the weights
     in the robot file. Tendons have no mass and no friction here; their displacements need their
-    stiffness.
+    stiffness. The walls of --tract give way (--wall-stiffness); with --speed the base is pushed in
+    from the first time on, until the whole robot is in.
 
     Exit code 0: simulated to the end; 1: not, and where; 2: bad input.
     """
-    from ..continuum import read_timed_commands, simulate
+    from ..continuum import ContactModel, push_in, read_timed_commands, simulate
 
     robot = read_robot(robot_file)
     given = read_timed_commands(table, robot)
-    found = simulate(
-        robot,
-        given.times,
-        tensions=given.commands if given.command == "tension" else None,
-        displacements=given.commands if given.command == "displacement" else None,
-        loads=[parse_load(text) for text in load],
-        options=options,
-    )
+    commands: MotionCommands = {"loads": [parse_load(text) for text in load]}
+    if given.command == "tension":
+        commands["tensions"] = given.commands
+    else:
+        commands["displacements"] = given.commands
+    placed: RobotDesign = robot
+    if tract is not None:
+        duct, line = read_lumen(tract, reading, options, answer, line=speed is not None)
+        commands |= {"duct": duct, "contact": contact}
+        if line is not None and speed is not None:
+            model = ContactModel(robot, duct, options=contact)
+            placed, base = push_in(model, start_inside(model, line), times=given.times, speed=speed)
+            commands |= {"base": base, "introducer": robot.length}
+    elif speed is not None:
+        raise InputError("--speed is given without --tract")
+    elif contact != ContactOptions():
+        raise InputError("what touches a wall is given without --tract")
+    found = simulate(placed, given.times, options=dynamics, **commands)
     notes = []
     if robot.tendon_friction.any():
         notes.append("the friction of tendons is left out: a motion in time has none yet")
@@ -1134,12 +1171,17 @@ def _describe_motion(found: ShapeHistory) -> str:
 
     last = f"after {found.time[-1]:.4g} s the tip is at {format_place(found.tip[-1])} mm"
     speed = np.linalg.norm(found.velocities[:, -1], axis=1)
-    balance = found.energy
+    balance, walls = found.energy, found.wall_sum
     return "\n".join(
         [
             *([found.reason] if found.reason else []),
             f"{last}, moving at {speed[-1]:.4g} mm/s",
             f"fastest {speed.max():.4g} mm/s at {found.time[int(speed.argmax())]:.4g} s",
+            *(
+                [f"walls press with {walls[-1]:.4g} N, {walls.max():.4g} N at most"]
+                if walls.any()
+                else []
+            ),
             f"work {balance.work[-1]:.4g} N mm, dissipated {balance.dissipated[-1]:.4g} N mm, "
             f"out of balance by {found.residual:.2g} N mm at most",
         ]

@@ -101,7 +101,7 @@ def command(
         if source is not None or compare or check or options.drive == "tendons":
             raise InputError("--seeds takes no file, --compare, --check or --drive tendons")
         _refuse_without_file(reading, body)
-        _run_trials(range(options.seed, options.seed + seeds), repeats, options, wall, scope,
+        _run_trials(range(options.seed, options.seed + seeds), repeats, options, (wall, scope),
                     body, answer)  # fmt: skip
         return
     if repeats > 1:
@@ -206,8 +206,7 @@ def _run_trials(
     seeds: range,
     repeats: int,
     options: ExecuteOptions,
-    wall: WallOptions,
-    scope: ScopeOptions,
+    setting: tuple[WallOptions, ScopeOptions],
     body: MovingBody,
     answer: Answer,
 ) -> None:
@@ -218,7 +217,7 @@ def _run_trials(
     reserve_target(answer)
     with answer.show_progress() as progress:
         found = run_trials(
-            seeds, body.scope, repeats=repeats, options=options, setting=(wall, scope),
+            seeds, body.scope, repeats=repeats, options=options, setting=setting,
             progress=progress,
         )  # fmt: skip
     with new_directory(answer.target, force=answer.force) as folder:

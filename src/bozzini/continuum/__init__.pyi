@@ -11,6 +11,7 @@ from .dynamics import (
     RodMotion,
     ShapeHistory,
     linearise,
+    push_in,
     simulate,
 )
 from .elastic import ElasticModel
@@ -126,6 +127,7 @@ __all__ = [
     "measure_workspace",
     "pack_loads",
     "sample_workspace",
+    "push_in",
     "simulate",
     "solve_curve",
     "solve_pose",

@@ -4,10 +4,14 @@ The robot is the discrete rod of `EnergyModel`, so what is at rest here is an eq
 equations, unknowns and the method are in `kernels.dynamics`. Masses sit at the middles of segments,
 where `EnergyModel` has the weight, and at discs; they follow from the weights of the robot: density
 of its wires, line weights, discs. Tendons have no mass and no friction here.
+
+Walls give way and hold by friction, with the law of `contact`: in every step the wall is its
+tangent plane where the body is expected, found from the signed distance of any duct.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -22,12 +26,14 @@ from ..checks import (
     check_fields,
     check_integer,
     check_kind,
+    check_number,
     quantity,
 )
 from ..errors import GeometryError, InputError
 from ..numeric.arrays import Floats
 from ..results import ClosedForm, Json, Result, list_coordinates, tabulated, take_axes
 from .checks import check_frame, check_values
+from .contact_solver import measure_radii
 from .coupling import check_displacements
 from .elastic import check_pretensions, check_tension_commands
 from .energy import Grid, Segment
@@ -39,22 +45,33 @@ from .equilibrium import (
     measure_rest,
 )
 from .gradients import Held
+from .insertion import place_at_entry
 from .kernels import dynamics as kernels
 from .kernels.loads import locate_stations
 from .loads import Load, PointLoad, check_loads, pack_loads
 from .model import choose_stiffness
+from .profile import ROUND_OFF_MM
 from .robot import RobotDesign, Vector, check_robot
+from .walls import Boundary, ContactOptions, Wall, take_boundaries
 from .wire import GRAVITY
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from scipy.signal import StateSpace
 
+    from .contact import ContactModel
+
 FALL = 1e3 * GRAVITY
 """Standard acceleration of free fall [mm/s^2]."""
 
 MOST_STEPS = 1e8
 """Steps of a simulation."""
+
+DEEP_START = 0.5
+"""How deep a body may be in a wall at the start, by its radius."""
+
+PLAY_MM = 0.1
+"""Play of the body in an introducer [mm]."""
 
 TOLERANCE_MM = 1e-6
 """Error of tendon lengths in the equilibrium at the start [mm]."""
@@ -145,12 +162,16 @@ class RodMotion(NamedTuple):
         Of the segments [rad], and their momenta [N mm s].
     rates, momentum_rates : ndarray
         Their derivatives, as the method carries them from step to step.
+    slips, normal_forces : ndarray
+        Elastic slip (w, n, 3) [mm] of the segments' ends on each wall, and its force (w, n) [N].
     """
 
     rotation_vectors: Floats
     momenta: Floats
     rates: Floats
     momentum_rates: Floats
+    slips: Floats = np.empty((0, 0, 3))
+    normal_forces: Floats = np.empty((0, 0))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -159,12 +180,12 @@ class EnergyBalance:
 
     Attributes
     ----------
-    kinetic, elastic, gravity, tendons : ndarray
-        Of the motion, the backbone, its height, and tendons that stretch.
+    kinetic, elastic, gravity, tendons, walls : ndarray
+        Of the motion, the backbone, its height, tendons that stretch and walls that give way.
     work : ndarray
         Done by loads, tendons and a base that moves since the first time.
     dissipated : ndarray
-        Lost by damping and drag since the first time.
+        Lost by damping, drag and friction since the first time.
     """
 
     kinetic: Floats
@@ -173,11 +194,12 @@ class EnergyBalance:
     tendons: Floats
     work: Floats
     dissipated: Floats
+    walls: Floats
 
     @property
     def total(self) -> Floats:
         """Energy that is there [N mm], shape (k,)."""
-        return np.asarray(self.kinetic + self.elastic + self.gravity + self.tendons)
+        return np.asarray(self.kinetic + self.elastic + self.gravity + self.tendons + self.walls)
 
     @property
     def residual(self) -> Floats:
@@ -205,6 +227,10 @@ class ShapeHistory(Result):
         Of the stations [mm/s].
     tensions, displacements : (k, t) ndarray
         Of the tendons at their drives [N], [mm].
+    wall_forces : (k, s, 3) ndarray
+        Of the walls on the body at the stations, friction included [N].
+    gaps : (k, s) ndarray
+        Between body and nearest wall [mm], negative in it; infinite where it is far.
     energy : EnergyBalance
         Energies and their balance [N mm].
     iterations : (k,) ndarray of int
@@ -222,6 +248,8 @@ class ShapeHistory(Result):
     velocities: Floats
     tensions: Floats
     displacements: Floats
+    wall_forces: Floats = field(repr=False)
+    gaps: Floats = field(repr=False)
     energy: EnergyBalance = field(repr=False)
     iterations: NDArray[np.int64]
     reason: str
@@ -252,6 +280,11 @@ class ShapeHistory(Result):
         """Frames of the robot's end, shape (k, 4, 4)."""
         return self.frames[:, -1]
 
+    @property
+    def wall_sum(self) -> Floats:
+        """Sum of the sizes of the walls' forces [N], shape (k,)."""
+        return np.asarray(np.linalg.norm(self.wall_forces, axis=-1).sum(axis=-1))
+
     def to_dict(self) -> Json:
         """Return verdict, times, tip, tendons and energies as plain values."""
         balance = self.energy
@@ -270,6 +303,7 @@ class ShapeHistory(Result):
                 }
                 for k, name in enumerate(self.robot.tendon_names)
             },
+            "wall_N": self.wall_sum.tolist(),
             "energy": {f"{name}_N_mm": value.tolist() for name, value in vars(balance).items()},
             "arc_length_mm": self.arc_length.tolist(),
             "backbone_mm": self.points.tolist(),
@@ -283,6 +317,7 @@ class ShapeHistory(Result):
         for k, name in enumerate(self.robot.tendon_names):
             columns[f"{name}_N"] = self.tensions[:, k]
             columns[f"{name}_mm"] = self.displacements[:, k]
+        columns["wall_N"] = self.wall_sum
         return columns | {f"{name}_N_mm": value for name, value in vars(self.energy).items()}
 
     def plot(self, ax: Axes | None = None) -> Axes:
@@ -315,6 +350,7 @@ class _Rod:
     robot: RobotDesign
     options: DynamicsOptions
     loads: tuple[Load, ...]
+    touches: bool = False
 
     @cached_property
     def grid(self) -> Grid:
@@ -401,6 +437,8 @@ class _Rod:
                 f"robot '{robot.name}' has parts without mass: give its wires a density, its "
                 "sections a line_weight, or its discs a disc_weight"
             )
+        for j in range(len(spans) if self.touches else 0):
+            add(j, 1.0, np.zeros(5))
         for lumped in self.lumped:
             for segment, part in zip(lumped.segments.tolist(), lumped.parts.tolist(), strict=True):
                 add(segment, part, np.zeros(5))
@@ -496,6 +534,15 @@ class MotionCommands(TypedDict, total=False):
         By what each load is multiplied, linear between times; 1 unless given.
     base : (k, 4, 4) array_like
         Frames of the base in its own frame at rest [mm], joined by cubics.
+    duct : Duct
+        Lumen that the body stays in; its points are in the world.
+    obstacles : Duct or sequence of Duct
+        What the body stays outside of.
+    contact : ContactOptions
+        How it touches these: ``wall_stiffness`` must be given.
+    introducer : float
+        Length of a straight tube along the base's axis, from where it rests [mm]: the body passes
+        it with a play of 0.1 mm, and touches the other walls beyond it.
     """
 
     tensions: ArrayLike | None
@@ -503,6 +550,10 @@ class MotionCommands(TypedDict, total=False):
     loads: Sequence[Load]
     load_factors: ArrayLike | None
     base: ArrayLike | None
+    duct: Wall | None
+    obstacles: Wall | Sequence[Wall]
+    contact: ContactOptions
+    introducer: float
 
 
 def simulate(
@@ -540,7 +591,13 @@ def simulate(
     InputError
         If an argument does not fit.
     GeometryError
-        If a part of the robot has no mass, or there is no equilibrium to start from.
+        If a part of the robot has no mass, there is no equilibrium to start from, or it is deep in
+        a wall.
+
+    Notes
+    -----
+    The equilibrium at the start knows of no wall. A step in which a wall presses is of first order
+    and loses energy: a blow takes the speed across the wall.
     """
     check_robot(robot)
     check_kind("options", options, DynamicsOptions)
@@ -558,7 +615,8 @@ def simulate(
             raise InputError(f"a motion has no command '{name}': it has {legal}")
     given, base = check_loads(robot, commands.get("loads", ())), commands.get("base")
     before = () if held_by is None else check_loads(robot, held_by)
-    rod = _Rod(robot, options, (*given, *before))
+    walls = _take_walls(commands)
+    rod = _Rod(robot, options, (*given, *before), touches=bool(walls))
     factors = np.zeros((len(rows), len(rod.loads)))
     factors[:, : len(given)] = _take_factors(rows, given, commands.get("load_factors"))
     command, held = _take_commands(
@@ -575,6 +633,8 @@ def simulate(
         np.ascontiguousarray(targets),
     )
     tendons = rod.compliances, held, ~robot.pushes
+    options_there = commands.get("contact", ContactOptions())
+    contacts = _Contacts(rod, walls, options_there, _take_introducer(commands))
     if initial is None:
         at_start = factors[0].copy()
         if held_by is not None:
@@ -591,7 +651,46 @@ def simulate(
                 f"{len(rod.grid.rest)} of this robot and options"
             )
         state = RodMotion(*(array.copy() for array in initial.state))
-    return _run(rod, tendons, tables, steps.astype(np.int64), state, fresh=initial is None)
+        contacts.take(state)
+    fresh = 2 if initial is None else 1
+    return _run(rod, tendons, tables, contacts, (steps.astype(np.int64), fresh), state)
+
+
+def push_in(
+    model: ContactModel, path: ArrayLike, *, times: ArrayLike, speed: float
+) -> tuple[RobotDesign, Floats]:
+    """Return a robot that waits before the entry of a lumen, and its base pushed in at a speed.
+
+    Parameters
+    ----------
+    model : ContactModel
+        Robot and walls; the robot's own base pose is not used.
+    path : (p, 3) array_like
+        Points of the way into the lumen, the entry first [mm].
+    times : (k,) array_like
+        Times [s], growing.
+    speed : float
+        Of the base, from the first time until the whole robot is in [mm/s].
+
+    Returns
+    -------
+    robot : RobotDesign
+        With its tip at the entry, for `simulate` with its length as ``introducer``.
+    base : (k, 4, 4) ndarray
+        Frames of its base.
+
+    Raises
+    ------
+    InputError
+        If the speed is not positive, or the body does not fit at the entry.
+    """
+    check_number("speed", speed, low=0.0, low_open=True, unit="mm/s")
+    robot = place_at_entry(model, np.asarray(path, dtype=np.float64), None).robot
+    back = robot.base_frame[:3, 3] - robot.length * robot.base_frame[:3, 2]
+    rows = np.asarray(times, dtype=np.float64)
+    base = np.tile(np.eye(4), (len(rows), 1, 1))
+    base[:, 2, 3] = np.minimum(speed * (rows - rows[0]), robot.length)
+    return dataclasses.replace(robot, base_position=tuple(back.tolist())), base
 
 
 def _take_factors(times: Floats, loads: Sequence[Load], given: ArrayLike | None) -> Floats:
@@ -605,39 +704,174 @@ def _take_factors(times: Floats, loads: Sequence[Load], given: ArrayLike | None)
     return factors
 
 
+def _take_walls(commands: MotionCommands) -> tuple[Boundary, ...]:
+    """Return what the body touches, none if no wall is given."""
+    duct, obstacles = commands.get("duct"), commands.get("obstacles", ())
+    if duct is None and isinstance(obstacles, (list, tuple)) and not obstacles:
+        if "contact" in commands:
+            raise InputError("contact is given without a wall: give a duct, or obstacles")
+        return ()
+    found = take_boundaries(duct, obstacles)
+    if "contact" not in commands:
+        raise InputError("there are walls: give contact, with the wall_stiffness [N/mm^2]")
+    options = commands["contact"]
+    check_kind("contact", options, ContactOptions)
+    if options.wall_stiffness is None:
+        raise InputError("wall_stiffness is not given [N/mm^2]: a wall in motion gives way")
+    plain = ContactOptions()
+    for name in ("segment_length", "tolerance"):
+        if getattr(options, name) != getattr(plain, name):
+            raise InputError(f"{name} of contact is of equilibria: a motion has `between`")
+    return tuple(dataclasses.replace(wall, smoothing=options.smoothing) for wall in found)
+
+
+def _take_introducer(commands: MotionCommands) -> float:
+    """Return the length of the introducer [mm], 0 without one."""
+    if "introducer" not in commands:
+        return 0.0
+    if commands.get("duct") is None:
+        raise InputError("introducer is given without a duct that it leads to")
+    return check_number("introducer", commands["introducer"], low=0.0, unit="mm")
+
+
+class _Contacts:
+    """Walls as `kernels.press_end` takes them: planes where the ends of segments are expected."""
+
+    def __init__(
+        self,
+        rod: _Rod,
+        walls: tuple[Boundary, ...],
+        options: ContactOptions,
+        introducer: float = 0.0,
+    ) -> None:
+        frame, count = rod.robot.base_frame, len(rod.grid.spans) if walls else 0
+        self.introducer, rows = introducer, len(walls) + (introducer > 0.0)
+        self.axes = frame[:3, :3]
+        self.walls = tuple(dataclasses.replace(wall, origin=frame[:3, 3]) for wall in walls)
+        lengths = 0.5 * rod.grid.spans
+        lengths[:-1] += 0.5 * rod.grid.spans[1:]
+        self.radii = measure_radii(rod.robot, rod.grid.arc_length[1:])
+        self.planes = (
+            np.zeros((count, 3)),
+            np.full((rows, count), math.inf),
+            np.zeros((rows, count, 3)),
+        )
+        self.before = (
+            np.zeros((rows, count, 3)),
+            np.zeros((rows, count)),
+            np.zeros((count, 3)),
+        )
+        filled = np.zeros_like(self.before[0]), np.zeros_like(self.before[1])
+        stiffness = options.wall_stiffness or math.inf  # none without walls
+        self.packed = (
+            *self.planes,
+            1.0 / (stiffness * lengths[:count]),
+            (float(options.friction), float(options.slip)),
+            self.before,
+            (*filled, np.zeros((count, 3, 3))),
+        )
+
+    def take(self, state: RodMotion) -> None:
+        """Go on with the slips and forces of a state, if it has them of these walls."""
+        if state.slips.shape == self.before[0].shape:
+            self.before[0][:], self.before[1][:] = state.slips, state.normal_forces
+
+    def check_start(self) -> None:
+        """Refuse a body that starts deep in a wall."""
+        depth = -np.min(self.planes[1] / self.radii, axis=0, initial=0.0)
+        worst = int(np.argmax(depth))
+        if depth[worst] > DEEP_START:
+            raise GeometryError(
+                f"the robot starts {depth[worst] * self.radii[worst]:.3g} mm deep in a wall: hold "
+                "it out of it (held_by), or place its base elsewhere"
+            )
+
+    def look(self, places: Floats) -> None:
+        """Take the tangent planes of the walls at places (n, 3), in the frame of the base."""
+        origins, gaps, normals = self.planes
+        origins[:] = places
+        gaps[:] = math.inf
+        seen = places @ self.axes.T
+        margin = float(self.radii.max())
+        for row, wall in enumerate(self.walls):
+            found = wall.measure_near(seen, self.radii, self.before[1][row] > 0.0, margin)
+            gaps[row, found.places] = found.gap
+            normals[row, found.places] = found.gradient @ self.axes
+        if self.introducer > 0.0:
+            inside = places[:, 2] < self.introducer
+            gaps[:, inside] = math.inf
+            off = places[inside, :2]
+            size = np.maximum(np.sqrt(np.sum(off**2, axis=1)), ROUND_OFF_MM)
+            gaps[-1, inside] = PLAY_MM - size
+            normals[-1, inside, :2] = -off / size[:, None]
+
+
+def _number_steps(steps: NDArray[np.int64]) -> tuple[list[int], list[int]]:
+    """Return row, and number in it, of every step."""
+    rows = np.repeat(np.arange(len(steps)), steps)
+    numbers = np.arange(len(rows)) - np.repeat(np.cumsum(steps) - steps, steps)
+    return rows.tolist(), numbers.tolist()
+
+
 def _run(
     rod: _Rod,
     tendons: tuple[Floats, bool, NDArray[np.bool_]],
     tables: tuple[Floats, ...],
-    steps: NDArray[np.int64],
+    contacts: _Contacts,
+    course: tuple[NDArray[np.int64], int],
     state: RodMotion,
-    *,
-    fresh: bool,
 ) -> ShapeHistory:
+    steps, fresh = course
     count, stations, strings = len(tables[0]), len(rod.grid.arc_length), len(tendons[0])
     frames = np.zeros((count, stations, 4, 4))
     rotations = np.empty((count, stations, 3, 3))
     places, velocities = np.empty((2, count, stations, 3))
     pulls, lengths = np.empty((2, count, strings))
-    energies, iterations = np.zeros((count, 6)), np.zeros(count, dtype=np.int64)
+    energies, iterations = np.zeros((count, 7)), np.zeros(count, dtype=np.int64)
+    forces, gaps = np.zeros((count, stations, 3)), np.full((count, stations), math.inf)
     rho = rod.options.spectral_radius
     alpha_m, alpha_f = 0.5 * (3.0 - rho) / (1.0 + rho), 1.0 / (1.0 + rho)
     scheme = alpha_m, alpha_f, 0.5 + alpha_m - alpha_f
-    filled = rotations, places, velocities, pulls, lengths, energies, iterations
-    reached = kernels.advance(
-        rod.packed, tendons, tables, scheme, steps, fresh, tuple(state), filled
-    )
+    filled = rotations, places, velocities, pulls, lengths, energies, iterations, forces, gaps
+    memory = kernels.make_memory(len(rod.grid.spans), len(rod.points.parts), strings)
+
+    def advance(first: tuple[int, int], end: tuple[int, int], fresh: int) -> int:
+        window = *first, *end, steps, fresh
+        return int(
+            kernels.advance(
+                rod.packed, tendons, tables, contacts.packed, scheme, window, tuple(state)[:4],
+                memory, filled,
+            )
+        )  # fmt: skip
+
+    if not contacts.walls:
+        reached = advance((0, 0), (count - 1, 0), fresh)
+    else:
+        moved = memory[0][0][0]  # places and velocities of the last stage
+        reached = advance((0, 0), (0, 0), fresh)
+        contacts.before[2][:] = moved[1][1:]
+        sizes = np.repeat(np.diff(tables[0]) / steps, steps)
+        contacts.look(moved[1][1:])
+        if fresh == 2:
+            contacts.check_start()
+        for row, step, size in zip(*_number_steps(steps), sizes, strict=True):
+            if reached < count:
+                break
+            contacts.look(moved[1][1:] + size * moved[2][1:])
+            end = (row + 1, 0) if step + 1 == steps[row] else (row, step + 1)
+            reached = advance((row, step), end, 0)
     frames[..., :3, :3], frames[..., :3, 3], frames[..., 3, 3] = rotations, places, 1.0
     reason = ""
     if reached < count:
         reason = (
             f"no answer was found between {tables[0][max(reached - 1, 0)]:g} and "
             f"{tables[0][reached]:g} s, with the least step; the robot may fold over"
+            + (" or be pressed into a wall" if contacts.walls else "")
         )
     own = max(reached, 1)
     # What is free of tension is as long as the limit of a length that is held.
     free = tables[-1] if tendons[1] else lengths - rod.compliances * pulls
-    kinds = ("kinetic", "elastic", "gravity", "tendons", "work", "dissipated")
+    kinds = ("kinetic", "elastic", "gravity", "tendons", "work", "dissipated", "walls")
     return ShapeHistory(
         robot=rod.robot,
         time=tables[0][:own],
@@ -646,10 +880,12 @@ def _run(
         velocities=velocities[:own],
         tensions=pulls[:own],
         displacements=rod.find_limits(free)[:own],
+        wall_forces=forces[:own],
+        gaps=gaps[:own],
         energy=EnergyBalance(**{kind: energies[:own, k] for k, kind in enumerate(kinds)}),
         iterations=iterations[:own],
         reason=reason,
-        state=state,
+        state=state._replace(slips=contacts.before[0], normal_forces=contacts.before[1]),
     )
 
 

@@ -24,6 +24,14 @@ terms, of the order of the rotation in one step, are left out, so it converges b
 The tangent is a chain: eliminating segment by segment from the tip, as the articulated-body method
 does, takes O(n) (`factor_chain`). Held tendons add a matrix of rank t.
 
+*Walls* press on the ends of the segments. In one step a wall is the plane ``c = c_0 + n . (x -
+x_0)`` that its gap has where the end is expected, and a gap ``c`` below 0 gives the force ``-c /
+e`` along ``n``, with the wall's compliance ``e``, as in `kernels.contact`. Friction is a spring of
+the slip ``u`` across ``n``: ``f = -mu N u / max(|u|, u_0)``, with the normal force N of the step
+before; u grows with the motion and is never longer than u_0 after a step (Coulomb with elastic
+slip). A step with a wall's force is one of the implicit Euler method (a_m = a_f = g = 1): it is of
+first order, loses energy, and remembers no blow, which the other method does, and gains energy.
+
 ``body`` are the points with mass or load: segment (p,), in rising order, part of it before the
 point (p,), mass (p,) [t], moments of inertia in the body's axes (p, 3) [t mm^2], drag (p,)
 [N s/mm]. ``base`` is the motion of the base: rotation (3, 3), place, velocity, spin, and the rates
@@ -61,6 +69,9 @@ SLOW = 0.2
 
 TURN_TOLERANCE = 1e-9
 """Rotation of every segment that a further step of Newton's method would have [rad]."""
+
+WIDTH_MM = 1e-4
+"""Distance over which contact begins [mm]."""
 
 LEAST_CONTRACTION = 1e-3
 """Ratio of two steps that is counted on at best."""
@@ -274,17 +285,104 @@ def _subtract_inertial(w, kind, segment, state, momentum, scratch, out):
 
 
 @kernel
+def press_end(walls, j, place, velocity, pushes):
+    """Take the forces of walls on a segment's end from ``pushes`` (3,); returns friction's power.
+
+    ``walls`` are where the ends are expected (n, 3), their gaps there (w, n), infinite where a wall
+    is far, and the gaps' gradients (w, n, 3); compliances of the wall (n,) [mm/N]; friction and its
+    elastic slip [mm]; slips (w, n, 3), normal forces (w, n) [N] and ends (n, 3) of the step before;
+    and what is filled: slips (w, n, 3), normal forces (w, n) and the stiffness (n, 3, 3) by the
+    motion of the ends.
+    """
+    origins, gaps, normals, compliances, law, before, filled = walls
+    slips, forces_before, places_before = before
+    slips_now, forces, blocks = filled
+    friction, small = law
+    power = 0.0
+    blocks[j] = 0.0
+    flexibility, softness = compliances[j], WIDTH_MM / compliances[j]
+    for w in range(len(gaps)):
+        forces[w, j] = 0.0
+        slips_now[w, j] = 0.0
+        if gaps[w, j] == math.inf:
+            continue
+        normal, gap = normals[w, j], gaps[w, j]
+        for i in range(3):
+            gap += normal[i] * (place[i] - origins[j, i])
+        hard = -gap / flexibility
+        root = math.sqrt(hard * hard + 4.0 * softness * softness)
+        force = 0.5 * (hard + root) if hard > 0.0 else 2.0 * softness * softness / (root - hard)
+        stiffness = force / (root * flexibility)
+        forces[w, j] = force
+        for i in range(3):
+            pushes[i] -= force * normal[i]
+            for k in range(3):
+                blocks[j, i, k] += stiffness * normal[i] * normal[k]
+        limit = friction * forces_before[w, j]
+        square = normal[0] ** 2 + normal[1] ** 2 + normal[2] ** 2
+        if limit == 0.0 or square == 0.0:
+            continue
+        slip, along = slips_now[w, j], 0.0
+        for i in range(3):
+            slip[i] = slips[w, j, i] + place[i] - places_before[j, i]
+            along += normal[i] * slip[i]
+        size = 0.0
+        for i in range(3):
+            slip[i] -= along / square * normal[i]
+            size += slip[i] * slip[i]
+        size = math.sqrt(size)
+        sticks, hold = size <= small, limit / max(size, small)
+        for i in range(3):
+            pushes[i] += hold * slip[i]
+            power -= hold * slip[i] * velocity[i]
+            for k in range(3):
+                across = (1.0 if i == k else 0.0) - normal[i] * normal[k] / square
+                if not sticks:
+                    across -= slip[i] * slip[k] / (size * size)
+                blocks[j, i, k] += hold * across
+        for i in range(3):
+            slip[i] *= min(1.0, small / max(size, small))
+    return power
+
+
+@kernel
+def _measure_press(walls, ahead):
+    """Deepest place in a wall [mm]: of the step before and as expected if ``ahead``, or now."""
+    gaps, compliances, forces_before, forces = walls[1], walls[3], walls[5][1], walls[6][1]
+    deepest = 0.0
+    for w in range(len(gaps)):
+        for j in range(len(compliances)):
+            depth = compliances[j] * (forces_before[w, j] if ahead else forces[w, j])
+            deepest = max(deepest, depth - 2.0 * WIDTH_MM, -gaps[w, j] if ahead else 0.0)
+    return deepest
+
+
+@kernel
+def _keep_contacts(walls, places):
+    """Make what a step has found of walls what the next one starts from."""
+    slips, forces, places_before = walls[5]
+    slips_now, forces_now, _ = walls[6]
+    for w in range(len(forces)):
+        for j in range(len(places_before)):
+            forces[w, j] = forces_now[w, j]
+            copy_vector(slips_now[w, j], slips[w, j])
+    for j in range(len(places_before)):
+        copy_vector(places[j + 1], places_before[j])
+
+
+@kernel
 def measure_motion(rod, q, rate, drive, motion, beyond, momentum, force):
     """Momenta and minus their rate without tendons, of rotations and their rates.
 
     ``rod`` is the grid, the rotations at rest (n, 3), the segments' damping (n, 3) by their rates
-    [N mm s] and the ``body``; ``drive`` the base, the forces and moments (p, 3), and the weights
-    (p, 3) that are among the forces. Fills ``motion``, ``beyond`` (n, 2, 3), the static forces and
-    moments beyond each segment with their sign turned, ``momentum`` and ``force`` (n, 3), so that
-    ``momentum' + force = 0``. Returns the powers of loads and base, and of all damping [N mm/s].
+    [N mm s] and the ``body``; ``drive`` the base, the forces and moments (p, 3), the weights (p, 3)
+    that are among the forces, and the walls of `press_end`. Fills ``motion``, ``beyond`` (n, 2,
+    3), the static forces and moments beyond each segment with their sign turned, ``momentum`` and
+    ``force`` (n, 3), so that ``momentum' + force = 0``. Returns the powers of loads and base, and
+    of all damping [N mm/s].
     """
     grid, rest, damping, body = rod
-    base, forces, moments, weights = drive
+    base, forces, moments, weights, walls = drive
     spans, stiffness, _, _, _, kind = grid
     fill_places(grid, q, base, body, motion)
     fill_velocities(rate, base, body, motion)
@@ -305,6 +403,9 @@ def measure_motion(rod, q, rate, drive, motion, beyond, momentum, force):
             twists[p, i] = -moments[p, i]
             power += (forces[p, i] - weights[p, i]) * v + moments[p, i] * own_spin[p, i]
             lost += drags[p] * v * v
+        if parts[p] == 1.0 and len(walls[1]) > 0:
+            j = segments[p]
+            lost -= press_end(walls, j, places[j + 1], own_velocity[p], pushes[p])
     p = segments.size - 1
     for j in range(spans.size - 1, -1, -1):
         w, f, half = q[j], functions[j], halves[j]
@@ -477,15 +578,17 @@ def _add_lever(w, kind, segment, state, load, block, gain, lift, whole):
 
 
 @kernel
-def factor_chain(rod, q, scale, elastic, blocks, motion, beyond, chain):
+def factor_chain(rod, q, scale, elastic, stiffnesses, motion, beyond, chain):
     """Eliminate the segments of the tangent from the tip to the base; False if it is singular.
 
     The tangent is ``s^2 m + s c`` of the points, and where ``elastic`` is 1, not 0, the segments'
-    ``K + s tau K``, ``blocks`` (n, 3, 3) and what constant forces ``beyond`` (n, 2, 3) add.
+    ``K + s tau K``, ``stiffnesses``, what constant forces ``beyond`` (n, 2, 3) add, and those of
+    walls: the former two of the segments and of their ends (n, 3, 3), the last empty without walls.
     ``chain`` is filled: inverses (n, 3, 3), gains (n, 3, 6), lifts (n, 6, 3), moving, turning (n,
     3, 3) and arm (n, 3).
     """
     grid, _, damping, body = rod
+    blocks, springs = stiffnesses
     spans, stiffness, _, _, _, kind = grid
     rotations, places, _, spins = motion[0]
     functions, halves, moving, turning = motion[1]
@@ -499,6 +602,9 @@ def factor_chain(rod, q, scale, elastic, blocks, motion, beyond, chain):
     p = segments.size - 1
     for j in range(spans.size - 1, -1, -1):
         w, mover, turner, arm = q[j], moving[j], turning[j], kept_arms[j]
+        for i in range(3):
+            for k in range(3):
+                whole[i, k] += elastic * springs[j, i, k] if len(springs) > 0 else 0.0
         while p >= 0 and segments[p] == j and parts[p] == 1.0:
             for i in range(3):
                 whole[i, i] += scale * (scale * masses[p] + elastic * drags[p])
@@ -629,7 +735,8 @@ def find_velocity(rod, q, momentum, drive, work, rate):
     else:
         fill_places(grid, q, base, body, motion)
         found[:] = 0.0
-    good = factor_chain(rod, q, 1.0, 0.0, motion[1][2], motion, beyond, chain)
+    stiffnesses = motion[1][2], drive[4][6][2]
+    good = factor_chain(rod, q, 1.0, 0.0, stiffnesses, motion, beyond, chain)
     for j in range(len(q)):
         for i in range(3):
             force[j, i] = momentum[j, i] - found[j, i]
@@ -645,7 +752,7 @@ def measure_energies(rod, q, drive, motion):
     And ``P . v + H . omega`` of the whole momentum about the base with the base's velocity, spin.
     """
     grid, rest, _, body = rod
-    base, _, _, weights = drive
+    base, _, _, weights, _ = drive
     segments, parts, masses, _, _ = body
     _, arms, _, _, velocities, spins, angular = motion[2][:7]
     places = motion[0][1]
@@ -677,7 +784,7 @@ def fill_drive(tables, row, time, drive, targets, slopes):
     factors (k, l), and commands (k, t), linear between rows.
     """
     times, coefficients, weights, load_forces, load_moments, factors, commands = tables
-    base, forces, moments, _ = drive
+    base, forces, moments, _, _ = drive
     share = time / (times[row + 1] - times[row])
     f, turn, swing, change = np.empty(8), np.empty(3), np.empty(3), np.zeros((3, 3))
     c = coefficients[row]
@@ -800,7 +907,8 @@ def solve_stage(rod, tendons, drive, targets, stage, work, solver, q, rate):
             state[0], state[1], state[2] = 1.0, count, contraction
             return iteration, powers
         if not known:
-            if not factor_chain(rod, q, scale, 1.0, pull[4], motion, beyond, chain):
+            stiffnesses = pull[4], drive[4][6][2]
+            if not factor_chain(rod, q, scale, 1.0, stiffnesses, motion, beyond, chain):
                 break
             count = _stiffen(tendons, chain, pull, active, carried, matrix, order)
             if count < 0:
@@ -859,28 +967,17 @@ def make_work(n, p):
 
 
 @kernel
-def advance(rod, tendons, tables, scheme, steps, fresh, state, rows):
-    """Move on from row to row of the tables; returns how many rows were reached.
+def make_memory(n, p, k):
+    """Empty arrays of `advance`: what one call leaves to the next.
 
-    ``scheme`` is a_m, a_f and g; ``steps`` (k - 1,) how many steps there are between two rows.
-    ``state`` is the rotations, momenta, and the rates of both (n, 3), which are changed; if it is
-    ``fresh`` momenta and their rates are not known yet. ``rows`` are filled: rotations (k, s, 3,
-    3), places, velocities (k, s, 3) of the stations, tensions and lengths (k, t), energies (k, 6):
-    kinetic, elastic, of gravity, of tendons, work of loads and tendons, dissipated; and steps of
-    Newton's method (k,).
+    The works of a stage and of a row's end, the solver, six arrays (n, 3): rotations and rates of
+    the stage, what it starts from, the last rates and those before, and totals (8,): energies put
+    in and lost, the last powers and their time, and the last scale.
     """
-    alpha_m, alpha_f, gamma = scheme
-    q, momentum, rate, momentum_rate = state
-    n, p, k = len(q), len(rod[3][0]), len(tendons[0])
-    times, weights = tables[0], tables[2]
-    still = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-    drive = (np.empty((3, 3)), *still), np.empty((p, 3)), np.empty((p, 3)), weights
-    targets, slopes = np.empty(k), np.empty(k)
-    work, pull = make_work(n, p), make_pull(n, k)
     solver_state = np.ones(3)
     solver_state[0] = 0.0
     solver = (
-        pull,
+        make_pull(n, k),
         np.zeros(k, dtype=np.int64),
         np.empty((k, n, 3)),
         np.empty((k, k)),
@@ -888,39 +985,75 @@ def advance(rod, tendons, tables, scheme, steps, fresh, state, rows):
         np.empty((n, 3)),
         solver_state,
     )
-    stage_q, stage_rate = np.empty((n, 3)), np.empty((n, 3))
-    q_before, momentum_before = np.empty((n, 3)), np.empty((n, 3))
-    guess, guess_before = np.empty((n, 3)), np.empty((n, 3))
-    end_work, end_rate = make_work(n, p), np.empty((n, 3))
-    own, lost = 0.0, 0.0
-    fill_drive(tables, 0, 0.0, drive, targets, slopes)
-    if fresh:
-        measure_motion(rod, q, rate, drive, work[0], work[1], momentum, momentum_rate)
-        pull_tendons(rod[0], tendons, targets, q, False, pull, momentum_rate)
-        for j in range(n):
-            for i in range(3):
-                momentum_rate[j, i] = -momentum_rate[j, i]
-    if not _fill_row(rod, tendons, drive, targets, q, momentum, end_work, end_rate, pull, rows, 0):
-        return 0
-    copy_matrix(end_rate, guess)
-    copy_matrix(end_rate, guess_before)
-    carried, rows[5][0, 4], rows[5][0, 5], rows[6][0] = rows[5][0, 4], 0.0, 0.0, 0
-    before = _measure_powers(
-        measure_motion(rod, q, end_rate, drive, work[0], work[1], work[3], work[4]),
-        tendons, pull, end_rate, slopes,
-    )  # fmt: skip
-    before_time, scale_before = times[0], 0.0
-    for row in range(len(times) - 1):
+    return make_work(n, p), make_work(n, p), solver, np.zeros((7, n, 3)), np.zeros(8)
+
+
+@kernel
+def advance(rod, tendons, tables, walls, scheme, window, state, memory, rows):
+    """Move on over a window of steps and rows of the tables; returns how many rows were reached.
+
+    ``walls`` are those of `press_end`, at the first step of the window. ``scheme`` is a_m, a_f and
+    g. ``window`` is the row and step to begin with, the row and step to end before, and how many
+    steps there are between two rows (k - 1,). ``state`` is the rotations, momenta, and the rates of
+    both (n, 3), which are changed; if ``fresh``, the last of the window, is 2 momenta and their
+    rates are not known yet, if it is 1 they are, and if it is 0 the window goes on from the
+    ``memory`` of the last one. ``rows`` are filled: rotations (k, s, 3, 3), places, velocities (k,
+    s, 3) of the stations, tensions and lengths (k, t), energies (k, 7): kinetic, elastic, of
+    gravity, of tendons, work of loads and tendons, dissipated, of walls; steps of Newton's method
+    (k,); forces of walls (k, s, 3) and least gaps (k, s).
+    """
+    first_row, first_step, end_row, end_step, steps, fresh = window
+    q, momentum, rate, momentum_rate = state
+    n, p, k = len(q), len(rod[3][0]), len(tendons[0])
+    times, weights = tables[0], tables[2]
+    still = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    drive = (np.empty((3, 3)), *still), np.empty((p, 3)), np.empty((p, 3)), weights, walls
+    targets, slopes = np.empty(k), np.empty(k)
+    work, end_work, solver, arrays, totals = memory
+    pull, solver_state = solver[0], solver[6]
+    stage_q, stage_rate, q_before, momentum_before = arrays[0], arrays[1], arrays[2], arrays[3]
+    guess, guess_before, end_rate = arrays[4], arrays[5], arrays[6]
+    if fresh > 0:
+        fill_drive(tables, 0, 0.0, drive, targets, slopes)
+        if fresh == 2:
+            measure_motion(rod, q, rate, drive, work[0], work[1], momentum, momentum_rate)
+            pull_tendons(rod[0], tendons, targets, q, False, pull, momentum_rate)
+            for j in range(n):
+                for i in range(3):
+                    momentum_rate[j, i] = -momentum_rate[j, i]
+        if not _fill_row(
+            rod, tendons, drive, targets, q, momentum, end_work, end_rate, pull, rows, 0
+        ):
+            return 0
+        copy_matrix(end_rate, guess)
+        copy_matrix(end_rate, guess_before)
+        totals[7], rows[5][0, 4], rows[5][0, 5], rows[6][0] = rows[5][0, 4], 0.0, 0.0, 0
+        totals[2], totals[3] = _measure_powers(
+            measure_motion(rod, q, end_rate, drive, work[0], work[1], work[3], work[4]),
+            tendons, pull, end_rate, slopes,
+        )  # fmt: skip
+        totals[4] = times[0]
+    for row in range(first_row, len(steps)):
+        begin = float(first_step) if row == first_row else 0.0
+        end = float(end_step) if row == end_row else float(steps[row])
+        if row > end_row or begin >= end:
+            break
+        if begin == 0.0:
+            rows[6][row + 1] = 0
         whole = (times[row + 1] - times[row]) / steps[row]
-        done, part, iterations = 0.0, 1.0, 0
-        while done < steps[row] - 1e-9:
-            part = min(part, steps[row] - done)
+        done, part = begin, 1.0
+        pressed = _measure_press(walls, True) > 0.0
+        while done < end - 1e-9:
+            part = min(part, end - done)
             size = part * whole
+            alpha_m, alpha_f, gamma = scheme
+            if pressed:
+                alpha_m, alpha_f, gamma = 1.0, 1.0, 1.0
             c = alpha_f * gamma / alpha_m * size
             scale = 1.0 / c
-            if abs(scale - scale_before) > 1e-9 * scale:
+            if abs(scale - totals[5]) > 1e-9 * scale or len(walls[1]) > 0:
                 solver_state[0] = 0.0
-            scale_before = scale
+            totals[5] = scale
             at = done * whole + alpha_f * size
             for j in range(n):
                 for i in range(3):
@@ -934,21 +1067,26 @@ def advance(rod, tendons, tables, scheme, steps, fresh, state, rows):
             count, energies = solve_stage(
                 rod, tendons, drive, targets, stage, work, solver, stage_q, stage_rate
             )
+            if count > 0 and not pressed and _measure_press(walls, False) > 0.0:
+                pressed = True  # it meets a wall: anew, so that no step after it knows of the blow
+                copy_matrix(guess, guess_before)
+                continue
             if count == 0:
                 part *= 0.5
                 copy_matrix(guess, guess_before)
                 if part < LEAST_PART:
                     return row + 1
                 continue
-            iterations += count
+            rows[6][row + 1] += count
             copy_matrix(guess, guess_before)
             copy_matrix(stage_rate, guess)
             powers = _measure_powers(energies, tendons, pull, stage_rate, slopes)
+            _keep_contacts(walls, work[0][0][1])
             time = times[row] + at
-            shift = (0.5 - alpha_f) * size / (time - before_time)
-            own += size * (powers[0] + shift * (powers[0] - before[0]))
-            lost += size * (powers[1] + shift * (powers[1] - before[1]))
-            before, before_time = powers, time
+            shift = (0.5 - alpha_f) * size / (time - totals[4])
+            totals[0] += size * (powers[0] + shift * (powers[0] - totals[2]))
+            totals[1] += size * (powers[1] + shift * (powers[1] - totals[3]))
+            totals[2], totals[3], totals[4] = powers[0], powers[1], time
             for j in range(n):
                 for i in range(3):
                     new = (stage_rate[j, i] - (1.0 - alpha_m) * rate[j, i]) / alpha_m
@@ -959,14 +1097,15 @@ def advance(rod, tendons, tables, scheme, steps, fresh, state, rows):
                     momentum_rate[j, i] = new
             done += part
             part = min(1.0, 2.0 * part)
+        if end < steps[row]:
+            break
         fill_drive(tables, row, times[row + 1] - times[row], drive, targets, slopes)
         if not _fill_row(
             rod, tendons, drive, targets, q, momentum, end_work, end_rate, pull, rows, row + 1
         ):
             return row + 1
-        rows[5][row + 1, 4] += own - carried
-        rows[5][row + 1, 5] = lost
-        rows[6][row + 1] = iterations
+        rows[5][row + 1, 4] += totals[0] - totals[7]
+        rows[5][row + 1, 5] = totals[1]
     return len(times)
 
 
@@ -989,7 +1128,7 @@ def _measure_powers(energies, tendons, pull, rate, slopes):
 @kernel
 def _fill_row(rod, tendons, drive, targets, q, momentum, work, rate, pull, rows, row):
     """Fill a row of `advance`, its work with what the base carries; False if that fails."""
-    rotations, places, velocities, tensions, lengths, energies, _ = rows
+    rotations, places, velocities, tensions, lengths, energies, _, forces, gaps = rows
     if not find_velocity(rod, q, momentum, drive, work, rate):
         return False
     found = measure_energies(rod, q, drive, work[0])
@@ -1003,7 +1142,20 @@ def _fill_row(rod, tendons, drive, targets, q, momentum, work, rate, pull, rows,
     copy_vector(pull[1], lengths[row])
     for i in range(3):
         energies[row, i] = found[i]
-    energies[row, 3], energies[row, 4] = 0.0, found[3]
+    energies[row, 3], energies[row, 4], energies[row, 6] = 0.0, found[3], 0.0
+    walls, push = drive[4], np.empty(3)
+    for j in range(len(q) if len(walls[1]) > 0 else 0):
+        push[:] = 0.0
+        press_end(walls, j, stations[1][j + 1], stations[2][j + 1], push)
+        for i in range(3):
+            forces[row, j + 1, i] = -push[i]
+        for w in range(len(walls[1])):
+            if walls[1][w, j] < math.inf:
+                energies[row, 6] += 0.5 * walls[3][j] * walls[6][1][w, j] ** 2
+                gap = walls[1][w, j]
+                for i in range(3):
+                    gap += walls[2][w, j, i] * (stations[1][j + 1, i] - walls[0][j, i])
+                gaps[row, j + 1] = min(gaps[row, j + 1], gap)
     if tendons[1]:
         for m in range(len(targets)):
             energies[row, 3] += 0.5 * tendons[0][m] * pull[0][m] ** 2
