@@ -52,6 +52,8 @@ FORMS = {
 
 RADIUS_MM, LIMIT_MPA, PLANTS = 8.0, 0.7, 10
 """What is tracked, the largest command of the record, and arms whose constants are off."""
+FREQUENCIES = 0.1, 0.5
+"""Of what is tracked [Hz]; the last has bounds."""
 ARMS, RUNS, SECONDS = 50, 10, 30.0
 """Simulated arms, and what is recorded of each at 12 Hz."""
 NOISE_MM = 2.0
@@ -195,7 +197,7 @@ def track_fitted(fit: EffectorFit) -> dict[str, Tracking]:
             file.build(), trace_places(kind, radius=RADIUS_MM, frequency=frequency), off=off
         )
         for kind in ("circle", "line")
-        for frequency in (0.1, 0.5)
+        for frequency in FREQUENCIES
     }
 
 
@@ -237,7 +239,7 @@ def bound_tracking(tracked: dict[str, Tracking]) -> list[Bound]:
     bounds = []
     for trace, found in tracked.items():
         rows = {row.controller: row for row in found.rows}
-        if not trace.endswith("0.5 Hz"):
+        if not trace.endswith(f"{FREQUENCIES[-1]:g} Hz"):
             continue
         best, static = rows["predictive"], rows["static inverse"]
         share, off = best.rms / static.rms, best.rms_off / static.rms_off

@@ -10,6 +10,7 @@ from ...numeric.compiling import kernel
 
 _STEPS = 12
 _TRACE_STEPS = 200
+_BLOCK = 16  # rays, each way, that are looked at together
 
 
 @kernel
@@ -75,16 +76,17 @@ def _nearest(points, x, y, z, stride, first, last):
 
 
 @kernel
-def _bound(points, reach, origin, ray, stride):
+def _bound(points, reach, origin, ray, stride, part):
     """Return where a ray may meet a tube: distances along it, and points of the polyline.
 
     The first distance is infinity if it does not meet it. `reach` is the radius and half the length
-    between points a `stride` apart: what is met is in a ball about one of them.
+    between points a `stride` apart: what is met is in a ball about one of them. Looked at is a
+    `part` of the balls, by number.
     """
     start, end, first, last = math.inf, 0.0, points.shape[0], 0
     n = points.shape[0]
-    for i in range(0, n + stride - 1, stride):
-        k = min(i, n - 1)
+    for ball in range(part[0], part[1]):
+        k = min(ball * stride, n - 1)
         x, y, z = points[k, 0] - origin[0], points[k, 1] - origin[1], points[k, 2] - origin[2]
         along = x * ray[0] + y * ray[1] + z * ray[2]
         room = reach * reach - (x * x + y * y + z * z - along * along)
@@ -93,6 +95,34 @@ def _bound(points, reach, origin, ray, stride):
             start, end = min(start, along - half), max(end, along + half)
             first, last = min(first, k), k
     return start, end, max(first - stride, 0), min(last + stride, n - 1)
+
+
+@kernel
+def _bound_block(points, reach, origin, corners, stride):
+    """Return which balls of `_bound` a block of rays may meet: the first, and that after the last.
+
+    `corners` (4, 3) are its outer rays, of length 1: the others are in a cone about their middle.
+    """
+    x, y, z = corners[:, 0].sum(), corners[:, 1].sum(), corners[:, 2].sum()
+    size = math.sqrt(x * x + y * y + z * z)
+    x, y, z = x / size, y / size, z / size
+    narrow = 1.0
+    for k in range(4):
+        narrow = min(narrow, x * corners[k, 0] + y * corners[k, 1] + z * corners[k, 2])
+    angle = math.acos(narrow) + 1e-4
+    n = points.shape[0]
+    balls = (n + 2 * stride - 2) // stride
+    first, last = balls, 0
+    for ball in range(balls):
+        k = min(ball * stride, n - 1)
+        u, v, w = points[k, 0] - origin[0], points[k, 1] - origin[1], points[k, 2] - origin[2]
+        away = math.sqrt(u * u + v * v + w * w)
+        if away > reach:
+            off = math.acos(min(max((u * x + v * y + w * z) / away, -1.0), 1.0))
+            if off > angle + math.asin(reach / away):
+                continue
+        first, last = min(first, ball), ball + 1
+    return first, last
 
 
 @kernel
@@ -192,8 +222,6 @@ def render_tube(grid, region, turn, origin, points, lengths, radius, bands, ligh
     `bands` (m, 3) are ranges of arc length and their albedo, the first the tube's own. The edges of
     bands are exact: a ray counts the share of its cell of the grid that is within a band.
     """
-    ray, point, normal, along = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-    rows, columns = grid.shape[:2]
     stride = 1
     while 24 * stride < points.shape[0]:
         stride *= 2
@@ -201,25 +229,47 @@ def render_tube(grid, region, turn, origin, points, lengths, radius, bands, ligh
     for k in range(0, points.shape[0] - 1, stride):
         last = min(k + stride, points.shape[0] - 1)
         near = max(near, radius + 0.5 * (lengths[last] - lengths[k]))
-    for i in range(region[0], region[1]):
-        for j in range(region[2], region[3]):
+    corners, balls = np.empty((4, 3)), (stride, near)
+    for top in range(region[0], region[1], _BLOCK):
+        for left in range(region[2], region[3], _BLOCK):
+            block = top, min(top + _BLOCK, region[1]), left, min(left + _BLOCK, region[3])
+            for k in range(4):
+                a, b = grid[top if k < 2 else block[1] - 1, left if k % 2 else block[3] - 1]
+                size = math.sqrt(a * a + b * b + 1.0)
+                for m in range(3):
+                    corners[k, m] = (a * turn[0, m] + b * turn[1, m] + turn[2, m]) / size
+            part = _bound_block(points, near, origin, corners, stride)
+            if part[0] < part[1]:
+                tube = points, lengths, radius, bands
+                _render_block(grid, block, turn, origin, tube, balls, part, light, radiance, depth)
+
+
+@kernel
+def _render_block(grid, block, turn, origin, tube, balls, part, light, radiance, depth):
+    """Draw what a `block` of rays sees of a tube, which is in a `part` of its balls."""
+    points, lengths, radius, bands = tube
+    stride, near = balls
+    ray, point, normal, along = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    rows, columns = grid.shape[:2]
+    for i in range(block[0], block[1]):
+        for j in range(block[2], block[3]):
             a, b = grid[i, j]
             size = math.sqrt(a * a + b * b + 1.0)
             for k in range(3):
                 ray[k] = (a * turn[0, k] + b * turn[1, k] + turn[2, k]) / size
-            bounds = _bound(points, near, origin, ray, stride)
+            bounds = _bound(points, near, origin, ray, stride, part)
             if not bounds[0] / size < depth[i, j]:
                 continue
-            t, where, part = _trace(points, radius, origin, ray, bounds, stride)
+            t, where, share = _trace(points, radius, origin, ray, bounds, stride)
             if not t / size < depth[i, j]:
                 continue
             piece = lengths[where + 1] - lengths[where]
             for k in range(3):
                 point[k] = origin[k] + t * ray[k]
                 along[k] = (points[where + 1, k] - points[where, k]) / piece
-                axis = points[where, k] + part * piece * along[k]
+                axis = points[where, k] + share * piece * along[k]
                 normal[k] = (point[k] - axis) / radius
-            s = lengths[where] + part * piece
+            s = lengths[where] + share * piece
             # How far a cell of the grid reaches along the tube, on the plane that touches it.
             row, column = min(i, rows - 2), min(j, columns - 2)
             x = grid[row, column + 1, 0] - grid[row, column, 0]
@@ -236,7 +286,7 @@ def render_tube(grid, region, turn, origin, points, lengths, radius, bands, ligh
             wide, high = abs(wide * x * t / size), abs(high * y * t / size)
             albedo = bands[0, 2]
             for k in range(1, bands.shape[0]):
-                share = _cover(s - bands[k, 0], wide, high) - _cover(s - bands[k, 1], wide, high)
-                albedo += share * (bands[k, 2] - albedo)
+                within = _cover(s - bands[k, 0], wide, high) - _cover(s - bands[k, 1], wide, high)
+                albedo += within * (bands[k, 2] - albedo)
             radiance[i, j] = _shade(albedo, point, normal, origin, light)
             depth[i, j] = t / size
