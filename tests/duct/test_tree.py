@@ -116,6 +116,28 @@ def test_a_tree_in_line_with_its_voxels_parts_where_its_tubes_do(count: int) -> 
         assert all(tree.begins[1:] > 40.0)
 
 
+@pytest.mark.parametrize(("away", "severity"), [(1, "note"), (8, "warning")])
+def test_a_loop_round_a_voxel_where_branches_part_is_a_note(away: int, severity: str) -> None:
+    """Of its own size, not that of the way by the lines; farther from there it is a loop."""
+    tips = np.array([[8.0, 0.0, -45.0], [-8.0, 0.0, -45.0]])
+    known = KnownTree(
+        start=np.array([[0.0, 0.0, 30.0], *[np.zeros(3)] * 2]),
+        end=np.array([np.zeros(3), *tips]),
+        radius=np.array([4.0, 3.0, 3.0]),
+        parent=(-1, 0, 0),
+    )
+    mask, affine = known.label(1.0)
+    mid, side, top = np.rint(-affine[:3, 3]).astype(int)
+    wall = top - int(np.argmin(mask[mid, side, top::-1]))
+    mask[mid - 4 : mid + 5, side, wall - away] = True
+    tree = find_tree(field_from_mask(mask, affine))
+    assert [(item.code, item.severity) for item in tree.findings] == [("loop", severity)]
+    assert len(tree.branches) == 3
+    (loop,) = tree.findings
+    assert (loop.size < 9.0) == (severity == "note")
+    assert len(tree.ends) == 2
+
+
 def test_a_ball_is_no_tree() -> None:
     away = np.linalg.norm(np.mgrid[-9:10, -9:10, -9:10], axis=0)
     with pytest.raises(GeometryError, match="no tube"):
