@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 
 from bozzini.anatomy import read_tract
 from bozzini.duct import LumenTree, build_field, field_from_mask, find_tree
+from bozzini.duct.tree import Branch, order_branches
 from bozzini.duct.tree_files import read_tree, write_swc, write_vtp
 from bozzini.errors import FileFormatError, GeometryError, InputError
 
@@ -114,6 +115,33 @@ def test_a_tree_in_line_with_its_voxels_parts_where_its_tubes_do(count: int) -> 
         tree = find_tree(known.rasterise(voxel))
         assert len(tree.ends) == count
         assert all(tree.begins[1:] > 40.0)
+
+
+def test_names_in_a_picture_are_as_many_as_fit() -> None:
+    """Those of all tips, or of an earlier generation and the tips before it."""
+    from matplotlib.figure import Figure
+
+    counts = []
+    for splits in (6, 40):
+        known = grow(1, splits)
+        tubes = np.stack([known.start, known.end], axis=1)
+        tree = LumenTree(
+            branches=order_branches(
+                [
+                    Branch("", parent, tube, np.full(2, r), np.full(2, r), 0, 0.0, False)
+                    for parent, tube, r in zip(known.parent, tubes, known.radius, strict=True)
+                ]
+            )
+        )
+        ax = tree.plot(Figure().subplots())
+        names = [text.get_text() for text in ax.texts]
+        counts.append((len(names), len(tree.tips)))
+        for tip in tree.tips:  # each has its own name or one of a branch before it
+            route = {tree.branches[k].name for k in tree.list_route(tip)}
+            assert len(route & set(names)) == 1
+    (few, all_few), (many, all_many) = counts
+    assert few == all_few
+    assert 1 < many <= 24 < all_many
 
 
 @pytest.mark.parametrize(("away", "severity"), [(1, "note"), (8, "warning")])

@@ -52,6 +52,9 @@ BRIDGES_MAX = 100
 BRIDGE = 0.8
 """A place of a loop with less than this share of the clearance where it closes is a bridge."""
 
+NAMED = 24
+"""So many branches have their names in a picture."""
+
 ISLAND = 8.0
 """A loop of at most so many voxels goes round a voxel of wall or two, where branches part."""
 
@@ -331,35 +334,69 @@ class LumenTree(ClosedForm):
                            radius=branch.radius)  # fmt: skip
         return graph
 
-    def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the tree laid flat and return the axes: down from the root, a line for each branch.
-
-        It is as long as the branch, and as wide as its radius is beside the others'.
-        """
-        ax = take_axes(ax, x="ends, side by side", y="way from the root [mm]")
-        column: dict[int, float] = {}
+    @cached_property
+    def columns(self) -> Floats:
+        """Where each branch stands in the tree laid flat, shape (b,): its tips lie 1 apart."""
+        columns, kids = np.zeros(len(self.branches)), np.zeros(len(self.branches))
         count = 0
         for k in range(len(self.branches) - 1, -1, -1):  # each before its parent
-            kids = [j for j, other in enumerate(self.branches) if other.parent == k]
-            column[k] = float(np.mean([column[j] for j in kids])) if kids else float(-count)
-            count += not kids
+            columns[k] = columns[k] / kids[k] if kids[k] else -count
+            count += not kids[k]
+            parent = self.branches[k].parent
+            if parent >= 0:
+                columns[parent] += columns[k]
+                kids[parent] += 1
+        return columns
+
+    def plot(self, ax: Axes | None = None, *, reached: Sequence[float] | None = None) -> Axes:
+        """Draw the tree laid flat and return the axes: down from the root, a line for each branch.
+
+        It is as long as the branch, and as wide as its radius is beside the others'. Where names of
+        all ends are too many, those of the last generation that fits are written.
+
+        Parameters
+        ----------
+        ax : Axes, optional
+        reached : (b,) sequence of float, optional
+            How much of each branch is in colour [mm]; by default all.
+        """
+        ax = take_axes(ax, x="ends, side by side", y="way from the root [mm]")
         widest = max(branch.mean_radius for branch in self.branches)
         for k, branch in enumerate(self.branches):
-            x, top = column[k], self.begins[k]
+            x, top = self.columns[k], self.begins[k]
             wide = max(8.0 * branch.mean_radius / widest, 0.5)
-            ax.plot([x, x], [top, top + branch.length], "C0", linewidth=wide,
-                    solid_capstyle="butt")  # fmt: skip
+            own = branch.length if reached is None else reached[k]
+            for color, low, high in (("C0", 0.0, own), ("#c8ccd0", own, branch.length)):
+                if high > low:
+                    ax.plot([x, x], [top + low, top + high], color=color, linewidth=wide,
+                            solid_capstyle="butt")  # fmt: skip
             if branch.parent >= 0:
-                ax.plot([column[branch.parent], x], [top, top], "C7", linewidth=0.5)
-            if branch.is_end:
-                name = branch.anatomy or branch.name
-                ax.annotate(name, (x, top + branch.length), rotation=90, fontsize=5, ha="center",
-                            va="top", xytext=(0, -2),
-                            textcoords="offset points")  # fmt: skip
+                ax.plot([self.columns[branch.parent], x], [top, top], "C7", linewidth=0.5)
+        for k in self._choose_named():
+            branch = self.branches[k]
+            end, tip = self.begins[k] + branch.length, k in self.tips
+            ax.annotate(branch.anatomy or branch.name, (self.columns[k], end), rotation=90,
+                        fontsize=5, ha="center" if tip else "right", va="top" if tip else "bottom",
+                        xytext=(0, -2) if tip else (-2, 0),
+                        textcoords="offset points")  # fmt: skip
         ax.set_xticks([])
         ax.margins(y=0.15)  # room for the names
         ax.invert_yaxis()
         return ax
+
+    def _choose_named(self) -> list[int]:
+        """Return the branches at which a picture has names: the tips, or others in place of them.
+
+        These are of the last generation of which, with the tips before it, no more than `NAMED` are
+        there.
+        """
+        tips = set(self.tips)
+        for last in range(self.generations - 1, 0, -1):
+            generations = [branch.generation for branch in self.branches]
+            named = [k for k, g in enumerate(generations) if g == last or (g < last and k in tips)]
+            if len(named) <= NAMED:
+                return named
+        return [0]
 
 
 def find_tree(
