@@ -231,6 +231,30 @@ def test_command_reaches_and_writes_a_table(tmp_path, capsys) -> None:  # type: 
     assert len((tmp_path / "reach.csv").read_text().splitlines()) == 1 + len(reached.rows)
 
 
+def test_picture_has_the_tree_of_each_scope_and_its_stops() -> None:
+    reached = reach_airway()
+    figure = reached.plot().figure
+    assert [ax.get_title() for ax in figure.axes] == ["6 mm", "4 mm", ""]
+    for ax, scope in zip(figure.axes, SCOPES, strict=False):
+        own = [row for row in reached.rows if row.diameter == scope.diameter]
+        drawn = [line for line in ax.lines if line.get_color() == "C0"]
+        lengths = [float(np.ptp(line.get_ydata())) for line in drawn]
+        assert lengths == pytest.approx([row.reached for row in own if row.reached > 0.0])
+        marks = {line.get_label() for line in ax.lines if line.get_marker() == "v"}
+        assert marks == {row.stop for row in own if row.stop and row.reached > 0.0}
+
+
+def test_table_has_the_way_to_a_target_from_each_branch() -> None:
+    reached = reach_airway()
+    near = find_approaches(reached, (40.0, 20.0, -30.0))
+    table = replace(reached, approaches=near).list_table()
+    assert len(table["needle_mm"]) == len(reached.rows)
+    assert sorted(x for x in table["needle_mm"] if x is not None) == sorted(a.needle for a in near)
+    for row, needle in zip(reached.rows, table["needle_mm"], strict=True):
+        assert (needle is None) == (row.reached <= 0.0)
+    assert "needle_mm" not in reached.list_table()
+
+
 def test_what_never_enters_says_why() -> None:
     _, case = open_airway()
     huge, stiff = (Scope(diameter=60.0, link_length=5.0), Scope(diameter=4.0, link_length=500.0))
@@ -390,6 +414,24 @@ def test_what_is_odd_about_an_input_and_a_target_is_told(tmp_path, capsys) -> No
     assert _list_codes(capsys)[0] == "target-far"
     assert main([*command, "--target", "0mm,0mm,500mm", "--needle-angle", "1deg"]) == 0
     assert {"target-far", "components-dropped"} < set(_list_codes(capsys))
+
+
+def test_thin_ends_have_one_line_together(tmp_path, capsys) -> None:  # type: ignore[no-untyped-def]
+    """In JSON each is a finding."""
+    import nibabel as nib
+
+    mask = np.zeros((60, 21, 60), dtype=np.uint8)
+    mask[:, 8:13, 8:13] = 1
+    mask[5::10, 10, 13:40] = 1
+    name = str(tmp_path / "comb.nii.gz")
+    nib.save(nib.Nifti1Image(mask, np.eye(4)), name)
+    assert main(["tree", name]) == 0
+    (line,) = [text for text in capsys.readouterr().out.splitlines() if "than a voxel" in text]
+    assert main(["tree", name, "--json"]) == 0
+    count = _list_codes(capsys).count("thin-end")
+    assert count > 3
+    assert line.startswith(f"note: {count} ends are no wider")
+    assert line.endswith(", ...") and line.count("'") == 6
 
 
 def _list_codes(capsys) -> list[str]:  # type: ignore[no-untyped-def]

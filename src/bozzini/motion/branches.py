@@ -57,6 +57,15 @@ STOPS: dict[str, Stop] = {
 }
 """What stops a scope, by the code of a refusal."""
 
+STOP_COLORS: dict[Stop, str] = {
+    "diameter": "C3", "link": "C1", "bend": "C2", "angle": "C4", "length": "C8", "proof": "C6",
+    "robot": "C9",
+}  # fmt: skip
+"""Of the marks in a picture, by what stops a scope."""
+
+PANELS = 5
+"""So many scopes have their tree in a picture."""
+
 NEEDLE = 20.0
 """How far a biopsy needle reaches from the tip [mm]."""
 
@@ -280,9 +289,61 @@ class TreeReach(ReasonedResult):
             "findings": [to_plain(asdict(each)) for each in self.findings],
         }
 
+    def list_columns(self) -> Json:
+        """Return the columns of the table; with a target also the way from each branch to it."""
+        columns: Json = dict(super().list_columns())
+        if self.approaches:
+            found = {(each.diameter, each.branch): each for each in self.approaches}
+            near = [found.get((row.diameter, row.branch)) for row in self.rows]
+            for name, column in (
+                ("depth", "needle_depth_mm"), ("needle", "needle_mm"),
+                ("angle", "needle_angle_rad"), ("vessels", "needle_vessels_mm"),
+            ):  # fmt: skip
+                columns[column] = [getattr(each, name, None) for each in near]
+        return columns
+
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw how far each scope gets into each branch, by generation, and return the axes."""
-        ax = take_axes(ax, x="generation", y="share of the length that is reached")
+        """Draw the tree laid flat as far as each scope gets, and the shares by generation.
+
+        There is a panel for each scope, of many for the first `PANELS`, and one for the shares of
+        all. Axes that are given take the tree of the first scope. The last axes are returned.
+        """
+        if ax is not None:
+            return self._draw_tree(ax, 0)
+        from matplotlib.figure import Figure
+
+        count = min(len(self.scopes), PANELS)
+        rows = count // 2 + 1
+        figure = Figure(figsize=(12.8, 4.8 * rows), layout="constrained")
+        panels = figure.subplots(rows, 2).ravel()
+        for number, panel in enumerate(panels[:count]):
+            self._draw_tree(panel, number)
+        for panel in panels[count + 1 :]:
+            panel.remove()
+        return self._draw_shares(panels[count])
+
+    def _draw_tree(self, ax: Axes, number: int) -> Axes:
+        """Draw the tree as far as a scope gets, with a mark in the colour of what stops it."""
+        count = len(self.tree.branches)
+        rows = self.rows[number * count : (number + 1) * count]
+        self.tree.plot(ax, reached=[row.reached for row in rows])
+        stopped = [
+            (row.stop, self.tree.columns[k], row.depth)
+            for k, row in enumerate(rows)
+            if row.stop and (row.reached > 0.0 or row.generation == 0)
+        ]
+        for stop, color in STOP_COLORS.items():
+            places = np.array([place for what, *place in stopped if what == stop])
+            if len(places):
+                ax.plot(*places.T, "v", color=color, markersize=4, label=stop)
+        if stopped:
+            ax.legend(title="stopped by")
+        ax.set_title(f"{self.scopes[number].diameter:g} mm")
+        return ax
+
+    def _draw_shares(self, ax: Axes) -> Axes:
+        """Draw how far each scope gets into each branch, by generation."""
+        take_axes(ax, x="generation", y="share of the length that is reached")
         highest = max(row.generation for row in self.rows)
         for scope in self.scopes:
             own = [row for row in self.rows if row.diameter == scope.diameter]
