@@ -272,6 +272,8 @@ def test_wrong_input_is_one_line() -> None:
         _ = case.change(branch="x").line
     with pytest.raises(InputError, match="branch cannot be used with end"):
         case.change(branch="0", end=(0.0, 0.0, 0.0))
+    with pytest.raises(InputError, match="diameters are 4, 4 mm: each must be there once"):
+        reach_tree(case.field, case.tree, scopes=[SCOPES[1], SCOPES[1]])
     with pytest.raises(InputError, match="needle angle"):
         find_approaches(reach_airway(), (0.0, 0.0, 0.0), most=4.0)
 

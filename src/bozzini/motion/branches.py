@@ -15,6 +15,7 @@ from ..checks import ceil_mm, check_fields, check_kind, floor_mm, quantity
 from ..duct import Centreline
 from ..duct.base import Duct, SampledField
 from ..duct.tree import LumenTree
+from ..errors import InputError
 from ..numeric.arrays import Floats
 from ..numeric.polylines import interpolate_polyline, measure_arc_length
 from ..progress import Progress, no_progress
@@ -533,8 +534,12 @@ def reach_tree(
     Raises
     ------
     InputError
-        If an option is not legal.
+        If an option is not legal, or two scopes have the same diameter.
     """
+    sizes = [scope.diameter for scope in scopes]
+    if len(set(sizes)) < len(sizes):
+        told = ", ".join(f"{size:g}" for size in sizes)
+        raise InputError(f"the scopes' diameters are {told} mm: each must be there once")
     ways, rows, found = [], [], []
     organ = _fill_organ(tree)
     options = options or TreeReachOptions()
