@@ -172,6 +172,18 @@ def test_a_ball_is_no_tree() -> None:
         find_tree(field_from_mask(away < 6.0, np.eye(4)))
 
 
+def test_a_voxel_or_two_are_no_tree_and_a_row_is() -> None:
+    mask = np.zeros((12, 7, 7), dtype=bool)
+    for count in (1, 2, 8):
+        mask[2 : 2 + count, 3, 3] = True
+        field = field_from_mask(mask, np.eye(4))
+        if count == 8:
+            assert len(find_tree(field).branches) == 1
+            continue
+        with pytest.raises(GeometryError, match="no tube"):
+            find_tree(field)
+
+
 def test_airway_agrees_with_its_own_tree(airway_dir: Path) -> None:
     rows = np.genfromtxt(airway_dir / "tree.csv", delimiter=",", skip_header=1)
     parent, places, radii = rows[:, 1].astype(int), rows[:, 2:5], rows[:, 5]

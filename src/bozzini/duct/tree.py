@@ -700,7 +700,7 @@ def _trim(lines: list[_Line], graph: LumenGraph, root: Floats | None) -> None:
             line.points = line.points[_find_crest(line.points, graph) :]
     length = sum(float(measure_arc_length(line.points)[-1]) for line in lines)
     widest = max((float(graph.measure_depth(line.points).max()) for line in lines), default=0.0)
-    if length < max(widest, 1e-9):
+    if length < max(widest, 2.0 * float(graph.field.spacing.min())):
         raise GeometryError(
             f"no tube was found in the lumen: the lines in it are {length:.1f} mm long, and it is "
             f"{2.0 * widest:.1f} mm wide"
