@@ -110,6 +110,23 @@ def test_a_branch_is_reached_as_far_as_the_best_way_through_it() -> None:
                 )
 
 
+def test_what_stops_a_scope_is_told_of_each_end() -> None:
+    """Also of ends that share a motion, and part where it stops."""
+    _, case = open_airway()
+    shared: dict[int, set[float | None]] = {}
+    for ways in reach_airway().ways:
+        for way in ways:
+            if way.stop != "diameter" or way.offers is None:
+                continue
+            assert way.needs is not None and way.offers < way.needs
+            line = case.tree.path(way.branch)
+            bounds = case.field.clearance_bound(line.points)
+            after = int(np.searchsorted(line.arc_length, way.depth + 1e-9))
+            assert way.offers == pytest.approx(bounds[after])
+            shared.setdefault(id(way.plan), set()).add(way.offers)
+    assert any(len(offers) > 1 for offers in shared.values())
+
+
 def test_a_thinner_scope_gets_as_far_or_farther() -> None:
     thick, thin = reach_airway().scopes
     for name in ("entered", "passed", "ends", "length", "volume", "near", "depth"):

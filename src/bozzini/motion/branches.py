@@ -393,7 +393,7 @@ def find_ways(
     planning = replace(options.planner, advise=False)
     make_planner("tube").check(scope, planning)
     free = _find_free(duct, scope.radius + MARGIN)
-    known: dict[tuple[float, ...], BranchWay] = {}
+    known: dict[tuple[float, ...], tuple[int, BranchWay]] = {}
     ways = []
     for number, end in enumerate(tree.tips):
         progress("reach", number / len(tree.tips))
@@ -401,12 +401,17 @@ def find_ways(
         tries = _find_last(duct, line, free)
         place = tuple(line.points[max(tries[0], 0)].tolist())
         if place not in known:
-            way = _plan_way(duct, line, tries[0], scope=scope, options=planning)
+            last, way = tries[0], _plan_way(duct, line, tries[0], scope=scope, options=planning)
             if way.depth < line.arc_length[max(tries[-1], 0)]:
                 other = _plan_way(duct, line, tries[-1], scope=scope, options=planning)
-                way = max(way, other, key=lambda each: each.depth)
-            known[place] = way if options.robot is None else _follow(way, options.robot, duct, line)
-        ways.append(replace(known[place], branch=end))
+                if other.depth > way.depth:
+                    last, way = tries[-1], other
+            way = way if options.robot is None else _follow(way, options.robot, duct, line)
+            known[place] = last, way
+        last, way = known[place]
+        if way.stop == "diameter" and not way.reason:
+            way = _tell_narrow(way, duct, line, last, free.needs)
+        ways.append(replace(way, branch=end))
     progress("reach", 1.0)
     return tuple(ways)
 
@@ -474,21 +479,17 @@ def _follow(way: BranchWay, robot: ContinuumRobot, duct: Duct, line: Centreline)
 def _plan_way(
     duct: Duct, line: Centreline, last: int, *, scope: Scope, options: PlannerOptions
 ) -> BranchWay:
-    """Plan along a line up to its point `last`, beyond which it is too narrow for the scope."""
+    """Plan along a line up to its point `last`, beyond which it is too narrow for the scope.
+
+    Of a motion to there the reason is left out: see `_tell_narrow`.
+    """
     whole = last == len(line.points) - 1
-    offered = float(duct.clearance_bound(line.points[min(last + 1, len(line.points) - 1)]))
-    needs = scope.radius + MARGIN
     wide = float(line.arc_length[max(last, 0)])
-    at = tuple(round(float(x), 1) for x in line.points[max(last, 0)])
-    narrow = (
-        f"the lumen is too narrow beyond {wide:.1f} mm, near {at} mm: the scope needs "
-        f"{ceil_mm(needs)} mm from its axis to the wall, and {floor_mm(offered)} mm are sure"
-    )
     if last >= 1 and wide < scope.link_length:
         link = f"a link of {scope.link_length:g} mm is longer than the way, {wide:.1f} mm"
         return BranchWay(0.0, None, "link", None, None, link)
     if last < 1:
-        return BranchWay(0.0, None, "diameter", needs, offered, narrow)
+        return BranchWay(0.0, None, "diameter")
     cut = line if whole else line.cut(wide)
     space, planner = FreeSpace(duct, cut), make_planner("tube")
     plan = planner.plan(space, scope, options=options)
@@ -499,9 +500,7 @@ def _plan_way(
     plan = replace(plan, centreline=cut)
     refusal = plan.refusal
     if refusal is None:
-        if whole:
-            return BranchWay(cut.length, plan, "", None, None, "")
-        return BranchWay(cut.length, plan, "diameter", needs, offered, narrow)
+        return BranchWay(cut.length, plan, "" if whole else "diameter")
     depth = refusal.at if refusal.ends_at is None else refusal.ends_at
     moved = plan if plan.steps > 1 and plan.certified else None
     depth = 0.0 if moved is None else depth
@@ -509,6 +508,25 @@ def _plan_way(
     reason = refusal.ends_what or refusal.reason
     stop = STOPS.get(code, "proof")
     return BranchWay(depth, moved, stop, refusal.needs, refusal.offers, reason)
+
+
+def _tell_narrow(
+    way: BranchWay, duct: Duct, line: Centreline, last: int, needs: float
+) -> BranchWay:
+    """Return a way with why a line is too narrow beyond its point `last`.
+
+    Ends that share the way part there: what a scope is offered is that of each.
+    """
+    offers = float(duct.clearance_bound(line.points[min(last + 1, len(line.points) - 1)]))
+    at = tuple(round(float(x), 1) for x in line.points[max(last, 0)])
+    reason = (
+        f"the lumen is too narrow beyond {line.arc_length[max(last, 0)]:.1f} mm, near {at} mm: the "
+        f"scope needs {ceil_mm(needs)} mm from its axis to the wall"
+    )
+    if offers >= needs:  # wide again, but not joined with where the scope may be
+        return replace(way, needs=needs, reason=reason)
+    reason += f", and {floor_mm(offers)} mm are sure"
+    return replace(way, needs=needs, offers=offers, reason=reason)
 
 
 def reach_tree(
