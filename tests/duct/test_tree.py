@@ -42,6 +42,12 @@ def tree(known: KnownTree) -> LumenTree:
     return find_tree(known.rasterise(1.0))
 
 
+def test_a_trunk_has_one_line_to_where_its_tubes_part() -> None:
+    known = grow(2)
+    first = find_tree(known.rasterise(1.0)).branches[0]
+    assert first.length > 0.9 * np.linalg.norm(known.end[0] - known.start[0])
+
+
 def test_names_paths_and_nearest_agree(tree: LumenTree) -> None:
     assert tree.branches[0].name == "0"
     assert not tree.findings
