@@ -24,6 +24,7 @@ from bozzini.motion.verify import verify_plan
 from bozzini.numeric.polylines import measure_arc_length
 from bozzini.study import Case
 from bozzini.study.ends import choose_branch
+from bozzini.study.tasks import choose_job
 from tests.duct.branching import KnownTree, grow
 
 VOXEL = 1.0
@@ -240,7 +241,7 @@ def test_command_reaches_and_writes_a_table(tmp_path, capsys) -> None:  # type: 
         answers.append(json.loads(capsys.readouterr().out))
     given, marked = answers
     assert given["approaches"] == marked["approaches"]
-    assert given["needle_mm"] == min(each["needle_mm"] for each in given["approaches"])
+    assert given["needle_needed_mm"] == min(each["needle_mm"] for each in given["approaches"])
     reached = reach_airway()
     assert [each["depth_mm"] for each in given["scopes"]] == pytest.approx(
         [each.depth for each in reached.scopes]
@@ -270,6 +271,11 @@ def test_table_has_the_way_to_a_target_from_each_branch() -> None:
     for row, needle in zip(reached.rows, table["needle_mm"], strict=True):
         assert (needle is None) == (row.reached <= 0.0)
     assert "needle_mm" not in reached.list_table()
+
+
+def test_a_study_has_the_needle_to_a_target_among_its_outputs() -> None:
+    """What a row gives as an input no output is called like."""
+    assert {"near", "needle_needed", "ends", "depth"} <= set(choose_job("reach")({}).outputs)
 
 
 def test_what_never_enters_says_why() -> None:

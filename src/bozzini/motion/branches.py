@@ -248,7 +248,7 @@ class TreeReach(ReasonedResult):
         Shares that the first scope reaches, see `ScopeReach`.
     depth : float
         The largest of the first scope [mm].
-    needle : float or None
+    needle_needed : float or None
         The shortest to the target, of any scope [mm]; None without a target, or a way to it.
     reason : str
         Why no scope enters; empty otherwise.
@@ -265,7 +265,7 @@ class TreeReach(ReasonedResult):
     volume: float = measured("")
     near: float = measured("")
     depth: float = measured("mm")
-    needle: float | None = measured("mm")
+    needle_needed: float | None = measured("mm")
     reason: str = ""
     findings: tuple[Finding, ...] = ()
 
@@ -283,7 +283,7 @@ class TreeReach(ReasonedResult):
             "volume": self.volume,
             "near": self.near,
             "depth_mm": self.depth,
-            "needle_mm": self.needle,
+            "needle_needed_mm": self.needle_needed,
             "scopes": [list_row(each) for each in self.scopes],
             "branches": [list_row(each) for each in self.rows],
             "approaches": [list_row(each) for each in self.approaches],
@@ -583,7 +583,7 @@ def reach_tree(
         volume=first.volume,
         near=first.near,
         depth=first.depth,
-        needle=None,
+        needle_needed=None,
         reason="" if entered else f"no scope enters: {ways[0][0].reason}",
         findings=tree.findings,
     )

@@ -240,7 +240,9 @@ class TreeReaching(Task):
         )
         shortest = min((each.needle for each in near), default=None)
         far = self._judge_target(tree, target, radius, shortest)
-        return replace(found, approaches=near, needle=shortest, findings=(*far, *found.findings))
+        return replace(
+            found, approaches=near, needle_needed=shortest, findings=(*far, *found.findings)
+        )
 
     def _judge_target(
         self, tree: LumenTree, target: Floats, radius: float, needle: float | None
