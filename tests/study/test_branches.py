@@ -24,6 +24,7 @@ from bozzini.motion.verify import verify_plan
 from bozzini.numeric.polylines import measure_arc_length
 from bozzini.study import Case
 from bozzini.study.ends import choose_branch
+from bozzini.study.jobs import open_row
 from bozzini.study.tasks import choose_job
 from tests.duct.branching import KnownTree, grow
 
@@ -276,6 +277,15 @@ def test_table_has_the_way_to_a_target_from_each_branch() -> None:
 def test_a_study_has_the_needle_to_a_target_among_its_outputs() -> None:
     """What a row gives as an input no output is called like."""
     assert {"near", "needle_needed", "ends", "depth"} <= set(choose_job("reach")({}).outputs)
+
+
+def test_a_phantom_of_a_study_is_of_the_organ_that_is_named() -> None:
+    _, case = open_airway()
+    row = {"phantom": 0.0, "organ": "airway", "diameter": 3.5, "link_length": 5.0}
+    opened, _ = open_row(row)
+    assert np.array_equal(opened.field.values, case.field.values)
+    with pytest.raises(InputError, match="no phantom of .colon."):
+        open_row({**row, "organ": "colon"})
 
 
 def test_what_never_enters_says_why() -> None:
