@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 
 from bozzini.anatomy import read_tract
 from bozzini.duct import LumenTree, build_field, field_from_mask, find_tree
+from bozzini.duct.tree import Branch, order_branches
 from bozzini.duct.tree_files import read_tree, write_swc, write_vtp
 from bozzini.errors import FileFormatError, GeometryError, InputError
 
@@ -39,6 +40,12 @@ def known() -> KnownTree:
 @pytest.fixture(scope="module")
 def tree(known: KnownTree) -> LumenTree:
     return find_tree(known.rasterise(1.0))
+
+
+def test_a_trunk_has_one_line_to_where_its_tubes_part() -> None:
+    known = grow(2)
+    first = find_tree(known.rasterise(1.0)).branches[0]
+    assert first.length > 0.9 * np.linalg.norm(known.end[0] - known.start[0])
 
 
 def test_names_paths_and_nearest_agree(tree: LumenTree) -> None:
@@ -116,10 +123,71 @@ def test_a_tree_in_line_with_its_voxels_parts_where_its_tubes_do(count: int) -> 
         assert all(tree.begins[1:] > 40.0)
 
 
+def test_names_in_a_picture_are_as_many_as_fit() -> None:
+    """Those of all tips, or of an earlier generation and the tips before it."""
+    from matplotlib.figure import Figure
+
+    counts = []
+    for splits in (6, 40):
+        known = grow(1, splits)
+        tubes = np.stack([known.start, known.end], axis=1)
+        tree = LumenTree(
+            branches=order_branches(
+                [
+                    Branch("", parent, tube, np.full(2, r), np.full(2, r), 0, 0.0, False)
+                    for parent, tube, r in zip(known.parent, tubes, known.radius, strict=True)
+                ]
+            )
+        )
+        ax = tree.plot(Figure().subplots())
+        names = [text.get_text() for text in ax.texts]
+        counts.append((len(names), len(tree.tips)))
+        for tip in tree.tips:  # each has its own name or one of a branch before it
+            route = {tree.branches[k].name for k in tree.list_route(tip)}
+            assert len(route & set(names)) == 1
+    (few, all_few), (many, all_many) = counts
+    assert few == all_few
+    assert 1 < many <= 24 < all_many
+
+
+@pytest.mark.parametrize(("away", "severity"), [(1, "note"), (8, "warning")])
+def test_a_loop_round_a_voxel_where_branches_part_is_a_note(away: int, severity: str) -> None:
+    """Of its own size, not that of the way by the lines; farther from there it is a loop."""
+    tips = np.array([[8.0, 0.0, -45.0], [-8.0, 0.0, -45.0]])
+    known = KnownTree(
+        start=np.array([[0.0, 0.0, 30.0], *[np.zeros(3)] * 2]),
+        end=np.array([np.zeros(3), *tips]),
+        radius=np.array([4.0, 3.0, 3.0]),
+        parent=(-1, 0, 0),
+    )
+    mask, affine = known.label(1.0)
+    mid, side, top = np.rint(-affine[:3, 3]).astype(int)
+    wall = top - int(np.argmin(mask[mid, side, top::-1]))
+    mask[mid - 4 : mid + 5, side, wall - away] = True
+    tree = find_tree(field_from_mask(mask, affine))
+    assert [(item.code, item.severity) for item in tree.findings] == [("loop", severity)]
+    assert len(tree.branches) == 3
+    (loop,) = tree.findings
+    assert (loop.size < 9.0) == (severity == "note")
+    assert len(tree.ends) == 2
+
+
 def test_a_ball_is_no_tree() -> None:
     away = np.linalg.norm(np.mgrid[-9:10, -9:10, -9:10], axis=0)
     with pytest.raises(GeometryError, match="no tube"):
         find_tree(field_from_mask(away < 6.0, np.eye(4)))
+
+
+def test_a_voxel_or_two_are_no_tree_and_a_row_is() -> None:
+    mask = np.zeros((12, 7, 7), dtype=bool)
+    for count in (1, 2, 8):
+        mask[2 : 2 + count, 3, 3] = True
+        field = field_from_mask(mask, np.eye(4))
+        if count == 8:
+            assert len(find_tree(field).branches) == 1
+            continue
+        with pytest.raises(GeometryError, match="no tube"):
+            find_tree(field)
 
 
 def test_airway_agrees_with_its_own_tree(airway_dir: Path) -> None:
@@ -189,7 +257,10 @@ def test_a_tree_as_poly_data_has_a_line_for_each_branch(tree: LumenTree, tmp_pat
         ("1 0 0 0 0 1", "it must be id, type, x, y, z, radius, parent"),
         ("1 0 0 0 0 0 -1\n", "its radius above 0"),
         ("1 0 0 0 0 1 -1\n2 0 0 0 1 1 -1\n", "has 2 roots"),
-        ("1 0 0 0 0 1 -1\n2 0 0 0 1 1 1\n3 0 0 0 1 1 4\n4 0 0 0 2 1 3\n", "2 of them are joined"),
+        ("1 0 0 0 0 1 -1\n2 0 0 0 1 1 1\n3 0 0 0 1 1 9\n", "2 of them are joined"),
+        ("1 0 0 0 0 1 -1\n3 0 0 0 1 1 4\n4 0 0 0 2 1 3\n", "a ring by their parents: 4, 3"),
+        ("1 0 0 0 0 1 3\n2 0 0 0 1 1 1\n3 0 0 0 2 1 2\n", "a ring by their parents: 2, 3, 1"),
+        ("1 0 0 0 0 1 -1\n2 0 0 0 1e300 1 1\n", "must be within 1e\\+09 mm"),
         ("1 0 0 0 0 1 -1\n", "must have a node after it"),
         ("1 0 0 0 0 1 -1\n2 0 0 0 0 1 1\n", "the same place"),
     ],

@@ -198,6 +198,7 @@ def test_what_is_no_tree_of_lines_is_refused(tree: LumenTree, tmp_path: Path) ->
     for write, said in (
         (lambda: _write_xml(path, lines, radii, "Thickness", how="zlib"), "they have Thickness"),
         (lambda: _write_xml(path, lines, [-r for r in radii], "Radius", how="zlib"), "above 0"),
+        (lambda: _write_xml(path, [1e20 * lines[0]], radii[:1], "Radius", how="zlib"), "too far"),
         (
             lambda: _write_xml(path, [lines[0], lines[1] + 90.0], radii[:2], "Radius", how="zlib"),
             "2 parts",

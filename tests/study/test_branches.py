@@ -24,6 +24,8 @@ from bozzini.motion.verify import verify_plan
 from bozzini.numeric.polylines import measure_arc_length
 from bozzini.study import Case
 from bozzini.study.ends import choose_branch
+from bozzini.study.jobs import open_row
+from bozzini.study.tasks import choose_job
 from tests.duct.branching import KnownTree, grow
 
 VOXEL = 1.0
@@ -108,6 +110,23 @@ def test_a_branch_is_reached_as_far_as_the_best_way_through_it() -> None:
                 assert row.reached == 0.0 or parent.reached == pytest.approx(
                     parent.length, abs=1.01
                 )
+
+
+def test_what_stops_a_scope_is_told_of_each_end() -> None:
+    """Also of ends that share a motion, and part where it stops."""
+    _, case = open_airway()
+    shared: dict[int, set[float | None]] = {}
+    for ways in reach_airway().ways:
+        for way in ways:
+            if way.stop != "diameter" or way.offers is None:
+                continue
+            assert way.needs is not None and way.offers < way.needs
+            line = case.tree.path(way.branch)
+            bounds = case.field.clearance_bound(line.points)
+            after = int(np.searchsorted(line.arc_length, way.depth + 1e-9))
+            assert way.offers == pytest.approx(bounds[after])
+            shared.setdefault(id(way.plan), set()).add(way.offers)
+    assert any(len(offers) > 1 for offers in shared.values())
 
 
 def test_a_thinner_scope_gets_as_far_or_farther() -> None:
@@ -223,12 +242,50 @@ def test_command_reaches_and_writes_a_table(tmp_path, capsys) -> None:  # type: 
         answers.append(json.loads(capsys.readouterr().out))
     given, marked = answers
     assert given["approaches"] == marked["approaches"]
-    assert given["needle_mm"] == min(each["needle_mm"] for each in given["approaches"])
+    assert given["needle_needed_mm"] == min(each["needle_mm"] for each in given["approaches"])
     reached = reach_airway()
     assert [each["depth_mm"] for each in given["scopes"]] == pytest.approx(
         [each.depth for each in reached.scopes]
     )
     assert len((tmp_path / "reach.csv").read_text().splitlines()) == 1 + len(reached.rows)
+
+
+def test_picture_has_the_tree_of_each_scope_and_its_stops() -> None:
+    reached = reach_airway()
+    figure = reached.plot().figure
+    assert [ax.get_title() for ax in figure.axes] == ["6 mm", "4 mm", ""]
+    for ax, scope in zip(figure.axes, SCOPES, strict=False):
+        own = [row for row in reached.rows if row.diameter == scope.diameter]
+        drawn = [line for line in ax.lines if line.get_color() == "C0"]
+        lengths = [float(np.ptp(line.get_ydata())) for line in drawn]
+        assert lengths == pytest.approx([row.reached for row in own if row.reached > 0.0])
+        marks = {line.get_label() for line in ax.lines if line.get_marker() == "v"}
+        assert marks == {row.stop for row in own if row.stop and row.reached > 0.0}
+
+
+def test_table_has_the_way_to_a_target_from_each_branch() -> None:
+    reached = reach_airway()
+    near = find_approaches(reached, (40.0, 20.0, -30.0))
+    table = replace(reached, approaches=near).list_table()
+    assert len(table["needle_mm"]) == len(reached.rows)
+    assert sorted(x for x in table["needle_mm"] if x is not None) == sorted(a.needle for a in near)
+    for row, needle in zip(reached.rows, table["needle_mm"], strict=True):
+        assert (needle is None) == (row.reached <= 0.0)
+    assert "needle_mm" not in reached.list_table()
+
+
+def test_a_study_has_the_needle_to_a_target_among_its_outputs() -> None:
+    """What a row gives as an input no output is called like."""
+    assert {"near", "needle_needed", "ends", "depth"} <= set(choose_job("reach")({}).outputs)
+
+
+def test_a_phantom_of_a_study_is_of_the_organ_that_is_named() -> None:
+    _, case = open_airway()
+    row = {"phantom": 0.0, "organ": "airway", "diameter": 3.5, "link_length": 5.0}
+    opened, _ = open_row(row)
+    assert np.array_equal(opened.field.values, case.field.values)
+    with pytest.raises(InputError, match="no phantom of .colon."):
+        open_row({**row, "organ": "colon"})
 
 
 def test_what_never_enters_says_why() -> None:
@@ -248,6 +305,8 @@ def test_wrong_input_is_one_line() -> None:
         _ = case.change(branch="x").line
     with pytest.raises(InputError, match="branch cannot be used with end"):
         case.change(branch="0", end=(0.0, 0.0, 0.0))
+    with pytest.raises(InputError, match="diameters are 4, 4 mm: each must be there once"):
+        reach_tree(case.field, case.tree, scopes=[SCOPES[1], SCOPES[1]])
     with pytest.raises(InputError, match="needle angle"):
         find_approaches(reach_airway(), (0.0, 0.0, 0.0), most=4.0)
 
@@ -390,6 +449,24 @@ def test_what_is_odd_about_an_input_and_a_target_is_told(tmp_path, capsys) -> No
     assert _list_codes(capsys)[0] == "target-far"
     assert main([*command, "--target", "0mm,0mm,500mm", "--needle-angle", "1deg"]) == 0
     assert {"target-far", "components-dropped"} < set(_list_codes(capsys))
+
+
+def test_thin_ends_have_one_line_together(tmp_path, capsys) -> None:  # type: ignore[no-untyped-def]
+    """In JSON each is a finding."""
+    import nibabel as nib
+
+    mask = np.zeros((60, 21, 60), dtype=np.uint8)
+    mask[:, 8:13, 8:13] = 1
+    mask[5::10, 10, 13:40] = 1
+    name = str(tmp_path / "comb.nii.gz")
+    nib.save(nib.Nifti1Image(mask, np.eye(4)), name)
+    assert main(["tree", name]) == 0
+    (line,) = [text for text in capsys.readouterr().out.splitlines() if "than a voxel" in text]
+    assert main(["tree", name, "--json"]) == 0
+    count = _list_codes(capsys).count("thin-end")
+    assert count > 3
+    assert line.startswith(f"note: {count} ends are no wider")
+    assert line.endswith(", ...") and line.count("'") == 6
 
 
 def _list_codes(capsys) -> list[str]:  # type: ignore[no-untyped-def]

@@ -26,6 +26,7 @@ from ._surface_formats import (
 )
 from .files import check_file, has_suffix
 from .frame import convert_frame
+from .tract import FARTHEST_MM
 
 SUFFIXES = (".vtp", ".vtk", ".mrk.json")
 
@@ -108,10 +109,11 @@ def read_round_lines(path: str | os.PathLike[str]) -> RoundLines:
             raise FileFormatError(
                 f"{path} has a line of {len(points)} points with {radius.size} radii"
             )
-        if not (np.isfinite(points).all() and np.isfinite(radius).all() and (radius > 0.0).all()):
+        legal = (np.abs(points) <= FARTHEST_MM).all() and (radius > 0.0).all()
+        if not (legal and (radius <= FARTHEST_MM).all()):
             raise FileFormatError(
-                f"{path} has a point that is not finite or a radius of {radius.min():g} mm: places "
-                "must be finite, radii above 0"
+                f"{path} has a point too far off or a radius of {radius.min():g} mm: places "
+                f"must be within {FARTHEST_MM:g} mm, radii above 0"
             )
     return lines
 

@@ -52,6 +52,12 @@ BRIDGES_MAX = 100
 BRIDGE = 0.8
 """A place of a loop with less than this share of the clearance where it closes is a bridge."""
 
+NAMED = 24
+"""So many branches have their names in a picture."""
+
+ISLAND = 8.0
+"""A loop of at most so many voxels goes round a voxel of wall or two, where branches part."""
+
 FRONTS_MAX = 200_000
 """So many neighbours on both sides of fronts are looked at."""
 
@@ -328,35 +334,69 @@ class LumenTree(ClosedForm):
                            radius=branch.radius)  # fmt: skip
         return graph
 
-    def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the tree laid flat and return the axes: down from the root, a line for each branch.
-
-        It is as long as the branch, and as wide as its radius is beside the others'.
-        """
-        ax = take_axes(ax, x="ends, side by side", y="way from the root [mm]")
-        column: dict[int, float] = {}
+    @cached_property
+    def columns(self) -> Floats:
+        """Where each branch stands in the tree laid flat, shape (b,): its tips lie 1 apart."""
+        columns, kids = np.zeros(len(self.branches)), np.zeros(len(self.branches))
         count = 0
         for k in range(len(self.branches) - 1, -1, -1):  # each before its parent
-            kids = [j for j, other in enumerate(self.branches) if other.parent == k]
-            column[k] = float(np.mean([column[j] for j in kids])) if kids else float(-count)
-            count += not kids
+            columns[k] = columns[k] / kids[k] if kids[k] else -count
+            count += not kids[k]
+            parent = self.branches[k].parent
+            if parent >= 0:
+                columns[parent] += columns[k]
+                kids[parent] += 1
+        return columns
+
+    def plot(self, ax: Axes | None = None, *, reached: Sequence[float] | None = None) -> Axes:
+        """Draw the tree laid flat and return the axes: down from the root, a line for each branch.
+
+        It is as long as the branch, and as wide as its radius is beside the others'. Where names of
+        all ends are too many, those of the last generation that fits are written.
+
+        Parameters
+        ----------
+        ax : Axes, optional
+        reached : (b,) sequence of float, optional
+            How much of each branch is in colour [mm]; by default all.
+        """
+        ax = take_axes(ax, x="ends, side by side", y="way from the root [mm]")
         widest = max(branch.mean_radius for branch in self.branches)
         for k, branch in enumerate(self.branches):
-            x, top = column[k], self.begins[k]
+            x, top = self.columns[k], self.begins[k]
             wide = max(8.0 * branch.mean_radius / widest, 0.5)
-            ax.plot([x, x], [top, top + branch.length], "C0", linewidth=wide,
-                    solid_capstyle="butt")  # fmt: skip
+            own = branch.length if reached is None else reached[k]
+            for color, low, high in (("C0", 0.0, own), ("#c8ccd0", own, branch.length)):
+                if high > low:
+                    ax.plot([x, x], [top + low, top + high], color=color, linewidth=wide,
+                            solid_capstyle="butt")  # fmt: skip
             if branch.parent >= 0:
-                ax.plot([column[branch.parent], x], [top, top], "C7", linewidth=0.5)
-            if branch.is_end:
-                name = branch.anatomy or branch.name
-                ax.annotate(name, (x, top + branch.length), rotation=90, fontsize=5, ha="center",
-                            va="top", xytext=(0, -2),
-                            textcoords="offset points")  # fmt: skip
+                ax.plot([self.columns[branch.parent], x], [top, top], "C7", linewidth=0.5)
+        for k in self._choose_named():
+            branch = self.branches[k]
+            end, tip = self.begins[k] + branch.length, k in self.tips
+            ax.annotate(branch.anatomy or branch.name, (self.columns[k], end), rotation=90,
+                        fontsize=5, ha="center" if tip else "right", va="top" if tip else "bottom",
+                        xytext=(0, -2) if tip else (-2, 0),
+                        textcoords="offset points")  # fmt: skip
         ax.set_xticks([])
         ax.margins(y=0.15)  # room for the names
         ax.invert_yaxis()
         return ax
+
+    def _choose_named(self) -> list[int]:
+        """Return the branches at which a picture has names: the tips, or others in place of them.
+
+        These are of the last generation of which, with the tips before it, no more than `NAMED` are
+        there.
+        """
+        tips = set(self.tips)
+        for last in range(self.generations - 1, 0, -1):
+            generations = [branch.generation for branch in self.branches]
+            named = [k for k, g in enumerate(generations) if g == last or (g < last and k in tips)]
+            if len(named) <= NAMED:
+                return named
+        return [0]
 
 
 def find_tree(
@@ -404,7 +444,7 @@ def find_tree(
     _centre(lines, graph)
     tree = LumenTree(branches=_name(lines, field))
     progress("tree", 0.9)
-    tree = _add_loops(tree, [graph.places(loop) * field.spacing for loop in loops], field)
+    tree = _add_loops(tree, loops, graph)
     findings = [*tree.findings, *_find_odd_branches(tree, field), *_find_parts(graph, skeleton)]
     progress("tree", 1.0)
     return replace(tree, findings=tuple(findings))
@@ -417,6 +457,18 @@ class _Line:
     points: Floats
     parent: int
     is_end: bool
+
+
+@dataclass(frozen=True, eq=False)
+class _Loop:
+    """A loop of the lumen: the way round it by the lines, as numbers of nodes.
+
+    The first and the last are neighbours from both sides of its front. `island` is how long it is
+    at least [mm], if it goes round no more than a voxel or two where branches part; else infinite.
+    """
+
+    way: NDArray[np.int64]
+    island: float
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -469,11 +521,8 @@ class _Skeleton:
             lines.append(_Line(points=points, parent=parent, is_end=not after))
         return lines
 
-    def find_fronts(self) -> list[NDArray[np.int64]]:
-        """Return the loops of the lumen: for each the way round it, as numbers of nodes.
-
-        The first and the last are neighbours from both of its sides.
-        """
+    def find_loops(self) -> list[_Loop]:
+        """Return the loops of the lumen, the longest way round first."""
         from scipy.sparse import coo_array
         from scipy.sparse.csgraph import connected_components
 
@@ -503,12 +552,14 @@ class _Skeleton:
         )
         label = connected_components(joined, directed=False)[1][sides.reshape(-1, 2)[:, 0]]
         loops = []
-        for one in np.setdiff1d(label, label[is_open]):
+        closed = ~np.isin(label, label[is_open])
+        for one in np.unique(label[closed]):
             own = fronts[label == one]
             middle = own[int(np.argmax(graph.depths[own].min(axis=1)))]
             way = self._close(*feet[middle].tolist())
-            loops.append(np.concatenate([middle[:1], way, middle[1:]]))
-        return sorted(loops, key=len, reverse=True)
+            way = np.concatenate([middle[:1], way, middle[1:]])
+            loops.append(_Loop(way, _measure_island(graph, own, fronts[closed])))
+        return sorted(loops, key=lambda loop: len(loop.way), reverse=True)
 
     @cached_property
     def reached(self) -> NDArray[np.bool_]:
@@ -526,6 +577,36 @@ class _Skeleton:
             longer = max(ways, key=lambda way: float(self.lengths[way[-1]]))
             longer.append(int(self.before[longer[-1]]))
         return np.array([*ways[0], *ways[1][-2::-1]])
+
+
+def _measure_island(graph: LumenGraph, own: NDArray[np.int32], fronts: NDArray[np.int32]) -> float:
+    """Return the length of the shortest loop that crosses a front once, and no other [mm].
+
+    It is infinite beyond `ISLAND`; `own` are the pairs of that front, `fronts` those of all.
+    """
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import dijkstra
+    from scipy.spatial import cKDTree
+
+    spacing = graph.field.spacing
+    most = ISLAND * float(spacing.max())
+    around = graph.places(own.ravel().astype(np.int64))
+    reach = math.ceil(0.5 * most / spacing.min()) + 1
+    low = np.maximum(around.min(axis=0) - reach, 0)
+    block = graph.number[tuple(map(slice, low, around.max(axis=0) + reach + 1))]
+    nodes = block[block >= 0].astype(np.int64)  # in the order of their numbers, as fronts are
+    places = graph.places(nodes)
+    pairs = cKDTree(places).query_pairs(1.8, output_type="ndarray")
+    key = np.array([len(graph.nodes), 1])
+    pairs = pairs[~np.isin(nodes[pairs] @ key, fronts @ key)]
+    steps = np.linalg.norm((places[pairs[:, 0]] - places[pairs[:, 1]]) * spacing, axis=1)
+    ways = coo_array((steps, tuple(pairs.T)), shape=(len(nodes),) * 2).tocsr()
+    ends = np.searchsorted(nodes, own)
+    across = np.linalg.norm((places[ends[:, 0]] - places[ends[:, 1]]) * spacing, axis=1)
+    starts, row = np.unique(ends[:, 0], return_inverse=True)
+    found = dijkstra(ways, directed=False, indices=starts, limit=most)
+    length = float((found[row, ends[:, 1]] + across).min())
+    return length if length <= most else math.inf
 
 
 def find_holes(mask: NDArray[np.bool_]) -> list[tuple[NDArray[np.int64], int]]:
@@ -547,7 +628,7 @@ def find_holes(mask: NDArray[np.bool_]) -> list[tuple[NDArray[np.int64], int]]:
 
 def _trace_without_bridges(
     graph: LumenGraph, source: NDArray[np.int64]
-) -> tuple[_Skeleton, list[NDArray[np.int64]]]:
+) -> tuple[_Skeleton, list[_Loop]]:
     """Return the lines, and the loops, each closed where it is narrowest.
 
     Where the flood went through that place, such as a false bridge between two branches, it is
@@ -556,12 +637,13 @@ def _trace_without_bridges(
     avoided: set[int] = set()
     while True:
         skeleton = _Skeleton.trace(graph, source)
-        loops = skeleton.find_fronts()
+        loops = skeleton.find_loops()
         again = set()
         for loop in loops:
-            neck = int(loop[np.argmin(graph.depths[loop])])
-            through = graph.depths[neck] < BRIDGE * graph.depths[loop[[0, -1]]].min()
-            if through and skeleton.lengths[loop].min() > 0.0:  # the root's tip is narrow too
+            way = loop.way
+            neck = int(way[np.argmin(graph.depths[way])])
+            through = graph.depths[neck] < BRIDGE * graph.depths[way[[0, -1]]].min()
+            if through and skeleton.lengths[way].min() > 0.0:  # the root's tip is narrow too
                 again.add(neck)
         again -= avoided
         if not again or len(avoided) >= BRIDGES_MAX:
@@ -618,7 +700,7 @@ def _trim(lines: list[_Line], graph: LumenGraph, root: Floats | None) -> None:
             line.points = line.points[_find_crest(line.points, graph) :]
     length = sum(float(measure_arc_length(line.points)[-1]) for line in lines)
     widest = max((float(graph.measure_depth(line.points).max()) for line in lines), default=0.0)
-    if length < max(widest, 1e-9):
+    if length < max(widest, 2.0 * float(graph.field.spacing.min())):
         raise GeometryError(
             f"no tube was found in the lumen: the lines in it are {length:.1f} mm long, and it is "
             f"{2.0 * widest:.1f} mm wide"
@@ -736,24 +818,33 @@ def order_branches(branches: Sequence[Branch]) -> tuple[Branch, ...]:
     return tuple(named)
 
 
-def _add_loops(tree: LumenTree, loops: list[Floats], field: SampledField) -> LumenTree:
+def _add_loops(tree: LumenTree, loops: list[_Loop], graph: LumenGraph) -> LumenTree:
     """Return the tree with a finding for each loop, and no end where one closes."""
+    field = graph.field
     findings: list[TreeFinding] = []
     closed: set[str] = set()
     for loop in loops:
-        places = field.to_world(loop)
+        places = field.to_world(graph.places(loop.way) * field.spacing)
         length = float(measure_arc_length(places)[-1])
         place = 0.5 * (places[0] + places[-1])
+        if math.isfinite(loop.island):
+            sides = [tree.branches[k] for k in tree.nearest(places[[0, -1]])[0]]
+            message = (
+                f"{_list_names(sides)} touch once more a voxel or two beyond where they part, at "
+                f"({_show(place)}) mm: a loop of {loop.island:.1f} mm"
+            )
+            island = _find("loop", message, sides[0].name, place, loop.island)
+            findings.append(replace(island, severity="note"))
+            continue
         clearance = np.max(-field.signed_distance(places[[0, -1]]))
         beside = 2.0 * float(clearance) + 3.0 * float(field.spacing.max())
         away = np.flatnonzero(np.linalg.norm(places - place, axis=1) > beside)
         outer = places[away[[0, -1]]] if len(away) else places[[0, -1]]
         sides = [tree.branches[k] for k in tree.nearest(outer)[0]]
         closed |= {b.name for b in sides if np.linalg.norm(b.points[-1] - place) <= beside}
-        names = " and ".join(sorted({f"'{side.name}'" for side in sides}))
         message = (
-            f"a loop of {length:.1f} mm closes at ({_show(place)}) mm, on branch {names}: branches "
-            "that touch, or a bridge; it is not followed"
+            f"a loop of {length:.1f} mm closes at ({_show(place)}) mm, on {_list_names(sides)}: "
+            "branches that touch, or a bridge; it is not followed"
         )
         findings.append(_find("loop", message, sides[0].name, place, length))
     branches = tuple(
@@ -831,6 +922,10 @@ def _find_parts(graph: LumenGraph, skeleton: _Skeleton) -> list[TreeFinding]:
 def _find(code: str, message: str, branch: str, place: Floats, size: float) -> TreeFinding:
     x, y, z = (float(value) for value in place)
     return TreeFinding(code, "warning", message, branch, (x, y, z), size)
+
+
+def _list_names(branches: Sequence[Branch]) -> str:
+    return "branch " + " and ".join(sorted({f"'{branch.name}'" for branch in branches}))
 
 
 def _show(place: Floats) -> str:

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from ..anatomy.files import has_suffix
 from ..anatomy.polylines import SUFFIXES, format_curves, has_lines, read_round_lines
+from ..anatomy.tract import FARTHEST_MM
 from ..checks import check_kind, check_path, check_points, show_value
 from ..errors import FileFormatError, InputError
 from ..io.files import write_text
@@ -20,6 +21,9 @@ from .tree import Branch, LumenTree, order_branches
 from .tree_merge import Nodes, join_lines
 
 __all__ = ["is_tree", "read_tree", "write_curves", "write_swc", "write_vtp"]
+
+NAMES = 5
+"""So many nodes are named in a message."""
 
 
 def write_swc(tree: LumenTree, path: str | os.PathLike[str]) -> None:
@@ -110,12 +114,18 @@ def _load_swc(source: Path) -> tuple[Nodes, int]:
                 f"{source}, line {number} is {show_value(line)}: it must be id, type, x, y, z, "
                 "radius, parent"
             ) from None
-        if not np.isfinite(values).all() or values[3] <= 0.0 or key in table:
+        if not (np.abs(values) <= FARTHEST_MM).all() or values[3] <= 0.0 or key in table:
             raise FileFormatError(
-                f"{source}, line {number} is {show_value(line)}: its place must be finite, its "
-                "radius above 0, and its id not given before"
+                f"{source}, line {number} is {show_value(line)}: its place must be within "
+                f"{FARTHEST_MM:g} mm, its radius above 0, and its id not given before"
             )
         table[key] = values, before
+    ring = _find_ring({key: before for key, (_, before) in table.items()})
+    if ring:
+        names = ", ".join(map(str, ring[:NAMES])) + ", ..." * (len(ring) > NAMES)
+        raise FileFormatError(
+            f"{source} is no tree: its nodes form a ring by their parents: {names}"
+        )
     roots = [key for key, (_, before) in table.items() if before == -1]
     if len(roots) != 1:
         raise FileFormatError(f"{source} has {len(roots)} roots: it must have 1, of parent -1")
@@ -126,6 +136,22 @@ def _load_swc(source: Path) -> tuple[Nodes, int]:
             nodes.beside[number_of[before]].append(number_of[key])
             nodes.beside[number_of[key]].append(number_of[before])
     return nodes, number_of[roots[0]]
+
+
+def _find_ring(parents: dict[int, int]) -> list[int]:
+    """Return nodes of which each is the next one's parent, and the first the last one's; or []."""
+    done: set[int] = set()
+    for start in parents:
+        way: dict[int, None] = {}
+        key = start
+        while key in parents and key not in done and key not in way:
+            way[key] = None
+            key = parents[key]
+        if key in way:
+            nodes = list(way)
+            return nodes[nodes.index(key) :][::-1]
+        done.update(way)
+    return []
 
 
 def _find_nearest(nodes: Nodes, place: Floats) -> int:

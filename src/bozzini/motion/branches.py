@@ -15,6 +15,7 @@ from ..checks import ceil_mm, check_fields, check_kind, floor_mm, quantity
 from ..duct import Centreline
 from ..duct.base import Duct, SampledField
 from ..duct.tree import LumenTree
+from ..errors import InputError
 from ..numeric.arrays import Floats
 from ..numeric.polylines import interpolate_polyline, measure_arc_length
 from ..progress import Progress, no_progress
@@ -56,6 +57,15 @@ STOPS: dict[str, Stop] = {
     "CERTIFICATE_UNRESOLVED": "proof",
 }
 """What stops a scope, by the code of a refusal."""
+
+STOP_COLORS: dict[Stop, str] = {
+    "diameter": "C3", "link": "C1", "bend": "C2", "angle": "C4", "length": "C8", "proof": "C6",
+    "robot": "C9",
+}  # fmt: skip
+"""Of the marks in a picture, by what stops a scope."""
+
+PANELS = 5
+"""So many scopes have their tree in a picture."""
 
 NEEDLE = 20.0
 """How far a biopsy needle reaches from the tip [mm]."""
@@ -238,7 +248,7 @@ class TreeReach(ReasonedResult):
         Shares that the first scope reaches, see `ScopeReach`.
     depth : float
         The largest of the first scope [mm].
-    needle : float or None
+    needle_needed : float or None
         The shortest to the target, of any scope [mm]; None without a target, or a way to it.
     reason : str
         Why no scope enters; empty otherwise.
@@ -255,7 +265,7 @@ class TreeReach(ReasonedResult):
     volume: float = measured("")
     near: float = measured("")
     depth: float = measured("mm")
-    needle: float | None = measured("mm")
+    needle_needed: float | None = measured("mm")
     reason: str = ""
     findings: tuple[Finding, ...] = ()
 
@@ -273,16 +283,68 @@ class TreeReach(ReasonedResult):
             "volume": self.volume,
             "near": self.near,
             "depth_mm": self.depth,
-            "needle_mm": self.needle,
+            "needle_needed_mm": self.needle_needed,
             "scopes": [list_row(each) for each in self.scopes],
             "branches": [list_row(each) for each in self.rows],
             "approaches": [list_row(each) for each in self.approaches],
             "findings": [to_plain(asdict(each)) for each in self.findings],
         }
 
+    def list_columns(self) -> Json:
+        """Return the columns of the table; with a target also the way from each branch to it."""
+        columns: Json = dict(super().list_columns())
+        if self.approaches:
+            found = {(each.diameter, each.branch): each for each in self.approaches}
+            near = [found.get((row.diameter, row.branch)) for row in self.rows]
+            for name, column in (
+                ("depth", "needle_depth_mm"), ("needle", "needle_mm"),
+                ("angle", "needle_angle_rad"), ("vessels", "needle_vessels_mm"),
+            ):  # fmt: skip
+                columns[column] = [getattr(each, name, None) for each in near]
+        return columns
+
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw how far each scope gets into each branch, by generation, and return the axes."""
-        ax = take_axes(ax, x="generation", y="share of the length that is reached")
+        """Draw the tree laid flat as far as each scope gets, and the shares by generation.
+
+        There is a panel for each scope, of many for the first `PANELS`, and one for the shares of
+        all. Axes that are given take the tree of the first scope. The last axes are returned.
+        """
+        if ax is not None:
+            return self._draw_tree(ax, 0)
+        from matplotlib.figure import Figure
+
+        count = min(len(self.scopes), PANELS)
+        rows = count // 2 + 1
+        figure = Figure(figsize=(12.8, 4.8 * rows), layout="constrained")
+        panels = figure.subplots(rows, 2).ravel()
+        for number, panel in enumerate(panels[:count]):
+            self._draw_tree(panel, number)
+        for panel in panels[count + 1 :]:
+            panel.remove()
+        return self._draw_shares(panels[count])
+
+    def _draw_tree(self, ax: Axes, number: int) -> Axes:
+        """Draw the tree as far as a scope gets, with a mark in the colour of what stops it."""
+        count = len(self.tree.branches)
+        rows = self.rows[number * count : (number + 1) * count]
+        self.tree.plot(ax, reached=[row.reached for row in rows])
+        stopped = [
+            (row.stop, self.tree.columns[k], row.depth)
+            for k, row in enumerate(rows)
+            if row.stop and (row.reached > 0.0 or row.generation == 0)
+        ]
+        for stop, color in STOP_COLORS.items():
+            places = np.array([place for what, *place in stopped if what == stop])
+            if len(places):
+                ax.plot(*places.T, "v", color=color, markersize=4, label=stop)
+        if stopped:
+            ax.legend(title="stopped by")
+        ax.set_title(f"{self.scopes[number].diameter:g} mm")
+        return ax
+
+    def _draw_shares(self, ax: Axes) -> Axes:
+        """Draw how far each scope gets into each branch, by generation."""
+        take_axes(ax, x="generation", y="share of the length that is reached")
         highest = max(row.generation for row in self.rows)
         for scope in self.scopes:
             own = [row for row in self.rows if row.diameter == scope.diameter]
@@ -331,7 +393,7 @@ def find_ways(
     planning = replace(options.planner, advise=False)
     make_planner("tube").check(scope, planning)
     free = _find_free(duct, scope.radius + MARGIN)
-    known: dict[tuple[float, ...], BranchWay] = {}
+    known: dict[tuple[float, ...], tuple[int, BranchWay]] = {}
     ways = []
     for number, end in enumerate(tree.tips):
         progress("reach", number / len(tree.tips))
@@ -339,12 +401,17 @@ def find_ways(
         tries = _find_last(duct, line, free)
         place = tuple(line.points[max(tries[0], 0)].tolist())
         if place not in known:
-            way = _plan_way(duct, line, tries[0], scope=scope, options=planning)
+            last, way = tries[0], _plan_way(duct, line, tries[0], scope=scope, options=planning)
             if way.depth < line.arc_length[max(tries[-1], 0)]:
                 other = _plan_way(duct, line, tries[-1], scope=scope, options=planning)
-                way = max(way, other, key=lambda each: each.depth)
-            known[place] = way if options.robot is None else _follow(way, options.robot, duct, line)
-        ways.append(replace(known[place], branch=end))
+                if other.depth > way.depth:
+                    last, way = tries[-1], other
+            way = way if options.robot is None else _follow(way, options.robot, duct, line)
+            known[place] = last, way
+        last, way = known[place]
+        if way.stop == "diameter" and not way.reason:
+            way = _tell_narrow(way, duct, line, last, free.needs)
+        ways.append(replace(way, branch=end))
     progress("reach", 1.0)
     return tuple(ways)
 
@@ -412,21 +479,17 @@ def _follow(way: BranchWay, robot: ContinuumRobot, duct: Duct, line: Centreline)
 def _plan_way(
     duct: Duct, line: Centreline, last: int, *, scope: Scope, options: PlannerOptions
 ) -> BranchWay:
-    """Plan along a line up to its point `last`, beyond which it is too narrow for the scope."""
+    """Plan along a line up to its point `last`, beyond which it is too narrow for the scope.
+
+    Of a motion to there the reason is left out: see `_tell_narrow`.
+    """
     whole = last == len(line.points) - 1
-    offered = float(duct.clearance_bound(line.points[min(last + 1, len(line.points) - 1)]))
-    needs = scope.radius + MARGIN
     wide = float(line.arc_length[max(last, 0)])
-    at = tuple(round(float(x), 1) for x in line.points[max(last, 0)])
-    narrow = (
-        f"the lumen is too narrow beyond {wide:.1f} mm, near {at} mm: the scope needs "
-        f"{ceil_mm(needs)} mm from its axis to the wall, and {floor_mm(offered)} mm are sure"
-    )
     if last >= 1 and wide < scope.link_length:
         link = f"a link of {scope.link_length:g} mm is longer than the way, {wide:.1f} mm"
         return BranchWay(0.0, None, "link", None, None, link)
     if last < 1:
-        return BranchWay(0.0, None, "diameter", needs, offered, narrow)
+        return BranchWay(0.0, None, "diameter")
     cut = line if whole else line.cut(wide)
     space, planner = FreeSpace(duct, cut), make_planner("tube")
     plan = planner.plan(space, scope, options=options)
@@ -437,9 +500,7 @@ def _plan_way(
     plan = replace(plan, centreline=cut)
     refusal = plan.refusal
     if refusal is None:
-        if whole:
-            return BranchWay(cut.length, plan, "", None, None, "")
-        return BranchWay(cut.length, plan, "diameter", needs, offered, narrow)
+        return BranchWay(cut.length, plan, "" if whole else "diameter")
     depth = refusal.at if refusal.ends_at is None else refusal.ends_at
     moved = plan if plan.steps > 1 and plan.certified else None
     depth = 0.0 if moved is None else depth
@@ -447,6 +508,25 @@ def _plan_way(
     reason = refusal.ends_what or refusal.reason
     stop = STOPS.get(code, "proof")
     return BranchWay(depth, moved, stop, refusal.needs, refusal.offers, reason)
+
+
+def _tell_narrow(
+    way: BranchWay, duct: Duct, line: Centreline, last: int, needs: float
+) -> BranchWay:
+    """Return a way with why a line is too narrow beyond its point `last`.
+
+    Ends that share the way part there: what a scope is offered is that of each.
+    """
+    offers = float(duct.clearance_bound(line.points[min(last + 1, len(line.points) - 1)]))
+    at = tuple(round(float(x), 1) for x in line.points[max(last, 0)])
+    reason = (
+        f"the lumen is too narrow beyond {line.arc_length[max(last, 0)]:.1f} mm, near {at} mm: the "
+        f"scope needs {ceil_mm(needs)} mm from its axis to the wall"
+    )
+    if offers >= needs:  # wide again, but not joined with where the scope may be
+        return replace(way, needs=needs, reason=reason)
+    reason += f", and {floor_mm(offers)} mm are sure"
+    return replace(way, needs=needs, offers=offers, reason=reason)
 
 
 def reach_tree(
@@ -472,8 +552,12 @@ def reach_tree(
     Raises
     ------
     InputError
-        If an option is not legal.
+        If an option is not legal, or two scopes have the same diameter.
     """
+    sizes = [scope.diameter for scope in scopes]
+    if len(set(sizes)) < len(sizes):
+        told = ", ".join(f"{size:g}" for size in sizes)
+        raise InputError(f"the scopes' diameters are {told} mm: each must be there once")
     ways, rows, found = [], [], []
     organ = _fill_organ(tree)
     options = options or TreeReachOptions()
@@ -499,7 +583,7 @@ def reach_tree(
         volume=first.volume,
         near=first.near,
         depth=first.depth,
-        needle=None,
+        needle_needed=None,
         reason="" if entered else f"no scope enters: {ways[0][0].reason}",
         findings=tree.findings,
     )

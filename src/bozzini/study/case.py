@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..anatomy.tract import Finding, LabelTract, SurfaceTract
-from ..checks import check_kind, floor_mm
+from ..checks import check_kind, choose, floor_mm
 from ..duct import Centreline, LumenTree, SampledField, build_field, find_tree
 from ..duct.field import RefinedField, check_tract, refine_field
 from ..duct.tree_names import read_names
@@ -517,8 +517,8 @@ def describe_source(
     }
 
 
-def open_phantom(*, seed: int, voxel: float = 1.5) -> LabelTract:
-    """Return the labels of a phantom oesophagus, stomach and duodenum.
+def open_phantom(*, seed: int, voxel: float = 1.5, organ: str = "upper-tract") -> LabelTract:
+    """Return the labels of a phantom oesophagus, stomach and duodenum, or of airways.
 
     Parameters
     ----------
@@ -526,11 +526,18 @@ def open_phantom(*, seed: int, voxel: float = 1.5) -> LabelTract:
         Another number, another anatomy.
     voxel : float
         Edge of its voxels [mm].
-    """
-    from ..anatomy.phantom import REGIONS, make_phantom
+    organ : {"upper-tract", "airway"}
 
-    tract = make_phantom(seed=seed).to_labels(voxel=voxel)
-    return replace(tract, organ="upper-tract", frame="RAS", label_names=REGIONS)
+    Raises
+    ------
+    InputError
+        If there is no phantom of that organ.
+    """
+    from ..anatomy.airway import make_airway
+    from ..anatomy.phantom import Phantom, make_phantom
+
+    kinds: dict[str, Callable[..., Phantom]] = {"upper-tract": make_phantom, "airway": make_airway}
+    return choose("phantom of", organ, kinds)(seed=seed).to_labels(voxel)
 
 
 def round_points(points: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -302,7 +302,10 @@ def open_tract(
     options = InsertionOptions(voxel=voxel or None, inflate=inflate)
     if not source:
         size = {"voxel": max(voxel, 1.0)} if voxel else {}
-        return Case.open(open_phantom(seed=int(phantom), **size), options)
+        if organ == "airway":  # the thin branches are not seen in wider voxels
+            size = {"voxel": voxel or 1.0}
+        tract = open_phantom(seed=int(phantom), organ=organ or "upper-tract", **size)
+        return Case.open(tract, options)
     parts = tuple(part.strip() for part in labels.split(",") if part.strip())
     listed = tuple(int(part) if part.isdigit() else part for part in parts)
     reading = ReadOptions(labels=listed or None, organ=organ or None)

@@ -15,6 +15,7 @@ from ..anatomy.labels import find_centres
 from ..anatomy.tract import Finding, LabelTract
 from ..checks import ceil_mm, floor_mm, quantity, show_value
 from ..duct import LumenTree
+from ..duct.tree import TreeFinding
 from ..duct.tree_files import is_tree, read_tree, write_curves, write_swc, write_vtp
 from ..duct.tree_names import read_names
 from ..errors import InputError
@@ -35,7 +36,7 @@ FINDINGS = 8
 """So many things that look odd in a tree are told at once."""
 
 SHOWN = 3
-"""Approaches to a target that people are told of."""
+"""Approaches to a target, and names of thin ends, that people are told of."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,8 +107,19 @@ class TreeListing(Task):
 
 
 def _tell_findings(found: Sequence[Finding], *, notes: bool = True) -> list[str]:
-    """Return a line for each thing that looks odd, warnings first, as far as people read them."""
+    """Return a line for each thing that looks odd, warnings first, as far as people read them.
+
+    Thin ends have one line together.
+    """
     findings = [item for item in found if notes or item.severity == "warning"]
+    thin = [item for item in findings if isinstance(item, TreeFinding) and item.code == "thin-end"]
+    if len(thin) > 1:
+        names = ", ".join(f"'{item.branch}'" for item in thin[:SHOWN])
+        names += ", ..." if len(thin) > SHOWN else ""
+        widest = max(item.size for item in thin)
+        message = f"{len(thin)} ends are no wider than a voxel, {widest:.2f} mm at most: {names}"
+        findings = [item for item in findings if item not in thin]
+        findings.append(Finding("thin-end", "note", message))
     findings.sort(key=lambda item: item.severity != "warning")
     lines = [f"{item.severity}: {item.message}" for item in findings[:FINDINGS]]
     if len(findings) > FINDINGS:
@@ -228,7 +240,9 @@ class TreeReaching(Task):
         )
         shortest = min((each.needle for each in near), default=None)
         far = self._judge_target(tree, target, radius, shortest)
-        return replace(found, approaches=near, needle=shortest, findings=(*far, *found.findings))
+        return replace(
+            found, approaches=near, needle_needed=shortest, findings=(*far, *found.findings)
+        )
 
     def _judge_target(
         self, tree: LumenTree, target: Floats, radius: float, needle: float | None
@@ -309,13 +323,16 @@ class TreeReaching(Task):
             format_rows(head, rows),
         ]
         for size in dict.fromkeys(each.diameter for each in found.approaches):
-            near = [each for each in found.approaches if each.diameter == size][:SHOWN]
+            near = [each for each in found.approaches if each.diameter == size]
             lines += [
                 f"{size:g} mm to the target: from branch {_tell_name(tree, each.branch)} at "
                 f"{each.depth:.1f} mm, needle {ceil_mm(each.needle, 1)} mm at "
                 f"{math.degrees(each.angle):.0f} deg to the axis{_tell_vessels(each)}; "
                 f"{each.route or 'straight on'}"
-                for each in near
+                for each in near[:SHOWN]
             ]
+            if len(near) > SHOWN:
+                more = f"and from {len(near) - SHOWN} branches more: a table (.csv) and --json"
+                lines.append(f"{size:g} mm: {more} have them all")
         lines += filter(None, [found.reason])
         return "\n".join([*lines, *_tell_findings(found.findings, notes=False)])
