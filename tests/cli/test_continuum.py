@@ -687,3 +687,19 @@ def test_walls_of_a_motion_are_refused_in_one_line(run, tube, arguments, words):
     code, out, err = run("simulate", "passive.yaml", "times.csv", *arguments)
     assert (code, out, err.count("\n")) == (2, "", 1)
     assert words in err
+
+
+def test_a_motion_is_a_page_with_a_step_for_each_time(run, tube):
+    line = (
+        "simulate",
+        "passive.yaml",
+        "times.csv",
+        *SOFT,
+        "--speed",
+        "40mm/s",
+        "--max-step",
+        "5ms",
+    )
+    code, _, err = run(*line, "--quiet", "--out", "motion.html")
+    assert (code, err) == (0, "")
+    assert "Robot in motion: passive, 0 to 2 s" in Path("motion.html").read_text("utf-8")

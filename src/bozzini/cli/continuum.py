@@ -63,6 +63,8 @@ from .fit import parse_settings
 from .routing import design_command, rank_command
 from .tip import InputSpread, draw_options, give_tip_error, parse_deviations, tip_answer
 
+FILMS = (".gif", ".mp4")
+
 if TYPE_CHECKING:
     from ..continuum import (
         ContinuumInverse,
@@ -76,7 +78,9 @@ if TYPE_CHECKING:
     )
     from ..continuum.gradients import ShapeJacobian
     from ..continuum.robot import RobotDesign
+    from ..duct import Duct
     from ..numeric.arrays import Floats
+    from ..progress import Progress
     from ..study.tip import DrawOptions
 
 STRAIGHT_BEND_RAD = 1e-6
@@ -1109,7 +1113,9 @@ def _format_workspace(found: ContinuumWorkspace) -> list[str]:
 @contact_options
 @options_of(DynamicsOptions, "dynamics")
 @answer_options(
-    ".csv", *PICTURES, help="Tip, tendons and energies by time (.csv), or a picture of the tip."
+    *(".csv", ".html", *FILMS, *PICTURES),
+    help="Tip, tendons and energies by time (.csv), a picture of the tip, or the robot in 3-D: a "
+    "page (.html) or a film of it (.gif, .mp4).",
 )
 def simulate_command(
     robot_file: Path,
@@ -1137,6 +1143,7 @@ def simulate_command(
 
     robot = read_robot(robot_file)
     given = read_timed_commands(table, robot)
+    duct: Duct | None = None
     commands: MotionCommands = {"loads": [parse_load(text) for text in load]}
     if given.command == "tension":
         commands["tensions"] = given.commands
@@ -1158,11 +1165,30 @@ def simulate_command(
     notes = []
     if robot.tendon_friction.any():
         notes.append("the friction of tendons is left out: a motion in time has none yet")
-    answer.write(found.list_columns(), found.plot)
+    if answer.out is not None and answer.out.suffix.lower() in (".html", *FILMS):
+        with answer.show_progress() as progress:
+            _show_motion(found, duct, answer.out, progress)
+    else:
+        answer.write(found.list_columns(), found.plot)
     text = "\n".join([_describe_motion(found), *(f"note: {line}" for line in notes)])
     answer.give({**found.to_dict(), "notes": notes, "file": answer.out}, text)
     if not found.converged:
         run_exit(EXIT_NEGATIVE)
+
+
+def _show_motion(found: ShapeHistory, duct: Duct | None, path: Path, progress: Progress) -> None:
+    """Write the page of a motion, or a film of it."""
+    from ..scene.film import FilmOptions, record_view
+    from ..scene.make_view import make_view
+    from ..scene.page import render_page
+
+    view = make_view(found, duct)
+    if path.suffix.lower() == ".html":
+        write_text(path, render_page(view))
+        return
+    seconds = float(found.time[-1] - found.time[0])
+    lasting = min(max(seconds, 0.5), 60.0)
+    record_view(view, path, options=FilmOptions(duration=lasting), progress=progress)
 
 
 def _describe_motion(found: ShapeHistory) -> str:

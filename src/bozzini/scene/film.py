@@ -1,4 +1,4 @@
-"""A plan as a film: its page in a browser that shows no window, or X-ray pictures."""
+"""A motion as a film: its page in a browser without a window, or a plan in X-ray pictures."""
 
 from __future__ import annotations
 
@@ -26,6 +26,7 @@ from ..plot.plan_data import read_centreline
 from ..progress import Progress, no_progress
 from .make_view import Wall, view_plan
 from .page import render_page
+from .view import View
 
 Picture = NDArray[np.uint8]
 
@@ -106,19 +107,71 @@ def record_plan(
         If the file cannot be written; nothing is left behind.
     """
     options = options or FilmOptions()
+    if options.style == "page" or (options.style == "auto" and find_browser() is not None):
+        return record_view(view_plan(plan, wall), path, options=options, progress=progress)
+    target = _check_film(path)
+    count = min(plan.steps, max(2, round(options.duration * options.rate)))
+    pictures = film_motion(plan, _make_field(plan, wall), count=count)
+    return _write_film(target, (pictures, count), "x-ray", options, progress)
+
+
+def record_view(
+    view: View,
+    path: str | os.PathLike[str],
+    *,
+    options: FilmOptions | None = None,
+    progress: Progress = no_progress,
+) -> Film:
+    """Film the page of a view and return where that is.
+
+    Parameters
+    ----------
+    view : View
+        Its first body moves.
+    path : path-like
+        The film, ``.mp4`` or ``.gif``.
+    options : FilmOptions, optional
+    progress : callable
+
+    Raises
+    ------
+    InputError
+        If the page cannot be shown.
+    MissingExtraError
+        If ``imageio-ffmpeg`` is not installed, for an MP4.
+    OutputError
+        If the file cannot be written; nothing is left behind.
+    """
+    options = options or FilmOptions()
+    target = _check_film(path)
+    browser = find_browser()
+    if browser is None:
+        raise InputError("the page needs Chromium and the package playwright: one is not there")
+    steps = len(view.bodies[0].joints)
+    count = min(steps, max(2, round(options.duration * options.rate)))
+    chosen = np.unique(np.linspace(0, steps - 1, count).astype(int))
+    return _write_film(
+        target, (_film_page(view, browser, chosen), count), "page", options, progress
+    )
+
+
+def _check_film(path: str | os.PathLike[str]) -> Path:
     target = Path(path)
     check_new_file(target, SUFFIXES, force=True)
-    film = target.suffix.lower() == ".mp4"
-    if film:
+    if target.suffix.lower() == ".mp4":
         _check_encoder()
-    browser = None if options.style == "x-ray" else find_browser()
-    if options.style == "page" and browser is None:
-        raise InputError("the page needs Chromium and the package playwright: one is not there")
-    count = min(plan.steps, max(2, round(options.duration * options.rate)))
-    if browser is not None:
-        pictures = _film_page(plan, wall, browser, count)
-    else:
-        pictures = film_motion(plan, _make_field(plan, wall), count=count)
+    return target
+
+
+def _write_film(
+    target: Path,
+    film: tuple[Iterator[Picture], int],
+    style: str,
+    options: FilmOptions,
+    progress: Progress,
+) -> Film:
+    """Write pictures, and how many there will be, as they come."""
+    pictures, count = film
     taken = 0
 
     def watch() -> Iterator[Picture]:
@@ -129,9 +182,9 @@ def record_plan(
             yield picture
 
     rate = max(1.0, count / options.duration)
-    encode = _encode_mp4 if film else _encode_gif
+    encode = _encode_mp4 if target.suffix.lower() == ".mp4" else _encode_gif
     write_atomically(target, lambda place: encode(place, watch(), rate))
-    return Film(path=target, style="x-ray" if browser is None else "page", pictures=taken)
+    return Film(path=target, style=style, pictures=taken)
 
 
 def find_browser() -> str | None:
@@ -154,10 +207,8 @@ def _make_field(plan: Plan, wall: Wall | None) -> SampledField:
     return field
 
 
-def _film_page(plan: Plan, wall: Wall | None, browser: str, count: int) -> Iterator[Picture]:
+def _film_page(view: View, browser: str, steps: NDArray[np.int64]) -> Iterator[Picture]:
     """Give the pictures of the page, step by step."""
-    view = view_plan(plan, wall)
-    steps = np.unique(np.linspace(0, len(view.bodies[0].joints) - 1, count).astype(int))
     with tempfile.TemporaryDirectory(prefix="bozzini-") as folder:
         page = Path(folder) / "view.html"
         page.write_text(render_page(view), encoding="utf-8")

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..anatomy.tract import LabelTract, SurfaceTract
+from ..continuum.dynamics import ShapeHistory
 from ..continuum.kinematics import ContinuumRobot
 from ..continuum.shape import Shape
 from ..continuum.workspace import ContinuumWorkspace, WorkspaceSample, sample_workspace
@@ -46,7 +47,7 @@ Wall = LabelTract | SurfaceTract | Duct
 Shown: TypeAlias = (
     Plan | Wall | ContinuumRobot | Shape | WorkspaceSample | ContinuumWorkspace | Effector
     | EffectorPose | Workspace | Cloud | Actuation | Head | HeadPose | HeadReach
-    | LumenTree | TreeReach
+    | LumenTree | TreeReach | ShapeHistory
 )  # fmt: skip
 
 MOST_FACES = 120_000
@@ -105,6 +106,8 @@ def _view_thing(thing: Shown) -> View:
         return _view_wall(thing)
     if isinstance(thing, Shape):
         return _view_shape(thing)
+    if isinstance(thing, ShapeHistory):
+        return _view_history(thing)
     if isinstance(thing, ContinuumRobot):
         straight = _view_shape(thing.forward(np.zeros(len(thing.tendons))))
         if not (thing.is_parallel and thing.is_straight):
@@ -367,6 +370,31 @@ def _view_shape(shape: Shape) -> View:
         for name, chain in zip(robot.tendon_names, chains[1:], strict=True)
     ]
     return View(title=f"Robot: {robot.name}", bodies=(body, *tendons))
+
+
+def _view_history(moved: ShapeHistory) -> View:
+    """Return a robot in motion, a step for each time, with speed of the tip and force of walls."""
+    base, robot = moved.robot.base_frame, moved.robot
+    gaps = np.minimum(moved.gaps[:, 1:], moved.gaps[:, :-1])
+    touches = np.isfinite(gaps).any()
+    body = Body(
+        joints=(moved.points @ base[:3, :3].T + base[:3, 3])[:, ::-1],
+        radius=float(max(section.radius for section in robot.sections)),
+        clearance=np.where(np.isfinite(gaps), gaps, np.nan)[:, ::-1] if touches else None,
+        name=robot.name,
+    )
+    speed = np.linalg.norm(moved.velocities[:, -1], axis=1)
+    forces = (Chart(name="force of walls", unit="N", values=moved.wall_sum, kind="angle"),)
+    return View(
+        title=f"Robot in motion: {robot.name}, {moved.time[0]:g} to {moved.time[-1]:g} s",
+        bodies=(body,),
+        charts=(
+            Chart(name="time", unit="s", values=moved.time, kind="angle"),
+            Chart(name="speed of the tip", unit="mm/s", values=speed, kind="angle"),
+            *(forces if touches else ()),
+        ),
+        scale=None if body.clearance is None else choose_clearance_scale(body.clearance),
+    )
 
 
 def _view_actuation(moved: Actuation) -> View:
