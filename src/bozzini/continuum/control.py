@@ -36,6 +36,8 @@ _ITERATIONS, _SETTLED = 20, 1e-6
 """Most steps of the inverse at rest, and the miss at which it ends, by the robot's length."""
 _STRIDE = 0.1
 """Most that the inverse moves the tip in a step, by the robot's length."""
+_OUT_OF_REACH = 1e-3
+"""Miss of the first place, by the robot's length, from which on it counts as out of reach."""
 _DAMPING = 1e-9
 """Noise by the sensor's that keeps the Riccati equation of the filter regular."""
 
@@ -83,7 +85,7 @@ class TendonState(NamedTuple):
 
 
 class _Choice(NamedTuple):
-    """A command, whether it is within limits, and what is remembered of it."""
+    """A command, and what is remembered of it."""
 
     tensions: Floats
     estimate: Floats
@@ -173,8 +175,21 @@ class TendonController(ABC):
         return held
 
     def begin(self, place: ArrayLike) -> TendonState:
-        """Return the state of a robot whose model rests with its tip nearest to a place (2,)."""
-        held = self.reach(self._take_place("place", place), self.hold(np.zeros(len(self.lowest))))
+        """Return the state of a robot whose model rests with its tip at a place (2,).
+
+        Raises
+        ------
+        InputError
+            If the place is out of reach.
+        """
+        at = self._take_place("place", place)
+        held = self.reach(at, self.hold(np.zeros(len(self.lowest))))
+        miss = float(np.hypot(*(at - held.place)))
+        if miss > _OUT_OF_REACH * self.robot.length:
+            raise InputError(
+                f"the tip is wanted at {at[0]:g}, {at[1]:g} mm: tensions up to {self.highest:g} N "
+                f"hold it {miss:.3g} mm from there at best"
+            )
         given = np.tile(held.tensions, (self.delay + 1, 1))
         return TendonState(given, held, self._remember(held))
 
@@ -256,7 +271,7 @@ class ResolvedRates(TendonController):
         Speed back by the distance that the tip is off [1/s].
     """
 
-    gain: float = quantity(help="Of the way back [1/s].", default=8.0, low=0.0, high=1e4)
+    gain: float = quantity(help="Of the way back [1/s].", default=6.0, low=0.0, high=1e4)
 
     def _choose(
         self, state: TendonState, wanted: Floats, seen: Floats, limits: tuple[Floats, Floats]
@@ -285,8 +300,8 @@ class ProportionalIntegral(TendonController):
         are at limits.
     """
 
-    proportional: float = quantity(help="By the distance.", default=0.2, low=0.0, high=100.0)
-    integral: float = quantity(help="By its integral [1/s].", default=8.0, low=0.0, high=1e4)
+    proportional: float = quantity(help="By the distance.", default=0.1, low=0.0, high=100.0)
+    integral: float = quantity(help="By its integral [1/s].", default=4.0, low=0.0, high=1e4)
 
     def _choose(
         self, state: TendonState, wanted: Floats, seen: Floats, limits: tuple[Floats, Floats]
@@ -374,17 +389,17 @@ class AimedTip:
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Estimating(TendonController):
+class EstimatingController(TendonController):
     """What `LinearQuadratic` and `TensionPrediction` share: a Kalman filter of the slowest modes.
 
     Its memory is the state, and the aims that have been given, the newest last.
     """
 
     effort: float = quantity(
-        help="Of the aim's way off the wanted one, beside a miss.", default=1.0, low=1e-6, high=1e6
+        help="Of the aim's way off the wanted one, beside a miss.", default=0.1, low=1e-6, high=1e6
     )
     noise: float = quantity("length", "Of what is seen.", default=0.1, low=0.0, high=1e3)
-    drift: float = quantity("length", "In a period.", default=0.1, low=1e-9, high=1e3)
+    drift: float = quantity("length", "In a period.", default=0.2, low=1e-9, high=1e3)
     modes: int = quantity(help="That are kept.", default=6, low=1, high=1000, whole=True)
 
     @cached_property
@@ -420,7 +435,7 @@ class _Estimating(TendonController):
 
 
 @dataclass(frozen=True, kw_only=True)
-class LinearQuadratic(_Estimating):
+class LinearQuadratic(EstimatingController):
     """Linear quadratic regulator about the wanted motion, of a state from a Kalman filter.
 
     Parameters
@@ -454,7 +469,7 @@ class LinearQuadratic(_Estimating):
 
 
 @dataclass(frozen=True, kw_only=True)
-class TensionPrediction(_Estimating):
+class TensionPrediction(EstimatingController):
     """Tensions that bring the tip nearest to where it is wanted over a horizon, within limits.
 
     The linear least squares of a plan, with the limits of tension and rate, are solved exactly. The

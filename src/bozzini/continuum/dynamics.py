@@ -367,6 +367,7 @@ class MovingRod:
 
     @cached_property
     def grid(self) -> Grid:
+        """Its segments."""
         return Grid(self.robot, self.options.segment, self.options.between)
 
     @cached_property

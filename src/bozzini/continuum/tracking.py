@@ -4,19 +4,20 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from ..checks import check_kind, check_number, quantity
-from ..errors import GeometryError
 from ..numeric.arrays import Floats
 from ..progress import Progress, no_progress
-from ..results import Json, format_rows, tabulated
+from ..results import Json, format_rows, tabulated, to_plain
 from ..task import Task
 from ..tracking import TrackedPaths, find_rms, measure_distances, trace_places
 from .control import (
+    EstimatingController,
     LinearQuadratic,
     ProportionalIntegral,
     ResolvedRates,
@@ -37,6 +38,7 @@ TENDON_CONTROLLERS: dict[str, type[TendonController]] = {
     "predictive": TensionPrediction,
 }
 """Controllers by name."""
+_NOTE = "tendons have no friction and no mass, and drives hold their tensions at once"
 _AT_LIMIT = 1e-9
 """Share of a limit by which a tension at it may miss it."""
 
@@ -47,9 +49,9 @@ class TendonRun(NamedTuple):
     Attributes
     ----------
     commands : ndarray, shape (n, t)
-        Given from the first time on [N].
+        Given from the first time on, until it folds over [N].
     tip : ndarray, shape (n + 1, 2)
-        True lateral places, the first before any command [mm].
+        True lateral places, the first before any command [mm]; NaN once the robot has folded over.
     controller_time, plant_time : float
         Time that the steps of each took [s].
     """
@@ -89,11 +91,6 @@ def run_tendons(
         Standard deviation of the places that the controller sees [mm].
     seed : int
         Of the noise.
-
-    Raises
-    ------
-    GeometryError
-        If the plant's motion has no answer.
     """
     check_kind("controller", controller, TendonController)
     check_number("noise", noise, low=0.0, unit="mm")
@@ -107,13 +104,14 @@ def run_tendons(
         command, state = controller.step(state, wanted[k:], seen=tips[-1] + drawn[k])
         between = time.perf_counter()
         waiting = [*waiting[1:], command]
-        moved = _move(controller, plant, waiting[0], moved if k else None)
+        moved = _move(controller, plant, waiting[0], moved)
         spent[0] += between - begin
         spent[1] += time.perf_counter() - between
-        if not moved.converged:
-            raise GeometryError(moved.reason)
-        tips.append(moved.tip[-1, :2])
         commands.append(command)
+        tips.append(moved.tip[-1, :2])
+        if not moved.converged:
+            tips[-1:] = np.full((len(wanted) - 1 - k, 2), math.nan)
+            break
     return TendonRun(np.array(commands), np.array(tips), *spent)
 
 
@@ -161,9 +159,9 @@ class TendonTracking(TrackedPaths):
         return {
             "controllers": {
                 row.controller: {
-                    "rms_mm": row.rms,
-                    "largest_mm": row.largest,
-                    "at_limits": row.at_limits,
+                    "rms_mm": to_plain(row.rms),
+                    "largest_mm": to_plain(row.largest),
+                    "at_limits": to_plain(row.at_limits),
                     "controller_factor": row.controller_factor,
                     "plant_factor": row.plant_factor,
                 }
@@ -197,7 +195,9 @@ class ContinuumTracking(Task):
     the Jacobian at rest; proportional-integral and linear quadratic control move the place that
     the inverse is asked for; the predictive one plans tensions within the limits.
 
-    Exit code 0: done; 1: a tip folds over, or a place is not to be had; 2: bad input.
+    A robot that a controller makes fold over has no numbers.
+
+    Exit code 0: done; 2: bad input.
     """
 
     name = "track"
@@ -231,23 +231,19 @@ class ContinuumTracking(Task):
         wanted = trace_places(
             "circle", radius=self.radius, frequency=self.frequency, period=self.period
         )
-        known = {name: getattr(self, name) for name in ("period", "delay", "highest", "rate")}
-        rows, tips = [], []
-        for done, (name, kind) in enumerate(TENDON_CONTROLLERS.items()):
-            progress(name, done / len(TENDON_CONTROLLERS))
-            more = {"noise": self.noise} if hasattr(kind, "noise") else {}
-            controller = kind(robot=robot, options=self.options, **known, **more)
-            run = run_tendons(controller, wanted, plant=plant, noise=self.noise, seed=self.seed)
-            rows.append(measure_run(name, controller, run, wanted))
-            tips.append(run.tip)
-        progress("tracked", 1.0)
-        notes = ["tendons have no friction and no mass, and hold their tensions at once"]
-        return TendonTracking(
-            rows=tuple(rows),
-            times=np.multiply(self.period, np.arange(len(wanted)), dtype=np.float64),
-            wanted=wanted,
-            tips=np.array(tips),
-            notes=tuple(notes),
+        controllers = {}
+        for name, kind in TENDON_CONTROLLERS.items():
+            controllers[name] = kind(
+                robot=robot,
+                options=self.options,
+                period=self.period,
+                delay=self.delay,
+                highest=self.highest,
+                rate=self.rate,
+                **({"noise": self.noise} if issubclass(kind, EstimatingController) else {}),
+            )
+        return compare_tendons(
+            controllers, wanted, plant=plant, noise=self.noise, seed=self.seed, progress=progress
         )
 
     def describe(self, found: TendonTracking) -> str:
@@ -255,7 +251,44 @@ class ContinuumTracking(Task):
         return found.format_table()
 
 
-def measure_run(
+def compare_tendons(
+    controllers: Mapping[str, TendonController],
+    wanted: Floats,
+    *,
+    plant: RobotDesign,
+    noise: float = 0.0,
+    seed: int = 0,
+    progress: Progress = no_progress,
+) -> TendonTracking:
+    """Return how controllers of one period do side by side, on a plant that may be another robot.
+
+    Parameters
+    ----------
+    controllers : mapping
+        By name.
+    wanted, plant, noise, seed
+        As of `run_tendons`; the first half of the places is not counted.
+    progress : callable
+        Told the share that is done.
+    """
+    rows, tips, period = [], [], 0.0
+    for done, (name, controller) in enumerate(controllers.items()):
+        progress(name, done / len(controllers))
+        run = run_tendons(controller, wanted, plant=plant, noise=noise, seed=seed)
+        rows.append(_measure(name, controller, run, wanted))
+        tips.append(run.tip)
+        period = controller.period
+    progress("tracked", 1.0)
+    return TendonTracking(
+        rows=tuple(rows),
+        times=np.multiply(period, np.arange(len(wanted)), dtype=np.float64),
+        wanted=wanted,
+        tips=np.array(tips),
+        notes=(_NOTE,),
+    )
+
+
+def _measure(
     name: str, controller: TendonController, run: TendonRun, wanted: Floats
 ) -> TendonTrackedBy:
     """Return how a controller did along places (n + 1, 2)."""
@@ -263,12 +296,12 @@ def measure_run(
     changes = np.diff(run.commands, axis=0)
     full = np.abs(run.commands[1:]) >= (1.0 - _AT_LIMIT) * controller.highest
     full |= np.abs(changes) >= (1.0 - _AT_LIMIT) * controller.rate * controller.period
-    passed = controller.period * len(run.commands)
+    passed, half = controller.period * len(run.commands), len(wanted) // 2
     return TendonTrackedBy(
         controller=name,
         rms=find_rms(distances),
         largest=float(distances.max()),
-        at_limits=float(np.mean(full[len(full) // 2 :].any(axis=1))),
+        at_limits=float(np.mean(full[half - 1 :].any(axis=1))) if len(full) >= half else math.nan,
         controller_factor=passed / run.controller_time,
         plant_factor=passed / run.plant_time,
     )

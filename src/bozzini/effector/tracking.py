@@ -228,7 +228,9 @@ class EffectorTracking(Task):
         file = read_effector(self.fit)
         random = np.random.default_rng(self.seed)
         off = [draw_plant(file, random) for _ in range(self.plants)]
-        wanted = trace_places(self.trace, radius=self.radius, frequency=self.frequency, period=PERIOD)
+        wanted = trace_places(
+            self.trace, radius=self.radius, frequency=self.frequency, period=PERIOD
+        )
         found = compare_controllers(
             file.build(), wanted, rate=self.rate, off=off, progress=progress
         )
