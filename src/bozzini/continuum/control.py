@@ -13,6 +13,7 @@ it, of which the slowest modes are kept, and what the others yield at rest.
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -26,7 +27,7 @@ from ..errors import GeometryError, InputError
 from ..numeric.arrays import Floats
 from ..numeric.knots import Knots
 from ..numeric.limited import solve_limited
-from .dynamics import DEFAULT_OPTIONS, DynamicsOptions, MovingRod, linearise
+from .dynamics import DEFAULT_OPTIONS, DynamicsOptions, LinearDynamics, MovingRod, linearise
 from .equilibrium import Equilibrium
 from .robot import RobotDesign, check_robot
 
@@ -138,6 +139,18 @@ class TendonController(ABC):
     @cached_property
     def _rod(self) -> MovingRod:
         return MovingRod(self.robot, self.options, ())
+
+    @cached_property
+    def linear(self) -> LinearDynamics:
+        """Small oscillations of the robot about its rest without tensions."""
+        none = np.zeros(len(self.robot.tendons))
+        return linearise(self.robot, tensions=none, options=self.options)
+
+    @cached_property
+    def _decay(self) -> tuple[float, float]:
+        """Damping ratio of the slowest mode, and the rate at which it decays [1/s]."""
+        ratio = float(self.linear.damping_ratio[0])
+        return ratio, 2.0 * math.pi * ratio * float(self.linear.frequency[0])
 
     @property
     def lowest(self) -> Floats:
@@ -268,16 +281,18 @@ class ResolvedRates(TendonController):
     Parameters
     ----------
     gain : float
-        Speed back by the distance that the tip is off [1/s].
+        Speed back by the distance that the tip is off [1/s]; unless given 0.7 of the rate at which
+        the slowest mode decays, as a higher one makes it grow.
     """
 
-    gain: float = quantity(help="Of the way back [1/s].", default=6.0, low=0.0, high=1e4)
+    gain: float | None = quantity(help="Of the way back [1/s].", default=None, low=0.0, high=1e4)
 
     def _choose(
         self, state: TendonState, wanted: Floats, seen: Floats, limits: tuple[Floats, Floats]
     ) -> _Choice:
         ahead = self._at(wanted, self.delay + 1) - self._at(wanted, self.delay)
-        change = ahead + self.gain * self.period * (wanted[0] - seen)
+        gain = 0.7 * self._decay[1] if self.gain is None else self.gain
+        change = ahead + gain * self.period * (wanted[0] - seen)
         slopes, tensions = state.held.by_tension, state.given[-1]
         eye, level = np.eye(len(tensions)), _LEVEL * np.abs(slopes).max()
         more = solve_limited(
@@ -296,19 +311,27 @@ class ProportionalIntegral(TendonController):
     Parameters
     ----------
     proportional, integral : float
-        Change of the aim by the distance, and by its integral [1/s]. The sum stops where tensions
-        are at limits.
+        Change of the aim by the distance, and by its integral [1/s]; unless given 0.7 of the
+        slowest mode's damping ratio, and 0.5 of the rate at which it decays. The sum stops where
+        tensions are at limits.
     """
 
-    proportional: float = quantity(help="By the distance.", default=0.1, low=0.0, high=100.0)
-    integral: float = quantity(help="By its integral [1/s].", default=4.0, low=0.0, high=1e4)
+    proportional: float | None = quantity(
+        help="By the distance.", default=None, low=0.0, high=100.0
+    )
+    integral: float | None = quantity(
+        help="By its integral [1/s].", default=None, low=0.0, high=1e4
+    )
 
     def _choose(
         self, state: TendonState, wanted: Floats, seen: Floats, limits: tuple[Floats, Floats]
     ) -> _Choice:
         off = wanted[0] - seen
         total = state.estimate + self.period * off
-        aim = self._at(wanted, self.delay + 1) + self.proportional * off + self.integral * total
+        ratio, decay = self._decay
+        proportional = 0.7 * ratio if self.proportional is None else self.proportional
+        integral = 0.5 * decay if self.integral is None else self.integral
+        aim = self._at(wanted, self.delay + 1) + proportional * off + integral * total
         tensions = self.reach(aim, state.held).tensions
         cut = np.any((tensions < limits[0]) | (tensions > limits[1]) | (tensions >= self.highest))
         return _Choice(tensions, state.estimate if cut else total)
@@ -335,10 +358,9 @@ class AimedTip:
         """Return that of the robot in which a controller believes, about its rest."""
         from scipy.signal import cont2discrete
 
-        none = np.zeros(len(controller.lowest))
-        linear = linearise(controller.robot, tensions=none, options=controller.options)
+        linear = controller.linear
         system = linear.state_space(min(modes, len(linear.frequency)))
-        slopes = controller.hold(none).by_tension
+        slopes = controller.hold(np.zeros(len(controller.lowest))).by_tension
         tensions = np.linalg.pinv(slopes)
         inputs, outputs = system.B @ tensions, system.C[:2]
         own, driven, *_ = cont2discrete(
