@@ -23,6 +23,7 @@ BASE = (
     "registry",
     "views",
     "results",
+    "tracking",
     "io",
     "task",
 )

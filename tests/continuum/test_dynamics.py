@@ -27,7 +27,7 @@ from bozzini.continuum import (
     push_in,
     simulate,
 )
-from bozzini.continuum.dynamics import _Contacts, _Rod
+from bozzini.continuum.dynamics import MovingRod, _Contacts
 from bozzini.continuum.kernels import dynamics as kernels
 from bozzini.duct import RoundCones
 from bozzini.errors import GeometryError, InputError
@@ -119,7 +119,7 @@ def fall(times, robot=None, duct=None, contact=SOFT, options=FALLING, **commands
     return found
 
 
-def no_walls(rod: _Rod):
+def no_walls(rod: MovingRod):
     return _Contacts(rod, (), ContactOptions()).packed
 
 
@@ -190,7 +190,7 @@ def test_kernel_is_the_rate_of_the_derivatives_of_the_kinetic_energy() -> None:
         LineLoad(force=(0.0, 1e-3, 0.0), start=20.0),
     )
     options = DynamicsOptions(segment="arc", drag=1e-4, damping_time=0.01, tip_weight=0.02)
-    rod = _Rod(make_arm(), options, loads)
+    rod = MovingRod(make_arm(), options, loads)
     count, points = len(rod.grid.spans), len(rod.points.parts)
     rng = np.random.default_rng(1)
     q, rate = 0.1 * rng.standard_normal((count, 3)), rng.standard_normal((count, 3))
@@ -243,7 +243,7 @@ def test_chain_solves_the_dense_problem() -> None:
     pulled, load = [3.0, 1.0, 0.5, 1.0, 2.0, 0.0], [PointLoad(force=(0.02, 0.05, -0.3))]
     options = DynamicsOptions(segment="channel", drag=1e-5, damping_time=0.01, tip_weight=0.01)
     found = linearise(make_arm(), tensions=pulled, loads=load, options=options)
-    rod = _Rod(make_arm(), options, tuple(load))
+    rod = MovingRod(make_arm(), options, tuple(load))
     q = EnergyModel(
         make_arm(), segment="channel", loads=[*load, PointLoad(force=(0.0, 0.0, -0.01))]
     ).shape_under_tensions(pulled)

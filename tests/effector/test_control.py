@@ -28,10 +28,10 @@ from bozzini.effector import (
     run_control,
     write_effector,
 )
-from bozzini.effector.tracking import trace_places
 from bozzini.errors import InputError
 from bozzini.muscle import Muscle
 from bozzini.numeric.limited import solve_limited
+from bozzini.tracking import trace_places
 
 MOTION = EffectorMotion(
     fill_lag=0.3, bleed_lag=0.25, play_radii=(0.01, 0.08), play_weights=(0.5, 0.1),
@@ -285,7 +285,7 @@ def test_the_command_tracks_and_draws(tmp_path, capsys):
 @pytest.mark.parametrize("trace", ["circle", "line"])
 @pytest.mark.parametrize("frequency", [0.1, 0.5])
 def test_four_controllers(trace, frequency):
-    wanted = trace_places(trace, radius=5.0, frequency=frequency)
+    wanted = trace_places(trace, radius=5.0, frequency=frequency, period=PERIOD)
     found = compare_controllers(make_arm(MOTION), wanted)
     by_name = {row.controller: row for row in found.rows}
     static = by_name["static inverse"]

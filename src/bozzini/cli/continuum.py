@@ -19,6 +19,7 @@ import click
 from ..checks import show_apart, spell_option
 from ..continuum import CONTINUUM_MODELS, ContactOptions, DynamicsOptions, ElasticModel
 from ..continuum.kinematics import LOADS
+from ..continuum.tracking import ContinuumTracking
 from ..errors import GeometryError, InputError, PluginError
 from ..fabricate import BodyOptions
 from ..io.files import write_text
@@ -61,6 +62,7 @@ from .contact import (
 from .fit import command as fit_command
 from .fit import parse_settings
 from .routing import design_command, rank_command
+from .task import make_command
 from .tip import InputSpread, draw_options, give_tip_error, parse_deviations, tip_answer
 
 FILMS = (".gif", ".mp4")
@@ -1242,3 +1244,4 @@ command.add_command(rank_command)
 command.add_command(contact_command)
 command.add_command(insert_command)
 command.add_command(fit_command)
+command.add_command(make_command(ContinuumTracking))

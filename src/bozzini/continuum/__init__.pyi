@@ -2,6 +2,17 @@ from .arc import ArcModel, arc_frames, bend_vectors, displacements_for, jacobian
 from .calibration import Marker, RobotCalibration
 from .contact import ContactModel, ContactOptions, ContactShape
 from .continuation import EquilibriumPath
+from .control import (
+    AimedTip,
+    HeldTip,
+    LinearQuadratic,
+    ProportionalIntegral,
+    ResolvedRates,
+    StaticTensions,
+    TendonController,
+    TendonState,
+    TensionPrediction,
+)
 from .coupling import BendSolution, ParallelModel, check_displacements, coupling_matrix
 from .dynamics import (
     DynamicsOptions,
@@ -53,6 +64,16 @@ from .robot_fit import (
 from .rod import RodModel
 from .section import Helix, Section, Tendon
 from .shape import Shape
+from .tracking import (
+    TENDON_CONTROLLERS,
+    ContinuumTracking,
+    TendonRun,
+    TendonTrackedBy,
+    TendonTracking,
+    compare_tendons,
+    run_tendons,
+    soften,
+)
 from .unknowns import RobotSetup, Unknown, parse_unknowns
 from .wire import Wire
 from .workspace import (
@@ -70,6 +91,23 @@ from .workspace import (
 )
 
 __all__ = [
+    "AimedTip",
+    "HeldTip",
+    "LinearQuadratic",
+    "ProportionalIntegral",
+    "ResolvedRates",
+    "StaticTensions",
+    "TendonController",
+    "TendonState",
+    "TensionPrediction",
+    "TENDON_CONTROLLERS",
+    "ContinuumTracking",
+    "TendonRun",
+    "TendonTrackedBy",
+    "TendonTracking",
+    "compare_tendons",
+    "run_tendons",
+    "soften",
     "CONTINUUM_MODELS",
     "ArcModel",
     "BendSolution",

@@ -239,6 +239,8 @@ class ShapeHistory(Result):
         Why it ends before the last time; empty where it does not.
     state : RodMotion
         Where it is at the last time, for ``initial=`` of what comes after it.
+    rod : MovingRod
+        The robot cut into segments, which what comes after it takes over.
     """
 
     robot: RobotDesign = field(repr=False)
@@ -254,6 +256,7 @@ class ShapeHistory(Result):
     iterations: NDArray[np.int64]
     reason: str
     state: RodMotion = field(repr=False)
+    rod: MovingRod = field(repr=False)
 
     @property
     def converged(self) -> bool:
@@ -343,8 +346,8 @@ class _Points:
         return self.segments, self.parts, self.masses, self.inertias, self.drags
 
 
-@dataclass(frozen=True)
-class _Rod:
+@dataclass(frozen=True, eq=False)
+class MovingRod:
     """A robot cut into segments, with its masses, damping, loads and tendons."""
 
     robot: RobotDesign
@@ -352,8 +355,19 @@ class _Rod:
     loads: tuple[Load, ...]
     touches: bool = False
 
+    def is_like(self, other: MovingRod) -> bool:
+        """Whether another is of the same robot, options and loads."""
+        return (
+            self.robot is other.robot
+            and self.touches == other.touches
+            and self.options == other.options
+            and len(self.loads) == len(other.loads)
+            and all(one is two for one, two in zip(self.loads, other.loads, strict=True))
+        )
+
     @cached_property
     def grid(self) -> Grid:
+        """Its segments."""
         return Grid(self.robot, self.options.segment, self.options.between)
 
     @cached_property
@@ -480,11 +494,18 @@ class _Rod:
         return self.grid.packed, self.grid.rest, self.damping, self.points.packed
 
     def find_equilibrium(
-        self, command: Floats, *, held: bool, factors: Floats, turned: Floats
+        self,
+        command: Floats,
+        *,
+        held: bool,
+        factors: Floats,
+        turned: Floats,
+        initial: tuple[Floats, Floats] | None = None,
     ) -> Equilibrium:
         """Return the equilibrium under tendons and loads, followed from rest.
 
-        `turned` (3, 3) is how the base is turned from its rest.
+        `turned` (3, 3) is how the base is turned from its rest. From `initial`, rotation vectors
+        and tensions, it is tried at once.
         """
         forces, moments = self.load_vectors
         points = self.points
@@ -506,13 +527,22 @@ class _Rod:
             held=np.full(count, held),
             pulls=np.zeros(count) if held else command,
         )
-        found = rod.follow(tendons)[-1]
+        found = rod.follow(tendons, initial=initial)[-1]
         if not found.found or found.load_factor < 1.0:
             raise GeometryError(
                 f"no equilibrium was found to start from: the command with its loads can be "
                 f"followed to {math.floor(100.0 * found.load_factor)} % only"
             )
         return found
+
+    def differentiate_tip(self, found: Equilibrium) -> tuple[Floats, Floats]:
+        """Return the tip (3,) [mm], and its derivatives by the tensions (3, t) [mm/N]."""
+        q, count = found.rotation_vectors, len(self.grid.spans)
+        end = np.array([count - 1]), np.ones(1), np.zeros((1, 3))
+        moved = self.grid.move_stations(q, end)[0, 3:]
+        rows = found.length_gradients.reshape(-1, q.size)
+        place = self.grid.place_frames(q[None])[0, -1, :3, 3]
+        return place, -moved @ np.linalg.solve(found.hessian, rows.T)
 
     def find_limits(self, displacements: Floats) -> Floats:
         """Lengths of the tendons without tension (..., t) by displacements; and back [mm]."""
@@ -616,7 +646,9 @@ def simulate(
     given, base = check_loads(robot, commands.get("loads", ())), commands.get("base")
     before = () if held_by is None else check_loads(robot, held_by)
     walls = _take_walls(commands)
-    rod = _Rod(robot, options, (*given, *before), touches=bool(walls))
+    rod = MovingRod(robot, options, (*given, *before), touches=bool(walls))
+    if isinstance(initial, ShapeHistory) and rod.is_like(initial.rod):
+        rod = initial.rod
     factors = np.zeros((len(rows), len(rod.loads)))
     factors[:, : len(given)] = _take_factors(rows, given, commands.get("load_factors"))
     command, held = _take_commands(
@@ -739,7 +771,7 @@ class _Contacts:
 
     def __init__(
         self,
-        rod: _Rod,
+        rod: MovingRod,
         walls: tuple[Boundary, ...],
         options: ContactOptions,
         introducer: float = 0.0,
@@ -814,7 +846,7 @@ def _number_steps(steps: NDArray[np.int64]) -> tuple[list[int], list[int]]:
 
 
 def _run(
-    rod: _Rod,
+    rod: MovingRod,
     tendons: tuple[Floats, bool, NDArray[np.bool_]],
     tables: tuple[Floats, ...],
     contacts: _Contacts,
@@ -885,12 +917,13 @@ def _run(
         energy=EnergyBalance(**{kind: energies[:own, k] for k, kind in enumerate(kinds)}),
         iterations=iterations[:own],
         reason=reason,
+        rod=rod,
         state=state._replace(slips=contacts.before[0], normal_forces=contacts.before[1]),
     )
 
 
 def _take_commands(
-    rod: _Rod, count: int, tensions: ArrayLike | None, displacements: ArrayLike | None
+    rod: MovingRod, count: int, tensions: ArrayLike | None, displacements: ArrayLike | None
 ) -> tuple[Floats, bool]:
     """Return commands (k, t), and whether they are displacements."""
     robot = rod.robot
@@ -1056,7 +1089,7 @@ def linearise(
     """
     check_robot(robot)
     check_kind("options", options, DynamicsOptions)
-    rod = _Rod(robot, options, check_loads(robot, loads))
+    rod = MovingRod(robot, options, check_loads(robot, loads))
     command, held = _take_commands(rod, 1, tensions, displacements)
     factors = np.ones(len(rod.loads))
     found = rod.find_equilibrium(command[0], held=held, factors=factors, turned=np.eye(3))

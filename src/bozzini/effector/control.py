@@ -17,6 +17,7 @@ from ..checks import check_array, check_fields, check_kind, check_points, check_
 from ..errors import InputError
 from ..muscle.hysteresis import HysteresisState
 from ..numeric.arrays import Floats
+from ..numeric.knots import Knots
 from ..numeric.limited import solve_limited
 from .effector import Effector
 from .motion import MotionState
@@ -292,8 +293,7 @@ class PredictiveControl(Controller):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.knots[:1] != (0,) or min(np.diff(self.knots), default=1) < 1:
-            raise InputError(f"knots are {self.knots}: they must begin at 0 and increase")
+        Knots(self.knots, self.period)
 
     @cached_property
     def _onset(self) -> Floats:
@@ -320,36 +320,19 @@ class PredictiveControl(Controller):
         )[0, :, 0]
 
     @cached_property
-    def _spread(self) -> Floats:
-        """Commands (n,) at samples from now on, from those at the knots (k,)."""
-        return self._interpolate(np.arange(self.knots[-1] + 1.0))
-
-    @cached_property
-    def _shift(self) -> Floats:
-        """Commands at the knots of the next sample, from those of this one."""
-        return self._interpolate(np.array(self.knots) + 1.0)
-
-    def _interpolate(self, samples: Floats) -> Floats:
-        rows = np.eye(len(self.knots))
-        return np.stack([np.interp(samples, self.knots, row) for row in rows], axis=1)
-
-    @cached_property
-    def _rates(self) -> Floats:
-        """Changes of the commands per second from knot to knot, from those at the knots."""
-        count = len(self.knots)
-        gaps = self.period * np.diff(self.knots, prepend=-1.0)
-        return np.asarray((np.eye(count) - np.eye(count, k=-1)) / gaps[:, None])
+    def _course(self) -> Knots:
+        return Knots(self.knots, self.period)
 
     def _choose(self, state: ControlState, wanted: Floats) -> tuple[Floats, Floats | None]:
         knots, muscles = len(self.knots), len(state.command)
         plan = np.tile(state.command, (knots, 1)) if state.plan is None else state.plan
-        last = self._spread.shape[0]
+        last = self._course.spread.shape[0]
         goal = wanted[np.minimum(np.arange(last), len(wanted) - 1)]
         begin = np.zeros((knots, muscles))
         begin[0] = state.command / self.period
         # Limits of the change of plan: of pressures, and of rates.
         eye = np.eye(knots * muscles)
-        rates = np.kron(self._rates, np.eye(muscles))
+        rates = np.kron(self._course.rates, np.eye(muscles))
         sides = np.concatenate([eye, -eye, rates, -rates])
         changes = eye.reshape(-1, knots, muscles)
         swing = _SWING * self.highest
@@ -362,7 +345,7 @@ class PredictiveControl(Controller):
             tips = self._predict(state, np.concatenate([plan[None], plan + trials]))
             half = len(changes)
             slopes = (tips[1 : half + 1] - tips[half + 1 :]) / (2.0 * swing)
-            speed = self._rates @ plan - begin
+            speed = self._course.rates @ plan - begin
             level, smooth = self.level * share, self.smoothness * share
             matrix = np.concatenate([
                 slopes.reshape(half, -1).T,
@@ -382,13 +365,13 @@ class PredictiveControl(Controller):
             tried = plan + np.array(_SHARES)[:, None, None] * change
             off = np.square(self._predict(state, tried) - goal).sum(axis=(1, 2))
             off += np.square(level * tried).sum(axis=(1, 2))
-            off += np.square(smooth * (self._rates @ tried - begin)).sum(axis=(1, 2))
+            off += np.square(smooth * (self._course.rates @ tried - begin)).sum(axis=(1, 2))
             plan = tried[int(np.argmin(off))]
-        return plan[0], np.clip(self._shift @ plan, 0.0, self.highest)
+        return plan[0], np.clip(self._course.shift @ plan, 0.0, self.highest)
 
     def _predict(self, state: ControlState, plans: Floats) -> Floats:
         """Return lateral places (b, n, 2) of the tip at the next samples under plans (b, k, m)."""
-        commands = self._spread @ plans
+        commands = self._course.spread @ plans
         commands = np.concatenate([commands, commands[:, -1:]], axis=1)
         times = np.multiply(self.period, np.arange(commands.shape[1]), dtype=np.float64)
         tips, _ = _roll(self.effector, times, commands, _repeat(state.motion, len(plans)))

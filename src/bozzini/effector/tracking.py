@@ -13,8 +13,9 @@ import numpy as np
 from ..checks import check_kind, quantity
 from ..numeric.arrays import Floats
 from ..progress import Progress, no_progress
-from ..results import Json, ReasonedResult, format_rows, tabulated, take_axes, to_plain
+from ..results import Json, format_rows, tabulated, to_plain
 from ..task import Task
+from ..tracking import TrackedPaths, find_rms, measure_distances, trace_places
 from .control import (
     PERIOD,
     Controller,
@@ -27,8 +28,6 @@ from .effector import Effector
 from .unknowns import EffectorSetup, change_setup, parse_unknowns
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
     from .files import EffectorFile
 
 CONTROLLERS: dict[str, tuple[type[Controller], bool]] = {
@@ -156,40 +155,10 @@ class TrackedBy:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Tracking(ReasonedResult):
-    """Controllers of an end-effector side by side, in simulation.
-
-    Attributes
-    ----------
-    rows : tuple of TrackedBy
-        By controller.
-    times : ndarray, shape (n,)
-        Times [s].
-    wanted : ndarray, shape (n, 2)
-        Lateral places [mm].
-    tips : ndarray, shape (c, n, 2)
-        Those of the tip by each controller, on the arm as it was fitted [mm].
-    notes : tuple of str
-        What is not in the model.
-    """
+class Tracking(TrackedPaths):
+    """Controllers of an end-effector side by side, in simulation; the tips on the arm as fitted."""
 
     rows: tuple[TrackedBy, ...]
-    times: Floats = tabulated("s", "time")
-    wanted: Floats
-    tips: Floats
-    notes: tuple[str, ...] = ()
-
-    reason = ""
-    residual = 0.0
-
-    def list_columns(self) -> Json:
-        """Return the columns of `to_frame`, a row for each time."""
-        columns = dict(super().list_columns())
-        for k, axis in enumerate("xy"):
-            columns[f"wanted_{axis}_mm"] = self.wanted[:, k]
-            for row, tip in zip(self.rows, self.tips, strict=True):
-                columns[f"{row.controller} {axis}_mm"] = tip[:, k]
-        return columns
 
     def to_dict(self) -> Json:
         """Return how the controllers did as plain values."""
@@ -217,24 +186,6 @@ class Tracking(ReasonedResult):
             steps = (f"{1e3 * x:.2f}" for x in (row.step_median, row.step_p99))
             rows.append([row.controller, f"{row.rms:.3f}", f"{row.largest:.3f}", off, *steps])
         return "\n".join([format_rows(head, rows), *(f"note: {text}" for text in self.notes)])
-
-    def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the last turn as wanted and as tracked, seen along the axis; return the axes."""
-        axes = take_axes(ax, x="x [mm]", y="y [mm]", equal=True)
-        half = len(self.times) // 2
-        axes.plot(*self.wanted[half:].T, "k--", label="wanted", zorder=3)
-        for row, tip in zip(self.rows, self.tips, strict=True):
-            axes.plot(*tip[half:].T, label=f"{row.controller}, {row.rms:.2f} mm rms")
-        axes.legend(loc="center", fontsize="x-small")
-        return axes
-
-
-def trace_places(kind: str, *, radius: float, frequency: float) -> Floats:
-    """Return places (n, 2), 20 ms apart, of two turns of a circle, or of a line [mm]."""
-    turn = max(round(1.0 / (frequency * PERIOD)), 2)
-    phases = 2.0 * math.pi * np.arange(2 * turn + 1) / turn
-    across = np.sin(phases) if kind == "circle" else 0.0 * phases
-    return np.asarray(radius * np.stack([np.cos(phases), across], axis=-1))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -277,7 +228,9 @@ class EffectorTracking(Task):
         file = read_effector(self.fit)
         random = np.random.default_rng(self.seed)
         off = [draw_plant(file, random) for _ in range(self.plants)]
-        wanted = trace_places(self.trace, radius=self.radius, frequency=self.frequency)
+        wanted = trace_places(
+            self.trace, radius=self.radius, frequency=self.frequency, period=PERIOD
+        )
         found = compare_controllers(
             file.build(), wanted, rate=self.rate, off=off, progress=progress
         )
@@ -332,13 +285,13 @@ def compare_controllers(
             else _repeat(run, plant, gain) - wanted
             for plant, gain in off
         ]
-        own = _measure(run.tip - wanted)
+        own = measure_distances(run.tip - wanted)
         rows.append(
             TrackedBy(
                 controller=name,
-                rms=_find_rms(own),
+                rms=find_rms(own),
                 largest=float(own.max()),
-                rms_off=_find_rms(np.concatenate([_measure(one) for one in misses]))
+                rms_off=find_rms(np.concatenate([measure_distances(one) for one in misses]))
                 if misses
                 else math.nan,
                 step_median=float(np.median(run.step_times[1:])),
@@ -358,12 +311,3 @@ def _repeat(run: ControlRun, plant: Effector, gain: float) -> Floats:
     times = np.multiply(PERIOD, np.arange(len(given)), dtype=np.float64)
     before = plant.motion.begin(np.minimum(gain * run.start, plant.design.pressure_limit)[None])
     return plant.simulate(times, given[None], initial=before).tip[0, :, :2]
-
-
-def _measure(off: Floats) -> Floats:
-    """Return the distances (n,) after the first half of misses."""
-    return np.asarray(np.hypot(*off[len(off) // 2 :].T))
-
-
-def _find_rms(off: Floats) -> float:
-    return math.sqrt(float(np.mean(np.square(off))))
