@@ -154,6 +154,7 @@ LEGAL: dict[str, tuple[int, str]] = {
     "continuum fabricate": (2, "<robot --out >"),
     "effector fit": (3, "<deflections --free muscles.*.modulus,offset --out >.yaml"),
     "continuum simulate": (3, "<mover <pulls --max-step 5ms --out >.csv"),
+    "continuum track": (3, "<mover --radius 4mm --frequency 5Hz --damping-time 5ms --out >.png"),
     "effector simulate": (3, "<arm <commands --out >.csv"),
     "effector track": (3, "<arm --radius 4mm --frequency 2Hz --plants 1 --out >.png"),
     "effector fabricate": (2, "--holder-diameter 11mm --out >"),
