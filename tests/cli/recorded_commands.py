@@ -122,7 +122,6 @@ continuum pose gastroscope.yaml --displacement s17a=2mm,s17b=-1mm,s17c=-1mm
 continuum simulate moving.yaml pulls.csv --damping-time 5ms --load force=0:10mN:0 --out motion.csv
 continuum simulate moving.yaml pulls.csv --tip-weight 20mN --segment-kind arc --out motion.png
 continuum simulate two_sections.yaml pulls.csv
-continuum track moving.yaml --radius 5mm --frequency 5Hz --damping-time 20ms --out track.csv
 continuum track two_sections.yaml --radius 5mm
 continuum reach two_sections.yaml --to 300mm,0mm,0mm --starts 2
 continuum reach colonoscope.yaml --to 60mm,20mm,100mm
