@@ -642,6 +642,8 @@ def test_second_end_effector_moves_by_keys_and_the_first_stays(head) -> None:
     chosen.select_option("1")
     wait_until(page, lambda state: state["head"]["effector"] == 1)
     wait_for(page, "() => Number(document.querySelector('.out').value) > 0.2")
+    points = "document.querySelector('.pad polygon').getAttribute('points')"
+    wait_for(page, f"() => {points} !== '{spaces[1]}'")  # the page follows a frame later
     assert np.abs(place()[0] - first).max() < 1e-9
     assert spaces[0] == spaces[1] != spaces[2]  # the workspace is that of the one which is steered
     assert page.evaluate(camera) == still
