@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from .numeric.arrays import Floats
-from .results import Json, ReasonedResult, tabulated, take_axes
+from .results import Json, ReasonedResult, format_rows, list_row, tabulated, take_axes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -50,6 +50,17 @@ class TrackedPaths(ReasonedResult):
 
     reason = ""
     residual = 0.0
+
+    def to_dict(self) -> Json:
+        """Return how the controllers did as plain values."""
+        rows = {row.controller: list_row(row) for row in self.rows}
+        for values in rows.values():
+            del values["controller"]
+        return {"controllers": rows, "notes": list(self.notes)}
+
+    def format_rows(self, head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+        """Return a table of the controllers, and the notes."""
+        return "\n".join([format_rows(head, rows), *(f"note: {text}" for text in self.notes)])
 
     def list_columns(self) -> Json:
         """Return the columns of `to_frame`, a row for each time."""

@@ -883,8 +883,8 @@ def _run(
         reached = advance((0, 0), (0, 0), fresh)
         contacts.before[2][:] = moved[1][1:]
         sizes = np.repeat(np.diff(tables[0]) / steps, steps)
-        contacts.look(moved[1][1:])
         if fresh == 2:
+            contacts.look(moved[1][1:])
             contacts.check_start()
         for row, step, size in zip(*_number_steps(steps), sizes, strict=True):
             if reached < count:

@@ -13,7 +13,7 @@ import numpy as np
 from ..checks import check_kind, check_number, quantity
 from ..numeric.arrays import Floats
 from ..progress import Progress, no_progress
-from ..results import Json, format_rows, tabulated, to_plain
+from ..results import tabulated
 from ..task import Task
 from ..tracking import TrackedPaths, find_rms, measure_distances, trace_places
 from .control import (
@@ -154,22 +154,6 @@ class TendonTracking(TrackedPaths):
 
     rows: tuple[TendonTrackedBy, ...]
 
-    def to_dict(self) -> Json:
-        """Return how the controllers did as plain values."""
-        return {
-            "controllers": {
-                row.controller: {
-                    "rms_mm": to_plain(row.rms),
-                    "largest_mm": to_plain(row.largest),
-                    "at_limits": to_plain(row.at_limits),
-                    "controller_factor": row.controller_factor,
-                    "plant_factor": row.plant_factor,
-                }
-                for row in self.rows
-            },
-            "notes": list(self.notes),
-        }
-
     def format_table(self) -> str:
         """Return how the controllers did as text."""
         head = ["controller", "rms [mm]", "largest [mm]", "at limits [%]",
@@ -179,7 +163,7 @@ class TendonTracking(TrackedPaths):
              f"{row.controller_factor:.1f}", f"{row.plant_factor:.1f}"]
             for row in self.rows
         ]  # fmt: skip
-        return "\n".join([format_rows(head, rows), *(f"note: {text}" for text in self.notes)])
+        return self.format_rows(head, rows)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -13,7 +13,7 @@ import numpy as np
 from ..checks import check_kind, quantity
 from ..numeric.arrays import Floats
 from ..progress import Progress, no_progress
-from ..results import Json, format_rows, tabulated, to_plain
+from ..results import tabulated
 from ..task import Task
 from ..tracking import TrackedPaths, find_rms, measure_distances, trace_places
 from .control import (
@@ -160,22 +160,6 @@ class Tracking(TrackedPaths):
 
     rows: tuple[TrackedBy, ...]
 
-    def to_dict(self) -> Json:
-        """Return how the controllers did as plain values."""
-        return {
-            "controllers": {
-                row.controller: {
-                    "rms_mm": to_plain(row.rms),
-                    "largest_mm": to_plain(row.largest),
-                    "rms_off_mm": to_plain(row.rms_off),
-                    "step_median_s": row.step_median,
-                    "step_p99_s": row.step_p99,
-                }
-                for row in self.rows
-            },
-            "notes": list(self.notes),
-        }
-
     def format_table(self) -> str:
         """Return how the controllers did as text."""
         head = ["controller", "rms [mm]", "largest [mm]", "constants off: rms [mm]",
@@ -185,7 +169,7 @@ class Tracking(TrackedPaths):
             off = "" if math.isnan(row.rms_off) else f"{row.rms_off:.3f}"
             steps = (f"{1e3 * x:.2f}" for x in (row.step_median, row.step_p99))
             rows.append([row.controller, f"{row.rms:.3f}", f"{row.largest:.3f}", off, *steps])
-        return "\n".join([format_rows(head, rows), *(f"note: {text}" for text in self.notes)])
+        return self.format_rows(head, rows)
 
 
 @dataclass(frozen=True, kw_only=True)
