@@ -703,3 +703,12 @@ def test_a_motion_is_a_page_with_a_step_for_each_time(run, tube):
     code, _, err = run(*line, "--quiet", "--out", "motion.html")
     assert (code, err) == (0, "")
     assert "Robot in motion: passive, 0 to 2 s" in Path("motion.html").read_text("utf-8")
+
+
+def test_a_film_without_a_browser_is_refused_before_any_work(run, tube, monkeypatch):
+    monkeypatch.setattr("bozzini.scene.film.find_browser", lambda: None)
+    code, out, err = run(
+        "simulate", "passive.yaml", "times.csv", "--load", "x", "--out", "motion.gif"
+    )
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert "needs Chromium" in err

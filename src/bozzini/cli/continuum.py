@@ -1143,6 +1143,10 @@ def simulate_command(
     """
     from ..continuum import ContactModel, push_in, read_timed_commands, simulate
 
+    if answer.out is not None and answer.out.suffix.lower() in FILMS:
+        from ..scene.film import check_view_film
+
+        check_view_film(answer.out)
     robot = read_robot(robot_file)
     given = read_timed_commands(table, robot)
     duct: Duct | None = None

@@ -143,16 +143,21 @@ def record_view(
         If the file cannot be written; nothing is left behind.
     """
     options = options or FilmOptions()
-    target = _check_film(path)
-    browser = find_browser()
-    if browser is None:
-        raise InputError("the page needs Chromium and the package playwright: one is not there")
+    target, browser = check_view_film(path)
     steps = len(view.bodies[0].joints)
     count = min(steps, max(2, round(options.duration * options.rate)))
     chosen = np.unique(np.linspace(0, steps - 1, count).astype(int))
     return _write_film(
         target, (_film_page(view, browser, chosen), count), "page", options, progress
     )
+
+
+def check_view_film(path: str | os.PathLike[str]) -> tuple[Path, str]:
+    """Return the file and the browser of what `record_view` writes; raises what that does."""
+    target, browser = _check_film(path), find_browser()
+    if browser is None:
+        raise InputError("the page needs Chromium and the package playwright: one is not there")
+    return target, browser
 
 
 def _check_film(path: str | os.PathLike[str]) -> Path:
