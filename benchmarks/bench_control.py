@@ -7,13 +7,14 @@ from typing import Any
 import numpy as np
 
 from bozzini.effector import CONTROLLERS, PredictiveControl, StaticInverse, run_control
-from bozzini.effector.tracking import trace_places
+from bozzini.effector.control import PERIOD
+from bozzini.tracking import trace_places
 from tests.effector.test_control import MOTION, make_arm
 
 
 def bench_controllers(benchmark: Any) -> None:
     arm = make_arm(MOTION)
-    wanted = trace_places("circle", radius=5.0, frequency=0.5)
+    wanted = trace_places("circle", radius=5.0, frequency=0.5, period=PERIOD)
     half = len(wanted) // 2
 
     def track(kind: type[Any], seen: bool) -> tuple[float, np.ndarray]:

@@ -26,8 +26,9 @@ from bozzini.effector import (
     fit_effector,
     read_effector_measurements,
 )
-from bozzini.effector.tracking import trace_places
+from bozzini.effector.control import PERIOD
 from bozzini.muscle import Muscle
+from bozzini.tracking import trace_places
 
 MPA_PER_VOLT = 0.1
 LENGTH_MM, OFFSET_MM, RIGIDITY = 340.0, 20.0, 1e5
@@ -194,7 +195,9 @@ def track_fitted(fit: EffectorFit) -> dict[str, Tracking]:
     off = [draw_plant(file, random) for _ in range(PLANTS)]
     return {
         f"{kind}, {frequency:g} Hz": compare_controllers(
-            file.build(), trace_places(kind, radius=RADIUS_MM, frequency=frequency), off=off
+            file.build(),
+            trace_places(kind, radius=RADIUS_MM, frequency=frequency, period=PERIOD),
+            off=off,
         )
         for kind in ("circle", "line")
         for frequency in FREQUENCIES
