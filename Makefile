@@ -85,6 +85,7 @@ check: $(DEV) ## Check style and types
 	@$(RUN) -m ruff check --quiet --output-format concise .
 	@$(RUN) -m ruff format --quiet --check .
 	@$(RUN) -m mypy --no-error-summary
+	@$(RUN) -m mypy --no-error-summary validation
 	@echo "style and types are clean"
 
 format: $(DEV) ## Put the code into the project's format

@@ -5,7 +5,7 @@ No licence is stated for these data: errors are shown, and no measured value.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -56,9 +56,10 @@ class Form:
     each: tuple[str, ...] = ()
 
 
-NEO_HOOKEAN = partial(MODELS["ogden"], exponent=2.0, stretches="outer")
-OGDEN = partial(MODELS["ogden"], stretches="outer")
-MOONEY = partial(MODELS["delson"], stretches="outer")
+WALLS: Mapping[str, Callable[..., MuscleModel]] = MODELS
+NEO_HOOKEAN = partial(WALLS["ogden"], exponent=2.0, stretches="outer")
+OGDEN = partial(WALLS["ogden"], stretches="outer")
+MOONEY = partial(WALLS["delson"], stretches="outer")
 ANCHORED = Form(
     "neo-Hookean wall, slack force; offset from the free length",
     3, NEO_HOOKEAN, (*WALL, "slack_force"), anchored=True,

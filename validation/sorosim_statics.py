@@ -139,7 +139,7 @@ def compare(data: Statics) -> Errors:
         wrenches = zip(
             (0.5 * rod.length, None), data.forces[index], data.moments[index], strict=True
         )
-        loads = [LineLoad(force=tuple(line * data.gravity[index]))]
+        loads: list[LineLoad | PointLoad] = [LineLoad(force=tuple(line * data.gravity[index]))]
         loads += [
             PointLoad(arc_length=place, force=tuple(force), moment=tuple(moment))
             for place, force, moment in wrenches
@@ -150,7 +150,7 @@ def compare(data: Statics) -> Errors:
             tips.append(np.inf)
             turns.append(np.inf)
             continue
-        tips.append(np.linalg.norm(shape.tip - data.points[index, -1]) / rod.length)
+        tips.append(float(np.linalg.norm(shape.tip - data.points[index, -1])) / rod.length)
         off = np.swapaxes(shape.frames[:, :3, :3], 1, 2) @ data.frames[index]
         turns.append(np.degrees(Rotation.from_matrix(off).magnitude().max()))
     return Errors(np.array(tips), np.array(turns), tuple(reasons))

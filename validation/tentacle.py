@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from section import Bound, Section, draw_axes, format_rows
@@ -42,7 +43,7 @@ MARKERS = (
     Marker(name="marker_4", arc_length=360.0, offset=(0.0, 0.0, 8.0)),
 )
 COLUMNS = {f"tension_{k} [N]": f"T{k} tension [N]" for k in (1, 2)}
-HANGING = ((0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, -1.0))
+HANGING: Any = ((0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, -1.0))
 """Axes of the base in the world, a column each: z down, y along world x."""
 
 FORMS = (
