@@ -174,9 +174,13 @@ fit_options = gather(
     option("--folds", "Blocks of rows left out of a fit in turn; 0 for none.", int, default=4),
     option(
         "--split",
-        "What a block is: rows that follow each other, or rows drawn at random.",
-        ("blocks", "random"),
+        "What a block is: rows that follow each other, rows drawn at random, or kinds of motion, "
+        "by the sections that bend together.",
+        ("blocks", "random", "kinds"),
         default="blocks",
+    ),
+    click.option(
+        "--residual", is_flag=True, help="Learn what the fit leaves over, on top of the model."
     ),
     click.option("--only", is_flag=True, help="Do not try fewer constants."),
     option("--jobs", "Processes at the same time.", int, default=1),
@@ -191,6 +195,13 @@ fit_options = gather(
     "What is fitted, such as base,sections.each.bending_stiffness,tendons.*.stiffness.",
     default="",
 )
+@option(
+    "--start",
+    "auto frees base, stiffness, zeros, offsets, clocking and backlash in stages, as long as rows "
+    "left out are predicted better, and says what each buys.",
+    ("given", "auto"),
+    default="given",
+)
 @table_options
 @fit_options
 @option("--check others FILE", "Measurements to predict, not to fit; can be repeated.",
@@ -201,6 +212,7 @@ def command(
     robot_file: Path,
     data_file: Path,
     names: str,
+    start: str,
     table: FitTable,
     options: RobotFitOptions,
     others: tuple[Path, ...],
@@ -221,35 +233,45 @@ def command(
     The file of --out has all that was fitted, zeros, scale, backlash and markers too, and the
     model: pose, jacobian and reach heed them, and fit begins with them.
 
-    Blocks of rows are left out in turn and predicted. Whether fewer constants predict them better
-    is reported, and what the data do not determine.
+    Blocks of rows are left out in turn and predicted, by commands alone as well, and from them
+    comes the band that holds 95 % of predictions. Whether fewer constants predict them better is
+    reported, and what the data do not determine.
 
     Exit code 0: fitted; 1: not converged, not determined, or poor: off by more than 5 % of the span
     of the points; 2: bad input.
     """
     from ..continuum import ContinuumRobot
     from ..continuum.robot_fit import fit_robot
+    from ..continuum.staged_fit import fit_in_stages
     from ..continuum.unknowns import RobotSetup
 
+    if start == "auto" and names.strip():
+        raise InputError(f"--free is '{names}': --start auto chooses what is free")
     check_target(figure, PICTURES, force=answer.force)
     robot = ContinuumRobot.from_yaml(robot_file)
     setup = RobotSetup.of(robot)
     data = table.read(data_file, robot)
     checked = {path: table.read(path, robot) for path in others}
     free = tuple(name for name in names.split(",") if name.strip())
+    staged = None
     with answer.show_progress() as progress:
-        found = fit_robot(setup, data, free=free, options=options, progress=progress)
+        if start == "auto":
+            staged = fit_in_stages(setup, data, options=options, progress=progress)
+        found = (
+            fit_robot(setup, data, free=free, options=options, progress=progress)
+            if staged is None
+            else staged.fit
+        )
     result, lines = found.to_dict(), [found.format_table()]
+    if staged is not None:
+        result |= staged.to_dict()
+        lines = [staged.format_table(), *lines]
     lines += [f"note: {note}" for note in data.notes]
     result |= {"checks": {}, "notes": data.notes}
     for path, other in checked.items():
-        there = found.predict(other)
+        there = found.check(other)
         result["checks"][str(path)] = there.to_dict()
-        rows = len(other.seen_rows)
-        lines.append(
-            f"{path.name}: {rows} rows predicted to {there.rms:.3g} mm rms, {there.median:.3g} mm "
-            "median"
-        )
+        lines += there.format_lines(path.name)
     if answer.out is not None:
         found.robot.to_yaml(answer.out)
     if figure is not None:

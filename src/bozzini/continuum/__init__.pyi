@@ -51,9 +51,11 @@ from .measured import (
 )
 from .model import ContinuumModel
 from .models import CONTINUUM_MODELS
+from .prediction_band import PredictionBand
 from .robot import RobotDesign
 from .robot_fit import (
     Estimate,
+    RobotCheck,
     RobotFit,
     RobotFitOptions,
     RobotPrediction,
@@ -63,7 +65,9 @@ from .robot_fit import (
 )
 from .rod import RodModel
 from .section import Helix, Section, Tendon
+from .section_residual import SectionResidual
 from .shape import Shape
+from .staged_fit import Stage, StagedFit, fit_in_stages
 from .tracking import (
     TENDON_CONTROLLERS,
     ContinuumTracking,
@@ -91,6 +95,12 @@ from .workspace import (
 )
 
 __all__ = [
+    "PredictionBand",
+    "RobotCheck",
+    "SectionResidual",
+    "Stage",
+    "StagedFit",
+    "fit_in_stages",
     "AimedTip",
     "HeldTip",
     "LinearQuadratic",

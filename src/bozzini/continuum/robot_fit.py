@@ -11,7 +11,7 @@ from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import TYPE_CHECKING, Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,19 +40,24 @@ from ..numeric.least_squares import (
 from ..progress import Progress, no_progress
 from ..results import Json, Result, rows_of, tabulated, take_axes, to_plain
 from .calibration import RobotCalibration
+from .command_baselines import predict_by_commands
 from .kinematics import ContinuumRobot
 from .measured import RobotMeasurements
 from .models import CONTINUUM_MODELS
 from .observation import Observation, Observed, align_base
+from .prediction_band import PredictionBand, make_band, name_kinds
+from .section_residual import SectionResidual, SectionStates, learn_residual
 from .unknowns import FIELDS, Change, RobotSetup, Unknown, change_setup, parse_unknowns
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Split = Literal["blocks", "random"]
+Split = Literal["blocks", "random", "kinds"]
 
 EVALUATIONS = 60
 """Largest number of evaluations of one search, derivatives apart."""
+FEWEST_OF_KIND = 10
+"""Rows of a kind of motion from which on it is left out as a block."""
 POOR_SHARE = 0.05
 """A fit is poor if it misses by more than this share of the span of the points."""
 AT_BOUND = 1e-6
@@ -86,10 +91,12 @@ class RobotFitOptions:
     folds : int
         Blocks of rows that are left out in turn, and predicted; 0 for none. Where nothing is free
         there is nothing to leave out of.
-    split : {"blocks", "random"}
-        Whether blocks are runs of rows or drawn at random. A random split is refused where rows
-        that follow each other are alike: there it tests no prediction. Labels of the data, if there
-        are any, take the place of runs.
+    split : {"blocks", "random", "kinds"}
+        Whether blocks are runs of rows, drawn at random, or the kinds of motion: the sections that
+        bend together. A random split is refused where rows that follow each other are alike: there
+        it tests no prediction. Labels of the data, if there are any, take the place of runs.
+    residual : bool
+        Whether what the fit leaves over is learned on top of it, see `SectionResidual`.
     smaller : bool
         Whether fits of fewer constants are tried on the blocks left out.
     jobs : int
@@ -101,6 +108,7 @@ class RobotFitOptions:
     loss: Loss = "soft_l1"
     folds: int = 4
     split: Split = "blocks"
+    residual: bool = False
     smaller: bool = True
     jobs: int = 1
 
@@ -110,6 +118,10 @@ class RobotFitOptions:
         check_integer("jobs", self.jobs, low=1)
         if check_integer("folds", self.folds, low=0) == 1:
             raise InputError("folds is 1: it must be 2 or more, or 0 for none")
+        if self.residual and not self.folds:
+            raise InputError(
+                "folds is 0: a residual is chosen by blocks left out, which must be 2 or more"
+            )
 
 
 DEFAULT_OPTIONS = RobotFitOptions()
@@ -188,6 +200,8 @@ class RobotPrediction(Result):
         asked for.
     reason : str
         Why a row has no shape; empty if all have one.
+    states : SectionStates
+        What is predicted of the sections; NaN of rows without a point.
     """
 
     measured: Floats
@@ -195,6 +209,7 @@ class RobotPrediction(Result):
     markers: tuple[str, ...]
     answered: NDArray[np.bool_]
     reason: str
+    states: SectionStates = field(repr=False)
 
     @property
     def seen_rows(self) -> NDArray[np.int64]:
@@ -291,6 +306,14 @@ class RobotFit(Result):
     smaller : Validation, optional
         The best of fewer constants, where that predicts rows left out better by more than the
         blocks scatter (`Validation.beats`); None otherwise.
+    baselines : tuple of Validation
+        What commands alone predict of the same blocks, see `predict_by_commands`.
+    section_residual : SectionResidual, optional
+        What was learned on top of the fit, if that was asked for.
+    corrected : Validation, optional
+        The rows left out with the residual that the others give.
+    band : PredictionBand, optional
+        How far predictions miss, by kind of motion: with the residual if there is one.
     undetermined : tuple of str
         Sets of numbers that the data do not determine, a sentence each. One without any effect
         stays where it was.
@@ -320,6 +343,10 @@ class RobotFit(Result):
     prediction: RobotPrediction
     validation: Validation | None
     smaller: Validation | None
+    baselines: tuple[Validation, ...]
+    section_residual: SectionResidual | None
+    corrected: Validation | None
+    band: PredictionBand | None
     undetermined: tuple[str, ...]
     warnings: tuple[str, ...]
     outliers: tuple[int, ...]
@@ -379,6 +406,49 @@ class RobotFit(Result):
         """
         return predict_points(self.setup, data, model=self.model, model_options=self.model_options)
 
+    def correct(self, prediction: RobotPrediction) -> RobotPrediction:
+        """Return a prediction of this fit with the residual added; as it is if there is none."""
+        if self.section_residual is None:
+            return prediction
+        points = prediction.predicted + self.section_residual.shift(prediction.states)
+        return dataclasses.replace(prediction, predicted=points)
+
+    def check(self, data: RobotMeasurements) -> RobotCheck:
+        """Compare other measurements with what the fit, its band and the baselines predict.
+
+        Raises
+        ------
+        InputError
+            As `predict` does.
+        """
+        prediction, rows = self.predict(data), data.seen_rows
+        best, known = self.correct(prediction), self.data.seen_rows
+        errors: dict[str, float] = {}
+        held = math.nan
+        unseen: tuple[tuple[str, int], ...] = ()
+        if [marker.name for marker in data.markers] == list(self.prediction.markers):
+            there = predict_by_commands(
+                self.data.order_commands(self.robot)[known],
+                self.data.points[known],
+                data.order_commands(self.robot)[rows],
+            )
+            errors = {name: _measure_rms(points - data.points[rows])
+                      for name, points in there.items()}  # fmt: skip
+            if self.band is not None:
+                kinds = self.band.name_kinds(prediction.states.bends[rows])
+                seen = np.isfinite(best.distances[rows])
+                within = best.distances[rows] <= self.band.find_radii(kinds)
+                held = float(within[seen].mean())
+                new, counts = np.unique(kinds[self.band.find_unseen(kinds)], return_counts=True)
+                unseen = tuple(zip(new.tolist(), counts.tolist(), strict=True))
+        return RobotCheck(
+            prediction=prediction,
+            corrected=None if self.section_residual is None else best,
+            baselines=errors,
+            coverage=held,
+            unseen=unseen,
+        )
+
     def _calibrate(self) -> RobotCalibration:
         zeros = dict(zip(self.setup.robot.tendon_names, self.setup.zeros, strict=False))
         plain = {
@@ -421,6 +491,9 @@ class RobotFit(Result):
             "fit": self.prediction.to_dict(),
             "validation": _describe_validation(self.validation),
             "smaller": _describe_validation(self.smaller),
+            "baselines_mm": {one.names[0]: one.rms for one in self.baselines},
+            "with_residual": _describe_validation(self.corrected),
+            "band": None if self.band is None else self.band.to_dict(),
             "undetermined": self.undetermined,
             "warnings": self.warnings,
             "outliers": [row + 1 for row in self.outliers],
@@ -462,6 +535,15 @@ class RobotFit(Result):
             lines.append(f"by marker [mm]: {shown}")
         if self.validation is not None:
             lines.append(_format_validation(self.validation))
+        if self.corrected is not None and self.section_residual is not None:
+            lines.append(
+                f"with a residual on top, {self.corrected.rms:.3g} mm: "
+                f"{self.section_residual.describe()}"
+            )
+        if self.baselines:
+            shown = ", ".join(f"{one.names[0]} {one.rms:.3g}" for one in self.baselines)
+            lines.append(f"from commands alone the same rows are predicted to [mm]: {shown}")
+        lines += [] if self.band is None else [self.band.describe()]
         if self.data.span > 0.0 and not self.is_poor:  # else a warning says it
             lines.append(self.describe_error())
         if self.smaller is not None and self.validation is not None:
@@ -477,6 +559,76 @@ class RobotFit(Result):
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the distance of each fitted point over the rows, and return the axes."""
         return self.prediction.plot(ax)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RobotCheck(Result):
+    """What a fit makes of measurements that it was not fitted to.
+
+    Parameters
+    ----------
+    prediction : RobotPrediction
+        Of the fitted robot.
+    corrected : RobotPrediction, optional
+        With the residual, if there is one.
+    baselines : mapping of str to float
+        Root mean square distances of what commands alone predict [mm].
+    coverage : float
+        Share of the points within the band of the fit; NaN without one.
+    unseen : tuple of (str, int)
+        Kinds of motion that the fit has not, and their rows.
+    """
+
+    prediction: RobotPrediction
+    corrected: RobotPrediction | None
+    baselines: Mapping[str, float]
+    coverage: float
+    unseen: tuple[tuple[str, int], ...]
+
+    @property
+    def converged(self) -> bool:
+        """Whether all rows with a point have a shape."""
+        return self.prediction.converged
+
+    @property
+    def reason(self) -> str:
+        """Why a row has no shape; empty if all have one."""
+        return self.prediction.reason
+
+    @property
+    def residual(self) -> float:
+        """Root mean square distance of the best that the fit has [mm]."""
+        return (self.corrected or self.prediction).rms
+
+    def to_dict(self) -> Json:
+        """Return the errors as plain values."""
+        return self.prediction.to_dict() | {
+            "with_residual_mm": None if self.corrected is None else self.corrected.rms,
+            "baselines_mm": dict(self.baselines),
+            "band_coverage": to_plain(self.coverage),
+            "unseen_kinds": dict(self.unseen),
+        }
+
+    def format_lines(self, name: str) -> list[str]:
+        """Return what a reader should know, a line each."""
+        own, rows = self.prediction, len(self.prediction.seen_rows)
+        more = "" if self.corrected is None else f", {self.corrected.rms:.3g} mm with the residual"
+        lines = [
+            f"{name}: {rows} rows predicted to {own.rms:.3g} mm rms{more}, {own.median:.3g} mm "
+            "median"
+        ]
+        if self.baselines:
+            shown = ", ".join(f"{kind} {rms:.3g}" for kind, rms in self.baselines.items())
+            lines.append(f"  from commands alone [mm]: {shown}")
+        if math.isfinite(self.coverage):
+            lines.append(f"  {self.coverage:.1%} of the points are within the band of the fit")
+        if self.unseen:
+            shown = ", ".join(f"{kind} ({count} rows)" for kind, count in self.unseen)
+            lines.append(
+                f"  warning: sections move together, or as far, as in no row of the fit: {shown}; "
+                "'kinds' as the split measures what such a step costs"
+            )
+        return lines
 
 
 def _describe_validation(found: Validation | None) -> Json | None:
@@ -681,7 +833,8 @@ def fit_robot(
             f"all points of {len(data.seen_rows)} row(s) coincide at ({place}) mm: a fit asks for "
             "points that move"
         )
-    folds = make_folds(data, options) if unknowns else ()
+    by_kind = options.split == "kinds" and options.folds > 0
+    folds = make_folds(data, options) if unknowns and not by_kind else ()
     progress("aligning", 0.0)
     if _frees_base(unknowns):
         observation = dataclasses.replace(observation, setup=align_base(observation))
@@ -696,12 +849,17 @@ def fit_robot(
     def leave_out_fewer(done: float) -> None:
         progress("trying fewer constants", 0.8 + 0.2 * done)
 
-    validation = _validate(search, found.changes, folds, options.jobs, leave_out)
-    smaller = None
-    if validation is not None and options.smaller and len(unknowns) > 1:
-        smaller = _try_smaller(search, found, folds, validation, options.jobs, leave_out_fewer)
+    if unknowns and by_kind:
+        folds = _split_kinds(search, found)
+    validation = smaller = left = None
+    if folds:
+        left = _leave_rows_out(search, found.changes, folds, options, leave_out)
+        validation = left.validate(tuple(one.name for one in unknowns), left.missed)
+        if options.smaller and len(unknowns) > 1:
+            smaller = _try_smaller(search, found, folds, validation, options, leave_out_fewer)
     progress("fitted", 1.0)
-    return _conclude(search, found, validation=validation, smaller=smaller)
+    fit = _conclude(search, found, validation=validation, smaller=smaller)
+    return fit if left is None else _conclude_left_out(fit, left, folds, options)
 
 
 def _frees_base(unknowns: Sequence[Unknown]) -> bool:
@@ -769,12 +927,14 @@ def _compare(observation: Observation, found: Observed) -> RobotPrediction:
     predicted[rows] = np.where(missing, measured + fill_gaps(found.points, measured), found.points)
     answered = np.zeros(len(predicted), dtype=np.bool_)
     answered[rows] = found.answered
+    states = SectionStates.of(observation.setup, found.shape, found.points)
     return RobotPrediction(
         measured=observation.data.points,
         predicted=predicted,
         markers=tuple(marker.name for marker in observation.data.markers),
         answered=answered,
         reason=str(reasons[0]) if len(reasons) else "",
+        states=states.spread(rows, len(predicted)),
     )
 
 
@@ -813,29 +973,81 @@ def make_folds(data: RobotMeasurements, options: RobotFitOptions) -> Folds:
     return tuple(np.sort(part) for part in np.array_split(rows, options.folds))
 
 
-def _validate(
-    search: _Search, start: Floats, folds: Folds, jobs: int, progress: Callable[[float], None]
-) -> Validation | None:
-    """Return the errors at rows left out of fits that begin at `start`."""
-    if not folds:
-        return None
+def name_motions(search: _Search, found: _Found) -> NDArray[np.str_]:
+    """Return the kinds of motion of the rows fitted, by the sections that bend."""
+    observation = search.observation
+    setup = change_setup(observation.setup, search.unknowns, found.changes)
+    states = SectionStates.of(setup, found.observed.shape, found.observed.points)
+    largest = np.nan_to_num(states.bends).max(axis=0)
+    return name_kinds(states.bends, largest, _name_sections(setup.robot))
+
+
+def _name_sections(robot: ContinuumRobot) -> tuple[str, ...]:
+    return tuple(section.name or str(k + 1) for k, section in enumerate(robot.sections))
+
+
+def _split_kinds(search: _Search, found: _Found) -> Folds:
+    """Return the rows of each kind of motion that there are enough of."""
+    kinds, rows = name_motions(search, found), search.observation.rows
+    blocks = [rows[kinds == kind] for kind in np.unique(kinds)]
+    folds = tuple(block for block in blocks if len(block) >= FEWEST_OF_KIND)
+    if len(folds) < 2:
+        raise InputError(
+            f"there is {len(folds)} kind of motion with {FEWEST_OF_KIND} rows or more: to leave "
+            "kinds out the rows must have 2"
+        )
+    return folds
+
+
+class _LeftOut(NamedTuple):
+    """What fits to other rows predict of those left out: predicted less measured [mm]."""
+
+    rows: NDArray[np.int64]
+    blocks: NDArray[np.int64]
+    missed: Floats
+    corrected: Floats
+    bends: Floats
+
+    def validate(self, names: tuple[str, ...], missed: Floats) -> Validation:
+        """Return the errors of these misses."""
+        blocks = [_measure_rms(missed[self.blocks == k]) for k in np.unique(self.blocks)]
+        return Validation(names=names, rms=_measure_rms(missed), blocks=tuple(blocks))
+
+
+def _measure_rms(missed: Floats) -> float:
+    """Return the root mean square length of vectors (..., 3) that are there [mm]."""
+    return float(np.sqrt(np.nanmean(np.sum(np.square(missed), axis=-1))))
+
+
+def _leave_rows_out(
+    search: _Search,
+    start: Floats,
+    folds: Folds,
+    options: RobotFitOptions,
+    progress: Callable[[float], None],
+) -> _LeftOut:
+    """Return what fits to the other rows, which begin at `start`, predict of each block."""
     progress(0.0)
-    todo = [(search, start, fold) for fold in folds]
-    squares: list[Floats] = []
+    todo = [_Task(search, start, folds, k, options.residual) for k in range(len(folds))]
+    parts: list[_LeftOut] = []
+    jobs = options.jobs
     for one in _leave_out_apart(todo, jobs) if jobs > 1 else map(_leave_out, todo):
-        squares.append(one)
-        progress(len(squares) / len(todo))
-    blocks = [float(np.sqrt(np.mean(one))) for one in squares]
-    return Validation(
-        names=tuple(one.name for one in search.unknowns),
-        rms=float(np.sqrt(np.mean(np.concatenate(squares)))),
-        blocks=tuple(blocks),
-    )
+        parts.append(one)
+        progress(len(parts) / len(todo))
+    return _LeftOut(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
 
 
-def _leave_out_apart(
-    todo: Sequence[tuple[_Search, Floats, NDArray[np.int64]]], jobs: int
-) -> Iterator[Floats]:
+class _Task(NamedTuple):
+    """A block to leave out."""
+
+    search: _Search
+    start: Floats
+    folds: Folds
+    left: int
+    residual: bool
+
+
+def _leave_out_apart(todo: Sequence[_Task], jobs: int) -> Iterator[_LeftOut]:
     """Yield what `_leave_out` returns, in processes of their own."""
     # A forked process would inherit the locks of the threads of compiled loops.
     context = multiprocessing.get_context("spawn")
@@ -860,17 +1072,53 @@ def _leave_out_apart(
         pool.shutdown(cancel_futures=True)
 
 
-def _leave_out(todo: tuple[_Search, Floats, NDArray[np.int64]]) -> Floats:
-    """Return squared distances of the points seen in a block left out."""
-    search, start, fold = todo
+def _leave_out(todo: _Task) -> _LeftOut:
+    """Return what a fit to the other rows predicts of a block."""
+    search, fold = todo.search, todo.folds[todo.left]
     observation = search.observation
     kept = np.setdiff1d(observation.rows, fold)
     inside = dataclasses.replace(search, observation=dataclasses.replace(observation, rows=kept))
-    found = inside.run(start, loss=search.loss)
+    found = inside.run(todo.start, loss=search.loss)
     outside = dataclasses.replace(observation, rows=fold)
-    there = outside.change(search.unknowns, found.changes)
-    squares = np.sum(fill_gaps(there.points, outside.measured) ** 2, axis=-1)
-    return np.asarray(squares[np.isfinite(squares)])
+    setup = change_setup(observation.setup, search.unknowns, found.changes)
+    there = outside.observe(setup)
+    missed = fill_gaps(there.points, outside.measured)
+    states = SectionStates.of(setup, there.shape, there.points)
+    corrected = missed
+    if todo.residual:
+        own = SectionStates.of(setup, found.observed.shape, found.observed.points)
+        left = -fill_gaps(found.observed.points, inside.observation.measured)
+        residual = learn_residual(own, left, _label(kept, todo.folds))
+        corrected = missed + residual.shift(states)
+    return _LeftOut(fold, np.full(len(fold), todo.left), missed, corrected, states.bends)
+
+
+def _label(rows: NDArray[np.int64], folds: Folds) -> NDArray[np.int64]:
+    """Return the number of the block of each row; one more for rows of none."""
+    labels = np.full(len(rows), len(folds))
+    for k, fold in enumerate(folds):
+        labels[np.isin(rows, fold)] = k
+    return labels
+
+
+def _predict_baselines(data: RobotMeasurements, robot: ContinuumRobot, folds: Folds
+                       ) -> tuple[Validation, ...]:  # fmt: skip
+    """Return what commands alone predict of each block from the others."""
+    commands = data.order_commands(robot)
+    parts: dict[str, list[Floats]] = {}
+    for fold in folds:
+        kept = np.setdiff1d(data.seen_rows, fold)
+        there = predict_by_commands(commands[kept], data.points[kept], commands[fold])
+        for name, points in there.items():
+            parts.setdefault(name, []).append(points - data.points[fold])
+    return tuple(
+        Validation(
+            names=(name,),
+            rms=_measure_rms(np.concatenate(missed)),
+            blocks=tuple(_measure_rms(one) for one in missed),
+        )
+        for name, missed in parts.items()
+    )
 
 
 def _try_smaller(
@@ -878,7 +1126,7 @@ def _try_smaller(
     found: _Found,
     folds: Folds,
     validation: Validation,
-    jobs: int,
+    options: RobotFitOptions,
     progress: Callable[[float], None],
 ) -> Validation | None:
     """Return the validation of fewer constants, where that is better beyond chance.
@@ -911,8 +1159,10 @@ def _try_smaller(
         return None
     fewer = dataclasses.replace(search, unknowns=tuple(search.unknowns[i] for i in best))
     again = fewer.run(found.changes[best], loss=search.loss)
-    other = _validate(fewer, again.changes, folds, jobs, progress)
-    return other if other is not None and other.beats(validation) else None
+    plain = dataclasses.replace(options, residual=False)
+    there = _leave_rows_out(fewer, again.changes, folds, plain, progress)
+    other = there.validate(tuple(one.name for one in fewer.unknowns), there.missed)
+    return other if other.beats(validation) else None
 
 
 @dataclass(frozen=True)
@@ -955,7 +1205,7 @@ def _conclude(
     observation, unknowns = search.observation, search.unknowns
     names = [one.name for one in unknowns]
     setup = change_setup(observation.setup, unknowns, found.changes)
-    prediction = _compare(observation, found.observed)
+    prediction = _compare(dataclasses.replace(observation, setup=setup), found.observed)
     known = determine(found.jacobian) if unknowns else None
     estimates: tuple[Estimate, ...] = ()
     undetermined: list[str] = []
@@ -1005,6 +1255,10 @@ def _conclude(
         prediction=prediction,
         validation=validation,
         smaller=smaller,
+        baselines=(),
+        section_residual=None,
+        corrected=None,
+        band=None,
         undetermined=tuple(undetermined),
         warnings=tuple(warnings),
         outliers=_find_outliers(search, found),
@@ -1021,6 +1275,44 @@ def _conclude(
         poor = f"the fit is poor: {fit.describe_error()}"
         return dataclasses.replace(fit, warnings=(*fit.warnings, poor))
     return fit
+
+
+def _conclude_left_out(
+    fit: RobotFit, left: _LeftOut, folds: Folds, options: RobotFitOptions
+) -> RobotFit:
+    """Return the fit with what the rows left out tell: band, residual, and baselines beside it."""
+    data, prediction = fit.data, fit.prediction
+    baselines = _predict_baselines(data, fit.setup.robot, folds)
+    residual = corrected = None
+    best, warnings = fit.error, list(fit.warnings)
+    if options.residual:
+        rows = data.seen_rows
+        missed = (data.points - prediction.predicted)[rows]
+        residual = learn_residual(prediction.states.select(rows), missed, _label(rows, folds))
+        corrected = left.validate(("residual",), left.corrected)
+        best = corrected.rms
+    band = make_band(
+        np.asarray(np.linalg.norm(left.corrected, axis=-1)),
+        left.bends,
+        left.blocks,
+        markers=prediction.markers,
+        sections=_name_sections(fit.setup.robot),
+    )
+    better = min(baselines, key=lambda one: one.rms, default=None)
+    if better is not None and better.rms < best:
+        hint = "" if options.residual else ": learn a residual on top of the model"
+        warnings.append(
+            f"{better.names[0]} predicts rows left out better, {better.rms:.3g} mm against "
+            f"{best:.3g} mm{hint}"
+        )
+    return dataclasses.replace(
+        fit,
+        baselines=baselines,
+        section_residual=residual,
+        corrected=corrected,
+        band=band,
+        warnings=tuple(warnings),
+    )
 
 
 def _estimate(

@@ -1,0 +1,192 @@
+"""How far predictions of a fitted robot miss, by kind of motion, from rows left out of the fit."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..numeric.arrays import Floats
+from ..results import Json
+
+MOVES = 0.2
+"""Share of the largest bend of a section from which on it counts as moved."""
+ENOUGH = 40
+"""Rows left out of a kind of motion from which on it has a radius of its own."""
+FURTHER = 1.2
+"""Times the largest bend of a section in the fit: a row that bends more is of another kind."""
+LEVEL = 0.95
+REST = "rest"
+"""Kind of motion of a row in which no section moves."""
+
+
+def name_kinds(bends: Floats, largest: Floats, names: tuple[str, ...]) -> NDArray[np.str_]:
+    """Return the kind of motion of each row (n,): the sections that bend, as ``1+3``.
+
+    A row in which a section bends further than any of the fit did is of a kind of its own.
+
+    Parameters
+    ----------
+    bends : ndarray, shape (n, s)
+        How far each section turns [rad].
+    largest : ndarray, shape (s,)
+        The largest that each turned in what was fitted [rad].
+    names : tuple of str
+        Of the sections.
+    """
+    known = np.nan_to_num(bends)
+    moved = known > MOVES * np.where(largest > 0.0, largest, np.inf)
+    further = (known > FURTHER * largest).any(axis=-1)
+    kinds = ["+".join(np.array(names)[row]) or REST for row in moved]
+    return np.array(
+        [f"{kind} further" if more else kind for kind, more in zip(kinds, further, strict=True)],
+        dtype=np.str_,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class PredictionBand:
+    """Distances that predictions stay within, by kind of motion and marker.
+
+    A radius is the quantile of the distances of rows that were left out of the fit (split
+    conformal: Vovk, Gammerman, Shafer, *Algorithmic Learning in a Random World*, 2005): it holds
+    for rows that are like these. A kind of fewer than 40 rows has the radius of all rows. What
+    moves sections together in a way that no row of the fit does, or further, is of no kind that
+    was seen; it has the widest radius of those that were.
+
+    Parameters
+    ----------
+    level : float
+        Share of predictions that stay within.
+    markers : tuple of str
+    sections : tuple of str
+        Names of the sections.
+    largest_bends : tuple of float
+        Of each section in the fit [rad]; it counts as moved from a fifth of that on.
+    radii : mapping of str to tuple of float
+        Of each kind, a radius for each marker [mm].
+    rows : mapping of str to int
+        How many rows of each kind were left out.
+    coverage : float
+        Share of the points left out that a band made without their block holds.
+    """
+
+    level: float
+    markers: tuple[str, ...]
+    sections: tuple[str, ...]
+    largest_bends: tuple[float, ...]
+    radii: Mapping[str, tuple[float, ...]]
+    rows: Mapping[str, int]
+    coverage: float
+
+    @property
+    def widest(self) -> tuple[float, ...]:
+        """Largest radius of each marker, for kinds of motion that were not seen [mm]."""
+        return tuple(np.max(np.array(list(self.radii.values())), axis=0).tolist())
+
+    def name_kinds(self, bends: Floats) -> NDArray[np.str_]:
+        """Return the kinds of motion (n,) of rows with bends (n, s) [rad]."""
+        return name_kinds(bends, np.array(self.largest_bends), self.sections)
+
+    def find_radii(self, kinds: NDArray[np.str_]) -> Floats:
+        """Return the radii (n, m) [mm] of rows by their kinds (n,)."""
+        return np.array([self.radii.get(str(kind), self.widest) for kind in kinds])
+
+    def find_unseen(self, kinds: NDArray[np.str_]) -> NDArray[np.bool_]:
+        """Return which rows (n,) are of a kind that was not seen in the fit."""
+        return ~np.isin(kinds, list(self.radii))
+
+    def to_dict(self) -> Json:
+        """Return the band as plain values."""
+        return {
+            "level": self.level,
+            "markers": self.markers,
+            "sections": self.sections,
+            "largest_bends_rad": self.largest_bends,
+            "radii_mm": dict(self.radii),
+            "rows": dict(self.rows),
+            "coverage": self.coverage,
+        }
+
+    def describe(self) -> str:
+        """Return the radii in words."""
+        shown = [
+            f"{kind} {'/'.join(f'{value:.3g}' for value in values)}"
+            for kind, values in self.radii.items()
+        ]
+        many = f" of {', '.join(self.markers)}" if len(self.markers) > 1 else ""
+        unseen = "/".join(f"{value:.3g}" for value in self.widest)
+        few = min(self.rows.values(), default=0) and sum(self.rows.values())
+        short = few < math.ceil(1.0 / (1.0 - self.level)) - 1
+        said = f"; {few} rows are too few for more than {few / (few + 1):.0%}" if short else ""
+        return (
+            f"{self.level:.0%} of predictions{many} are within [mm], by the sections that move: "
+            f"{', '.join(shown)}; others {unseen}{said}; of rows left out "
+            f"{self.coverage:.1%} are within a band made without their block"
+        )
+
+
+def _find_radius(distances: Floats, level: float) -> float:
+    """Return the conformal quantile of distances; the largest where they are too few."""
+    known = np.sort(distances[np.isfinite(distances)])
+    return float(known[min(math.ceil((len(known) + 1) * level), len(known)) - 1])
+
+
+def _make_radii(
+    distances: Floats, kinds: NDArray[np.str_], level: float
+) -> dict[str, tuple[float, ...]]:
+    whole = tuple(_find_radius(column, level) for column in distances.T)
+    radii = {}
+    for kind in np.unique(kinds):
+        own = distances[kinds == kind]
+        enough = (np.isfinite(own).sum(axis=0) >= ENOUGH).tolist()
+        radii[str(kind)] = tuple(
+            _find_radius(column, level) if many else radius
+            for column, many, radius in zip(own.T, enough, whole, strict=True)
+        )
+    return radii
+
+
+def make_band(
+    distances: Floats,
+    bends: Floats,
+    blocks: NDArray[np.int64],
+    *,
+    markers: tuple[str, ...],
+    sections: tuple[str, ...],
+    level: float = LEVEL,
+) -> PredictionBand:
+    """Return the band of predictions from the distances of rows left out.
+
+    Parameters
+    ----------
+    distances : ndarray, shape (n, m)
+        From predicted to measured [mm]; NaN where a point was not seen.
+    bends : ndarray, shape (n, s)
+        How far each section turns, as predicted [rad].
+    blocks : ndarray of int, shape (n,)
+        Which rows were left out together.
+    """
+    largest = np.nanmax(np.nan_to_num(bends), axis=0)
+    kinds = name_kinds(bends, largest, sections)
+    held, seen = 0, np.isfinite(distances)
+    for block in np.unique(blocks):
+        out = blocks == block
+        if not seen[~out].any(axis=0).all():
+            continue
+        radii = _make_radii(distances[~out], kinds[~out], level)
+        widest = np.max(np.array(list(radii.values())), axis=0)
+        limits = np.array([radii.get(str(kind), widest) for kind in kinds[out]])
+        held += int((distances[out] <= limits).sum())
+    return PredictionBand(
+        level=level,
+        markers=markers,
+        sections=sections,
+        largest_bends=tuple(largest.tolist()),
+        radii=_make_radii(distances, kinds, level),
+        rows={str(kind): int((kinds == kind).sum()) for kind in np.unique(kinds)},
+        coverage=held / int(seen.sum()),
+    )

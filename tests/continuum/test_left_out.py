@@ -1,0 +1,213 @@
+"""What rows left out of a robot's fit tell: bands, residuals, baselines, and fits in stages."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from bozzini.continuum import RobotFitOptions, RobotSetup, fit_in_stages, fit_robot, predict_points
+from bozzini.continuum.command_baselines import predict_by_commands
+from bozzini.continuum.prediction_band import make_band, name_kinds
+from bozzini.continuum.section_residual import SectionStates, learn_residual
+from bozzini.errors import InputError
+
+from .test_fit import LENGTHS, MARKERS, make_robot, simulate
+
+SECTIONS = ("1", "2")
+
+
+def draw_misses(random, rows):
+    """Distances of rows in which no, one or both sections move, each kind with its own error."""
+    bends = random.uniform(0.5, 1.0, (rows, 2)) * random.integers(0, 2, (rows, 2))
+    size = 1.0 + bends.astype(bool).sum(axis=1)
+    return np.abs(random.normal(0.0, size)).reshape(-1, 1), bends
+
+
+def test_a_band_holds_its_share_of_new_rows_of_each_kind():
+    random = np.random.default_rng(0)
+    distances, bends = draw_misses(random, 4000)
+    band = make_band(
+        distances, bends, np.arange(4000) * 8 // 4000, markers=("tip",), sections=SECTIONS
+    )
+    there, others = draw_misses(random, 8000)
+    kinds = band.name_kinds(others)
+    within = (there <= band.find_radii(kinds))[:, 0]
+    assert set(kinds) == {"rest", "1", "2", "1+2"} == set(band.radii)
+    for kind in set(kinds):
+        assert within[kinds == kind].mean() == pytest.approx(0.95, abs=0.02)
+    assert band.coverage == pytest.approx(0.95, abs=0.01)
+    # Each kind has the radius of its own error: the normal's 1.96 deviations.
+    assert band.radii["1+2"][0] == pytest.approx(1.96 * 3.0, rel=0.08)
+    assert band.radii["rest"][0] == pytest.approx(1.96, rel=0.08)
+
+
+def test_a_kind_that_was_not_seen_has_the_widest_radius_and_few_rows_that_of_all():
+    random = np.random.default_rng(1)
+    distances, bends = draw_misses(random, 600)
+    both = (bends > 0.0).all(axis=1)
+    band = make_band(
+        distances[~both], bends[~both], np.arange(600)[~both] % 4,
+        markers=("tip",), sections=SECTIONS,
+    )  # fmt: skip
+    assert "1+2" not in band.radii
+    assert band.find_unseen(band.name_kinds(bends)).sum() == both.sum()
+    assert band.find_radii(np.array(["1+2"]))[0, 0] == max(r[0] for r in band.radii.values())
+    few = make_band(
+        distances[:12], bends[:12], np.arange(12) % 3, markers=("tip",), sections=SECTIONS
+    )
+    assert {radius[0] for radius in few.radii.values()} == {distances[:12].max()}
+    assert "12 rows are too few for more than 92%" in few.describe()
+
+
+def test_a_section_counts_as_moved_from_a_fifth_of_its_largest_bend_on():
+    bends = np.array([[0.19, 0.0], [0.21, 0.0], [0.21, 0.11], [np.nan, 0.5], [1.3, 0.0]])
+    kinds = name_kinds(bends, np.array([1.0, 0.5]), SECTIONS).tolist()
+    assert kinds == ["rest", "1", "1+2", "2", "1 further"]
+
+
+def test_points_move_with_a_section_as_the_rates_say():
+    # A little more bend of all a robot's sections, by other commands of a robot that hardly bends.
+    setup = RobotSetup(make_robot(), MARKERS)
+    data = simulate(setup, rows=2)
+    near = dataclasses.replace(data, commands=0.02 * data.commands + 0.5)
+    further = dataclasses.replace(near, commands=1.02 * (near.commands - 0.5) + 0.5)
+    one, two = (predict_points(setup, each) for each in (near, further))
+    change = two.states.values - one.states.values
+    moved = np.einsum("nmisa,nsa->nmi", one.states.rates[..., :2], change[..., :2])
+    assert np.abs(moved).max() > 1e-3
+    assert np.linalg.norm(two.predicted - one.predicted - moved) < 0.02 * np.linalg.norm(moved)
+    # A marker is moved by what lies before it only.
+    assert not one.states.rates[:, 1, :, 1].any() and one.states.rates[:, 0, :, 1].any()
+
+
+def disturb(data, truth):
+    """Measure a robot whose second section bends less the more it bends, and is stretched."""
+    states = predict_points(truth, data).states
+    bends = states.values[..., :2]
+    motion = np.zeros((len(data), 2, 4))
+    motion[:, 1, :2] = -0.6 * bends[:, 1] * np.linalg.norm(bends[:, 1], axis=-1, keepdims=True)
+    motion[:, 1, 3] = 2.0 * np.linalg.norm(bends[:, 1], axis=-1)
+    moved = np.einsum("nmisa,nsa->nmi", states.rates, motion)
+    return dataclasses.replace(data, points=data.points + moved)
+
+
+def test_a_residual_finds_what_the_model_leaves_out_and_no_more():
+    truth = RobotSetup(make_robot(offset=4.4), MARKERS)
+    noise = 0.1
+    wide = simulate(truth, rows=300)
+    near = dataclasses.replace(wide, commands=0.5 + 0.5 * (wide.commands - 0.5))
+    scatter = np.random.default_rng(1).normal(0.0, noise, near.points.shape)
+    plain = dataclasses.replace(near, points=predict_points(truth, near).predicted + scatter)
+    options = RobotFitOptions(residual=True, smaller=False)
+    bent = disturb(plain, truth)
+    first, later = np.arange(220), np.arange(220, 300)
+    fit = fit_robot(make_robot(), bent.select(first), free=["tendons.*.offset"], options=options)
+    check = fit.check(bent.select(later))
+    assert check.prediction.rms > 6.0 * noise
+    assert check.corrected.rms < 0.3 * check.prediction.rms
+    # The error that rows left out of the fit state is that of new rows.
+    assert fit.corrected.rms == pytest.approx(check.corrected.rms, rel=0.4)
+    assert check.coverage == pytest.approx(0.95, abs=0.06)
+    # Where the model is right there is nothing to learn but noise.
+    good = fit_robot(make_robot(), plain.select(first), free=["tendons.*.offset"], options=options)
+    assert good.corrected.rms < 1.05 * good.validation.rms
+    assert good.check(plain.select(later)).corrected.rms == pytest.approx(
+        noise * np.sqrt(3.0), rel=0.2
+    )
+
+
+def test_states_beyond_those_learned_from_are_cut():
+    truth = RobotSetup(make_robot(), MARKERS)
+    data = disturb(simulate(truth, rows=80), truth)
+    prediction = predict_points(truth, data)
+    states = prediction.states
+    residual = learn_residual(states, data.points - prediction.predicted, np.arange(80) % 4)
+    far = SectionStates(states.values * 50.0, states.rates)
+    edge = SectionStates(np.clip(far.values, residual.low, residual.high), states.rates)
+    assert np.array_equal(residual.shift(far), residual.shift(edge))
+    assert residual.shift(far).any()
+
+
+def test_a_better_baseline_is_named():
+    truth = RobotSetup(make_robot(lengths=LENGTHS[:1]), MARKERS[:1])
+    data = simulate(truth, rows=120, noise=0.01)
+    wrong = make_robot(lengths=LENGTHS[:1], offset=2.0)
+    fit = fit_robot(wrong, data, free=["base.position.x"])
+    assert any("predicts rows left out better" in text for text in fit.warnings)
+    right = fit_robot(wrong, data, free=["tendons.*.offset"])
+    assert not any("predicts rows left out better" in text for text in right.warnings)
+    errors = {one.names[0]: one.rms for one in right.baselines}
+    assert right.validation.rms < min(errors.values())
+    assert errors["cubic of the commands"] < errors["quadratic of the commands"]
+
+
+def test_baselines_represent_what_they_can():
+    random = np.random.default_rng(0)
+    commands, asked = random.uniform(-1.0, 1.0, (200, 2)), random.uniform(-0.9, 0.9, (50, 2))
+
+    def place(u, order):
+        return np.stack([u[:, 0] ** order, u[:, 1], u[:, 0] * u[:, 1]], axis=-1)[:, None]
+
+    for order in (2, 3):
+        found = predict_by_commands(commands, place(commands, order), asked)
+        errors = {name: np.abs(there - place(asked, order)).max() for name, there in found.items()}
+        assert errors["cubic of the commands"] < 1e-3
+        assert (errors["quadratic of the commands"] < 1e-3) == (order == 2)
+    # Rows that are there five times are found again.
+    often = np.repeat(commands, 5, axis=0)
+    again = predict_by_commands(often, place(often, 3), commands)["mean of the nearest 5 rows"]
+    assert np.allclose(again, place(commands, 3))
+
+
+def test_kinds_of_motion_are_left_out():
+    truth = RobotSetup(make_robot(offset=4.4), MARKERS[:1])
+    data = simulate(truth, rows=90, noise=0.05)
+    commands = data.commands.copy()
+    commands[:30, 3:] = 0.5
+    commands[30:60, :3] = 0.5
+    data = dataclasses.replace(data, commands=commands)
+    seen = dataclasses.replace(data, points=predict_points(truth, data).predicted)
+    options = RobotFitOptions(split="kinds", smaller=False)
+    fit = fit_robot(make_robot(), seen, free=["tendons.*.offset"], options=options)
+    many = [kind for kind, rows in fit.band.rows.items() if rows >= 10]
+    assert len(fit.validation.blocks) == len(many) >= 2 and "1+2" in many
+    alone = seen.select(np.arange(30))
+    single = fit_robot(make_robot(), alone, free=["tendons.*.offset"])
+    check = single.check(seen.select(np.arange(60, 90)))
+    assert sum(count for _, count in check.unseen) >= 5
+    assert "sections move together, or as far, as in no row of the fit" in "\n".join(
+        check.format_lines("x")
+    )
+    still = dataclasses.replace(alone, commands=0.001 * alone.commands + 0.5)
+    with pytest.raises(InputError, match="1 kind of motion|0 kind"):
+        fit_robot(make_robot(), still, free=["tendons.*.offset"], options=options)
+
+
+@pytest.mark.slow
+def test_stages_free_what_is_there_to_be_found():
+    turned = (0.05, -0.04, 0.0)
+    short = {"lengths": LENGTHS[:1]}
+    lean = make_robot(offset=4.5, base_position=(1.0, 0.0, 2.0), base_rotation=turned, **short)
+    data = simulate(RobotSetup(lean, MARKERS[:1]), rows=30, noise=0.05)
+    found = fit_in_stages(make_robot(**short), data)
+    kept = {stage.what for stage in found.stages if stage.kept}
+    assert {"place and tilt of the base", "distance of the tendons"} <= kept
+    assert "backlash" not in kept
+    errors = [stage.error for stage in found.stages if stage.kept]
+    assert errors == sorted(errors, reverse=True)
+    assert found.fit.error == pytest.approx(0.05 * np.sqrt(3.0), rel=0.3)
+    # Nothing is freed of a robot that is as its file says.
+    good = make_robot(**short)
+    as_it_is = fit_in_stages(good, simulate(RobotSetup(good, MARKERS[:1]), rows=30, noise=0.05))
+    assert not any(stage.kept for stage in as_it_is.stages)
+    assert [stage.what for stage in as_it_is.stages] == [stage.what for stage in found.stages]
+
+
+def test_a_residual_and_stages_ask_for_rows_left_out():
+    with pytest.raises(InputError, match="folds is 0: a residual"):
+        RobotFitOptions(folds=0, residual=True)
+    data = simulate(RobotSetup(make_robot(), MARKERS[:1]))
+    with pytest.raises(InputError, match="folds is 0: stages"):
+        fit_in_stages(make_robot(), data, options=RobotFitOptions(folds=0))
