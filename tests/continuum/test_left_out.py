@@ -6,12 +6,21 @@ import dataclasses
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
-from bozzini.continuum import RobotFitOptions, RobotSetup, fit_in_stages, fit_robot, predict_points
+from bozzini.continuum import (
+    ContinuumRobot,
+    RobotFitOptions,
+    RobotSetup,
+    fit_in_stages,
+    fit_robot,
+    predict_points,
+)
 from bozzini.continuum.command_baselines import predict_by_commands
 from bozzini.continuum.prediction_band import make_band, name_kinds
 from bozzini.continuum.section_residual import SectionStates, learn_residual
 from bozzini.errors import InputError
+from bozzini.study.tip import DrawOptions, robot_tip_error
 
 from .test_fit import LENGTHS, MARKERS, make_robot, simulate
 
@@ -211,3 +220,18 @@ def test_a_residual_and_stages_ask_for_rows_left_out():
     data = simulate(RobotSetup(make_robot(), MARKERS[:1]))
     with pytest.raises(InputError, match="folds is 0: stages"):
         fit_in_stages(make_robot(), data, options=RobotFitOptions(folds=0))
+
+
+def test_the_file_of_a_fit_has_its_band_and_the_error_of_a_tip_states_it(tmp_path):
+    truth = RobotSetup(make_robot(lengths=LENGTHS[:1]), MARKERS[:1])
+    data = simulate(truth, rows=120, noise=0.1)
+    fit = fit_robot(truth, data, free=["base.position.x"])
+    fit.robot.to_yaml(tmp_path / "fitted.yaml")
+    robot = ContinuumRobot.from_yaml(tmp_path / "fitted.yaml")
+    assert robot.calibration.band == fit.model_band
+    for pull, kind in ((2.0, "1"), (0.0, "rest"), (9.0, "1 further")):
+        found = robot_tip_error(robot, {"T1": pull}, command_sd=0.1, options=DrawOptions(draws=64))
+        band = fit.model_band
+        assert found.within == (kind, (band.radii.get(kind, band.widest))[0], 0.95)
+    # With noise alone the radius is that of the length of a normal vector.
+    assert band.radii["1"][0] == pytest.approx(0.1 * np.sqrt(chi2.ppf(0.95, 3)), rel=0.2)

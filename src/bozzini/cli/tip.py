@@ -93,6 +93,14 @@ def give_tip_error(
         f"{ELLIPSE_OF}",
         "left-out error of the fit: "
         + ("not known" if found.left_out is None else f"{found.left_out:.3g} mm rms, not in these"),
+        *(
+            []
+            if found.within is None
+            else [
+                f"{found.within[2]:.0%} of predictions of the tip are within {found.within[1]:.3g} "
+                f"mm at such motions ({found.within[0]}), by rows left out"
+            ]
+        ),
         f"{plain['draws']} exact draws: covariance {100 * found.residual:.1f} % from the first "
         f"order, {100 * found.coverage:.1f} % in the ellipse",
         format_rows(["error", "sd", "moves the tip by [mm]"], rows),

@@ -13,6 +13,7 @@ from ..checks import check_fields, check_word, quantity
 from ..errors import InputError
 from ..numeric.arrays import Floats
 from .checks import check_items, check_name, check_values
+from .prediction_band import PredictionBand
 
 Command = Literal["displacement", "tension"]
 """What is commanded of the tendons."""
@@ -83,6 +84,8 @@ class RobotCalibration:
         How many rows were fitted.
     source : str
         Name of the file of measurements.
+    band : PredictionBand, optional
+        How far predictions miss, if rows were left out.
 
     Raises
     ------
@@ -102,6 +105,7 @@ class RobotCalibration:
     validation_rms: float = 0.0
     rows: int = 0
     source: str = ""
+    band: PredictionBand | None = None
 
     def __post_init__(self) -> None:
         check_word("command", self.command, get_args(Command))

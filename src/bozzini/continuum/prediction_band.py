@@ -39,7 +39,7 @@ def name_kinds(bends: Floats, largest: Floats, names: tuple[str, ...]) -> NDArra
     """
     known = np.nan_to_num(bends)
     moved = known > MOVES * np.where(largest > 0.0, largest, np.inf)
-    further = (known > FURTHER * largest).any(axis=-1)
+    further = np.any(known > FURTHER * largest, axis=-1).tolist()
     kinds = ["+".join(np.array(names)[row]) or REST for row in moved]
     return np.array(
         [f"{kind} further" if more else kind for kind, more in zip(kinds, further, strict=True)],

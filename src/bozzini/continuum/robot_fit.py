@@ -314,6 +314,8 @@ class RobotFit(Result):
         The rows left out with the residual that the others give.
     band : PredictionBand, optional
         How far predictions miss, by kind of motion: with the residual if there is one.
+    model_band : PredictionBand, optional
+        The same without the residual, which the robot itself does not have.
     undetermined : tuple of str
         Sets of numbers that the data do not determine, a sentence each. One without any effect
         stays where it was.
@@ -347,6 +349,7 @@ class RobotFit(Result):
     section_residual: SectionResidual | None
     corrected: Validation | None
     band: PredictionBand | None
+    model_band: PredictionBand | None
     undetermined: tuple[str, ...]
     warnings: tuple[str, ...]
     outliers: tuple[int, ...]
@@ -469,6 +472,7 @@ class RobotFit(Result):
             validation_rms=0.0 if self.validation is None else self.validation.rms,
             rows=len(self.data.seen_rows),
             source=self.data.source,
+            band=self.model_band,
         )
 
     def to_dict(self) -> Json:
@@ -1259,6 +1263,7 @@ def _conclude(
         section_residual=None,
         corrected=None,
         band=None,
+        model_band=None,
         undetermined=tuple(undetermined),
         warnings=tuple(warnings),
         outliers=_find_outliers(search, found),
@@ -1291,12 +1296,15 @@ def _conclude_left_out(
         residual = learn_residual(prediction.states.select(rows), missed, _label(rows, folds))
         corrected = left.validate(("residual",), left.corrected)
         best = corrected.rms
-    band = make_band(
-        np.asarray(np.linalg.norm(left.corrected, axis=-1)),
-        left.bends,
-        left.blocks,
-        markers=prediction.markers,
-        sections=_name_sections(fit.setup.robot),
+    band, own = (
+        make_band(
+            np.asarray(np.linalg.norm(missed, axis=-1)),
+            left.bends,
+            left.blocks,
+            markers=prediction.markers,
+            sections=_name_sections(fit.setup.robot),
+        )
+        for missed in (left.corrected, left.missed)
     )
     better = min(baselines, key=lambda one: one.rms, default=None)
     if better is not None and better.rms < best:
@@ -1311,6 +1319,7 @@ def _conclude_left_out(
         section_residual=residual,
         corrected=corrected,
         band=band,
+        model_band=own,
         warnings=tuple(warnings),
     )
 

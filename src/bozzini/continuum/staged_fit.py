@@ -97,7 +97,7 @@ def list_stages(robot: ContinuumRobot, command: str) -> list[tuple[str, tuple[st
     """
     pulled = command == "tension"
     later = range(2, len(robot.sections) + 1)
-    stages = [("place and tilt of the base", ("base",))]
+    stages: list[tuple[str, tuple[str, ...]]] = [("place and tilt of the base", ("base",))]
     if pulled:
         stages.append(("one stiffness of the sections", ("sections.*.bending_stiffness",)))
     else:

@@ -20,8 +20,11 @@ from typing import TYPE_CHECKING, Literal, cast
 import numpy as np
 
 from ..checks import check_fields, check_number, check_path, list_quantities, quantity, show_apart
-from ..continuum.calibration import RobotCalibration
+from ..continuum.calibration import Marker, RobotCalibration
 from ..continuum.kinematics import ContinuumRobot
+from ..continuum.observation import place_markers
+from ..continuum.section_residual import SectionStates
+from ..continuum.shape import Shape
 from ..continuum.unknowns import FIELDS, RobotSetup, change_setup, parse_unknowns
 from ..effector.effector import Effector
 from ..effector.study import change_design, find_quantity
@@ -171,6 +174,9 @@ class TipError(Result):
         Of all places and directions.
     left_out : float, optional
         Root mean square distance of rows left out of the fit of the robot [mm]; None if not known.
+    within : (str, float, float), optional
+        Kind of motion of this pose, the distance that predictions of the tip stay within there
+        [mm], and what share of them does; None if not known.
     """
 
     tip: Floats
@@ -181,6 +187,7 @@ class TipError(Result):
     level: float
     frame: str = "as of the tips given"
     left_out: float | None = None
+    within: tuple[str, float, float] | None = None
 
     @property
     def covariance(self) -> Floats:
@@ -263,6 +270,9 @@ class TipError(Result):
             "ellipse_mm": self.factor * lengths,
             "ellipse_of": ELLIPSE_OF,
             "left_out_rms_mm": self.left_out,
+            "prediction_band": None if self.within is None else dict(
+                zip(("kind", "radius_mm", "level"), self.within, strict=True)
+            ),
             "errors": {
                 name: {"sd": float(sd), "unit": unit, "alone_mm": float(alone)}
                 for name, unit, sd, alone in zip(
@@ -601,7 +611,22 @@ def robot_tip_error(
 
     left_out = robot.calibration.validation_rms if robot.calibration is not None else 0.0
     found = spread_tip(find_tips, errors, options=options)
-    return replace(found, frame=BASE_FRAME, left_out=left_out or None)
+    one = given[None]
+    shape = robot.forward(tensions=np.maximum(one, 0.0)) if pulled else robot.forward(one)
+    return replace(
+        found, frame=BASE_FRAME, left_out=left_out or None, within=_find_band(robot, shape)
+    )
+
+
+def _find_band(robot: ContinuumRobot, shape: Shape) -> tuple[str, float, float] | None:
+    """Return kind of motion, radius and level of the band of the fit at a shape (1,)."""
+    band = None if robot.calibration is None else robot.calibration.band
+    if band is None or "tip" not in band.markers:
+        return None
+    setup = RobotSetup(robot, (Marker(name="tip"),))
+    states = SectionStates.of(setup, shape, place_markers(setup, shape))
+    kinds = band.name_kinds(states.bends)
+    return str(kinds[0]), float(band.find_radii(kinds)[0, band.markers.index("tip")]), band.level
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
