@@ -67,7 +67,7 @@ from .rod import RodModel
 from .section import Helix, Section, Tendon
 from .section_residual import SectionResidual
 from .shape import Shape
-from .staged_fit import Stage, StagedFit, fit_in_stages
+from .staged_fit import FitStage, StagedFit, fit_in_stages
 from .tracking import (
     TENDON_CONTROLLERS,
     ContinuumTracking,
@@ -98,7 +98,7 @@ __all__ = [
     "PredictionBand",
     "RobotCheck",
     "SectionResidual",
-    "Stage",
+    "FitStage",
     "StagedFit",
     "fit_in_stages",
     "AimedTip",

@@ -18,7 +18,7 @@ GAIN = 0.02
 
 
 @dataclass(frozen=True)
-class Stage:
+class FitStage:
     """A stage of a fit.
 
     Parameters
@@ -48,12 +48,12 @@ class StagedFit(Result):
 
     Parameters
     ----------
-    stages : tuple of Stage
+    stages : tuple of FitStage
     fit : RobotFit
         Of all that stayed.
     """
 
-    stages: tuple[Stage, ...] = rows_of(Stage)
+    stages: tuple[FitStage, ...] = rows_of(FitStage)
     fit: RobotFit
 
     @property
@@ -154,7 +154,7 @@ def fit_in_stages(
     setup = robot if isinstance(robot, RobotSetup) else RobotSetup.of(robot)
     trial = dataclasses.replace(options, residual=False, smaller=False)
     free: tuple[str, ...] = ()
-    stages: list[Stage] = []
+    stages: list[FitStage] = []
     best = fit_robot(setup, data, free=(), options=trial)
     least = best.rms
     todo = list_stages(setup.robot, data.command)
@@ -162,7 +162,7 @@ def fit_in_stages(
         progress(f"trying {what}", k / (len(todo) + 1))
         found = fit_robot(setup, data, free=(*free, *names), options=trial)
         reason = _refuse(found, least)
-        stages.append(Stage(what, names, found.error, not reason, reason))
+        stages.append(FitStage(what, names, found.error, not reason, reason))
         if not reason:
             best, least, free = found, found.error, (*free, *names)
     progress("fitting", len(todo) / (len(todo) + 1))
