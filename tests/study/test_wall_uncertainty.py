@@ -22,7 +22,7 @@ from bozzini.motion import Certificate, Scope, certify_plan, plan_insertion
 from bozzini.motion.recheck import surface_wall
 from bozzini.motion.verify import build_wall
 from bozzini.study import ContactRiskOptions, WallError, bound_contact, study_contact
-from bozzini.study.contact_risk import displace_wall, replan_draws
+from bozzini.study.contact_risk import _WallToMove, displace_wall, replan_draws
 from bozzini.study.wall import (
     choose_deciding,
     count_interval,
@@ -174,10 +174,12 @@ def measure_brute(plan, tract, samples, error, count, duct):
     """Displace the wall, and measure all samples that are not far from it: (count,) [mm]."""
     near = samples.distance < samples.distance.min() + 6.0 * error.sd + 1.0
     points = samples.points[near]
-    least = []
+    least, wall = [], _WallToMove.of(tract, duct)
+    moved = displace_wall(tract, error, seed=1, number=0, duct=duct)
+    assert np.array_equal(moved.vertices, wall.move(error, seed=1, number=0))
     for number in range(count):
-        moved = displace_wall(tract, error, seed=1, number=number, duct=duct)
-        least.append(surface_wall(moved.vertices, moved.faces).measure_clearance(points).min())
+        vertices = wall.move(error, seed=1, number=number)
+        least.append(surface_wall(vertices, moved.faces).measure_clearance(points).min())
     return np.array(least)
 
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from bozzini.errors import InputError
+from bozzini.numeric.polylines import resample_polyline
 from bozzini.vision import (
     Camera,
     HungMuscle,
@@ -22,6 +23,7 @@ from bozzini.vision import (
     render_picture,
 )
 from bozzini.vision.kernels.rays import undistort_grid
+from bozzini.vision.render import _find_rays, _trace_scene
 
 CLEAN = Sensor(blur=0.0, noise=0.0, uneven=0.0, gamma=1.0, jpeg=0, bits=16, exposure=0.85)
 FLAT = Light(ambient=1.0, diffuse=0.0)
@@ -63,6 +65,21 @@ def test_a_ball_covers_the_cone_of_its_tangents():
         radius, np.sort(away.ravel()), picture.values.ravel()[np.argsort(away.ravel())]
     )
     assert 0.1 < half < 0.7
+
+
+def test_no_ray_at_the_limb_of_a_bent_tube_is_lost():
+    curve, radius = bend_curve(40.0, 1.2, plane=0.4), 3.5
+    camera = aim_camera((30.0, -150.0, 20.0), (8.0, 0.0, 20.0), focal=450.0, size=(180, 150))
+    depth = _trace_scene(Scene(tubes=(RenderedTube(curve=curve, radius=radius),)), camera, 1)[1]
+    grid = _find_rays(camera, 1)
+    rays = np.dstack([grid, np.ones(grid.shape[:2])]).reshape(-1, 3).astype(float)
+    rays /= np.linalg.norm(rays, axis=1)[:, None]
+    points = camera.to_camera(resample_polyline(curve, 0.02))
+    along = rays @ points.T
+    away = np.sqrt(np.maximum((points**2).sum(axis=1) - along**2, 0.0).min(axis=1))
+    hit = np.isfinite(depth.ravel())
+    assert (np.abs(away - radius) < 0.1).sum() > 100
+    assert hit[away < radius - 2e-4].all() and not hit[away > radius + 2e-4].any()
 
 
 def test_tubes_hide_what_is_behind_them():

@@ -149,9 +149,9 @@ def play(commands: Floats, width: float) -> Floats:
     The first command acts in full, as nothing is known of the play before it.
     """
     followed = np.empty_like(commands)
-    at = commands[0]
-    for row, value in enumerate(commands):
-        moved = np.clip(at, value - width, value + width)
-        at = np.where(np.isnan(moved), value, moved)
+    at, gaps = commands[0], bool(np.isnan(commands).any())
+    for row, (low, high) in enumerate(zip(commands - width, commands + width, strict=True)):
+        moved = np.minimum(np.maximum(at, low), high)
+        at = np.where(np.isnan(moved), commands[row], moved) if gaps else moved
         followed[row] = at
     return followed

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
     from ..numeric.estimation import Places
     from .effector import Effector
+    from .motion import Acting, EffectorMotion
 
 COVERED = 0.95
 """Share of what was left out that the band of a prediction holds."""
@@ -329,6 +330,9 @@ class _Observer:
 
     data: EffectorMeasurements
     start: EffectorSetup
+    _acted: dict[int, tuple[EffectorMotion, Floats, Acting]] = field(
+        init=False, repr=False, default_factory=dict
+    )
 
     def __post_init__(self) -> None:
         design = self.start.effector.design
@@ -363,27 +367,39 @@ class _Observer:
         commands = self.commands * (setup.scale if data.command == "pressure" else 1.0)
         predicted = np.full(data.seen.shape, np.nan)
         acting = np.zeros(commands.shape)
+        chosen = data.parts if parts is None else parts
         if data.times is None:
-            parts = [slice(0, len(data))]
-        for part in data.parts if parts is None else parts:
-            if data.command == "contraction":
-                bends, forces = _contract(effector, commands[part])
-            else:
-                states = commands[part]
-                if data.times is not None:
-                    act = effector.motion.act(data.times[part], states[None].copy(), initial=None)
-                    states = act.effective[0]
-                bends, forces = find_bends(effector, states), None
-                if data.times is not None:
-                    moved, _ = effector.motion.move(data.times[part], bends[None], state=act.state)
-                    bends = moved[0]
-                acting[part] = states
-            predicted[part] = self._look(setup, bends, forces, acting[part])
+            chosen = [slice(0, len(data))]
+        rows = np.concatenate([np.arange(part.start, part.stop) for part in chosen])
+        forces = None
+        if data.command == "contraction":
+            bends, forces = _contract(effector, commands[rows])
+        elif data.times is None:
+            acting[rows] = commands[rows]
+            bends = find_bends(effector, acting[rows])
+        else:
+            acts = [self._act(effector.motion, commands, part) for part in chosen]
+            acting[rows] = np.concatenate([act.effective[0] for act in acts])
+            bends = find_bends(effector, acting[rows])
+            starts = np.cumsum([0, *(part.stop - part.start for part in chosen)])
+            for part, act, start in zip(chosen, acts, starts[:-1], strict=True):
+                own = bends[start : start + part.stop - part.start]
+                own[:] = effector.motion.move(data.times[part], own[None], state=act.state)[0][0]
+        predicted[rows] = self._look(setup, bends, forces, acting[rows])
         if "azimuth" in data.channels:  # as it was read: 350 deg is near -5 deg
             k = data.channels.index("azimuth")
             turns = np.round((data.seen[:, k] - predicted[:, k]) / (2.0 * np.pi))
             predicted[:, k] += 2.0 * np.pi * np.nan_to_num(turns)
         return predicted, acting
+
+    def _act(self, motion: EffectorMotion, commands: Floats, part: slice) -> Acting:
+        """Return what acts in a run; most numbers that a search changes leave it as it was."""
+        assert self.data.times is not None
+        known = self._acted.get(part.start)
+        if known is None or known[0] != motion or not np.array_equal(known[1], commands[part]):
+            act = motion.act(self.data.times[part], commands[None, part].copy(), initial=None)
+            known = self._acted[part.start] = motion, commands[part], act
+        return known[2]
 
     def _look(
         self, setup: EffectorSetup, bends: Floats, forces: Floats | None, acting: Floats

@@ -7,6 +7,7 @@ import os
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -131,7 +132,7 @@ class EffectorMeasurements:
     def __len__(self) -> int:
         return len(self.commands)
 
-    @property
+    @cached_property
     def parts(self) -> list[slice]:
         """The rows of each run, in the order of the table."""
         ends = np.flatnonzero(self.runs[1:] != self.runs[:-1]) + 1

@@ -89,6 +89,8 @@ class TipView:
         design = effector.design
         end = design.backbone_length + design.holder_length
         arcs = {TIP: design.backbone_length, **self.markers}
+        if set(channels) <= {*SPOT, *ANGLES}:
+            arcs = {}  # what is seen is all of the end
         names = list(arcs)
         shapes = shape_sections(effector, bends, np.array([*arcs.values(), end]))
         points, ways = shapes.points, shapes.direction
@@ -100,11 +102,14 @@ class TipView:
             matrix = Rotation.from_rotvec(turn).as_matrix()
             points, ways = points @ matrix.T, ways @ matrix.T
         points = points + np.array([self.base_x, self.base_y, self.base_z])
+        spot = np.empty((0, 2))
+        if not set(SPOT).isdisjoint(channels):
+            spot = self._meet_board(points[:, -1], ways, end)
         found = []
         for channel in channels:
             name, _, axis = channel.rpartition(" ")
             if channel in SPOT:
-                found.append(self._meet_board(points[:, -1], ways, end)[:, SPOT.index(channel)])
+                found.append(spot[:, SPOT.index(channel)])
             elif channel == LATERAL:
                 found.append(lateral)
             elif channel == "bend":

@@ -54,8 +54,8 @@ STATION_MM, STATION_DRAWS = 2.0, 1000
 
 QUANTILES = (0.05, 0.5, 0.95)
 
-BLOCK = 4096
-"""Places of a field that are evaluated at a time."""
+BLOCK = 128
+"""Places of a field that are evaluated at a time: so few stay in the cache."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -77,7 +77,9 @@ _CAP = 20.0
 _EDGE_STEP = 2.5
 """Spacing of edges along a limb [px]."""
 _EDGE_SIGMA, _RING_SIGMA = 0.1, 0.1
-"""Least standard uncertainties of an edge and of a ring along the tube [px]."""
+"""Least standard uncertainties that an edge and a ring along the tube are weighted by [px]."""
+_RING_ERROR = 0.05
+"""Least standard uncertainty of a ring along the tube [px]."""
 _BLURS = np.array([0.5, 0.7, 0.9, 1.2, 1.6, 2.1, 2.8, 3.7, 5.0])
 """Standard deviations of the blur that are tried [px]."""
 
@@ -721,8 +723,9 @@ def _find_edges(
         middle = eye.bend(0.5 * (outline[0] + outline[1])[good])
         normals = _outward(pixels, middle)
         free = ~_find_hidden(pixels, whole)
-        cut = math.ceil(clear / _EDGE_STEP)
-        free[:cut] = free[len(free) - cut :] = False
+        bows = _bow(outline[:, good], side, clear)
+        first, last = (math.ceil((clear + bow) / _EDGE_STEP) for bow in bows)
+        free[:first] = free[len(free) - last :] = False
         if free.sum() < 4:
             raise GeometryError("the tube is seen end-on by a camera")
         rows.append((pixels[free], normals[free]))
@@ -743,6 +746,22 @@ def _find_edges(
         limbs.append(np.hstack([here, across / np.linalg.norm(across, axis=1)[:, None]]))
     rings = np.stack([_locate_ring(eye, theta, k, options) for k in range(2)])
     return TubeEdges((limbs[0], limbs[1]), rings, float(np.mean(share)), blur)
+
+
+def _bow(outline: Floats, side: int, inside: float) -> tuple[float, float]:
+    """Return how much nearer a ring comes `inside` of a limb than at it, at each end [px].
+
+    A ring that is seen from its side is half an ellipse from limb to limb.
+    """
+    middle = 0.5 * (outline[0] + outline[1])
+    bows = []
+    for end, step in ((0, 1), (-1, -1)):
+        along = middle[end + step] - middle[end]
+        wide = float(np.linalg.norm(outline[side, end] - middle[end]))
+        across = max(1.0 - inside / wide, 0.0)
+        deep = (outline[2, end] - middle[end]) @ along / np.linalg.norm(along)
+        bows.append(max(math.sqrt(1.0 - across**2) * float(deep), 0.0))
+    return bows[0], bows[1]
 
 
 def _find_hidden(pixels: Floats, limbs: Floats) -> NDArray[np.bool_]:
@@ -847,7 +866,7 @@ def _locate_ring(eye: Eye, theta: Floats, k: int, options: ShapeOptions) -> Floa
     flat = lines[0]
     here = interpolate_polyline(flat, offsets, np.array([place - step, place, place + step]))
     along = here[2] - here[0]
-    return np.array([*here[1], *(along / np.linalg.norm(along)), max(u * per, _RING_SIGMA)])
+    return np.array([*here[1], *(along / np.linalg.norm(along)), max(u * per, _RING_ERROR)])
 
 
 def _side_lines(eye: Eye, points: Floats, tangents: Floats, radius: float) -> list[Floats]:
@@ -915,7 +934,7 @@ def _fit_rod(
     weights = []
     for seen in edges:
         weights += [np.full(len(limb), 1.0 / _EDGE_SIGMA) for limb in seen.limbs]
-        weights.append(np.nan_to_num(1.0 / seen.rings[:, 4]))
+        weights.append(np.nan_to_num(1.0 / np.maximum(seen.rings[:, 4], _RING_SIGMA)))
     weight = np.concatenate(weights)
     terms = np.arange((len(theta) - 8) // 2)
     rarity = np.tile(np.where(terms < CURVATURES, 0.01, 1.0 / _FINE_BEND), 2)
@@ -1021,6 +1040,9 @@ def _find_spread(fit: RodFit, misses: Sequence[Floats], residual: float) -> Floa
         factors[part] = max(residual / _EDGE_SIGMA, 0.3) ** 2 * (1.0 + 2.0 * resemble)
         share = _LIMB_SHARE * fit.edges[i // 2].blur / _EDGE_SIGMA
         limbs[i] = share * slope[part].sum(axis=0)
+    for k, seen in zip((2, 5), fit.edges, strict=True):
+        share = np.minimum(np.nan_to_num(seen.rings[:, 4]) / _RING_SIGMA, 1.0)
+        factors[rows[k] : rows[k + 1]] = share**2
     middle = slope.T @ (factors[:, None] * slope) + limbs.T @ limbs
     return np.asarray(scale[:, None] * (inverse @ middle @ inverse) * scale)
 

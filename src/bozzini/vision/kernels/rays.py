@@ -129,16 +129,24 @@ def _bound_block(points, reach, origin, corners, stride):
 def _trace(points, radius, origin, ray, bounds, stride):
     """Return (distance along the ray, or infinity; segment; share of it) of the first hit.
 
-    `bounds` is what `_bound` returns.
+    `bounds` is what `_bound` returns. Along a ray the distance from a straight tube is convex:
+    Newton's steps reach its limb, too. None is longer than the gap and half a radius, so that no
+    more than the limb of another part is passed over; what was passed is come back to.
     """
     t, end, first, last = bounds
     for _ in range(_TRACE_STEPS):
         x, y, z = origin[0] + t * ray[0], origin[1] + t * ray[1], origin[2] + t * ray[2]
         square, where, part = _nearest(points, x, y, z, stride, first, last)
-        gap = math.sqrt(square) - radius
-        if gap < 1e-5:
+        away = math.sqrt(square)
+        gap = away - radius
+        if abs(gap) < 1e-5:
             return t, where, part
-        t += gap
+        slope = 0.0
+        for k, place in enumerate((x, y, z)):
+            axis = points[where, k] + part * (points[where + 1, k] - points[where, k])
+            slope += (place - axis) * ray[k] / away
+        most = abs(gap) + 0.5 * radius
+        t += math.copysign(most if slope * most > -abs(gap) else gap / slope, gap)
         if t > end:
             break
     return math.inf, 0, 0.0
