@@ -259,12 +259,15 @@ def test_chain_solves_the_dense_problem() -> None:
     kernels.measure_motion(
         rod.packed, vectors, np.zeros((count, 3)), drive, work[0], work[1], work[3], work[4]
     )
-    tendons = rod.compliances, False, ~rod.robot.pushes
-    kernels.pull_tendons(rod.grid.packed, tendons, np.array(pulled), vectors, True, pull, work[4])
+    tendons = rod.compliances, False, ~rod.robot.pushes, rod.rubbing
+    strings = kernels.make_strings(count, 0)
+    kernels.pull_tendons(
+        rod.grid.packed, tendons, np.array(pulled), vectors, True, pull, strings, work[4]
+    )
     assert np.abs(work[4]).max() < 1e-6  # it is an equilibrium
     scale, right = 300.0, np.random.default_rng(2).standard_normal((count, 3))
     blocks = pull[4], np.empty((0, 3, 3))
-    kernels.factor_chain(rod.packed, vectors, scale, 1.0, blocks, work[0], work[1], work[2])
+    kernels.factor_chain(rod.packed, vectors, scale, 1.0, True, blocks, work[0], work[1], work[2])
     out = np.empty_like(right)
     kernels.solve_chain(work[2], right, out)
     dense = scale**2 * found.mass + scale * found.damping + found.stiffness
