@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
+from bozzini.cli.main import main
 from bozzini.continuum import ContactOptions, DynamicsOptions, PointLoad, simulate
 from bozzini.continuum.dynamics import _limit_rate
 from bozzini.errors import InputError
@@ -113,3 +115,18 @@ def test_a_motion_with_slow_drives_is_that_of_their_ways() -> None:
         simulate(robot, [0.0, 1.0], tensions=[0.0, 0.0], drive_rate=2.0)
     with pytest.raises(InputError, match="drive_rate"):
         simulate(robot, [0.0, 1.0], displacements=[0.0, 0.0], drive_rate=0.0)
+
+
+def test_simulate_command_has_slow_drives_and_friction(tmp_path, capsys) -> None:
+    make_arm(0.2).to_yaml(tmp_path / "arm.yaml")
+    (tmp_path / "pulls.csv").write_text(
+        "time [s],A displacement [mm],B displacement [mm]\n0,0,0\n0.1,2,-2\n0.2,2,-2\n"
+    )
+    words = ["continuum", "simulate", str(tmp_path / "arm.yaml"), str(tmp_path / "pulls.csv")]
+    options = ["--drive-rate", "5mm/s", "--step-tolerance", "0.01mm", "--damping-time", "5ms"]
+    assert main([*words, *options, "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["tendons"]["A"]["displacement_mm"] == pytest.approx([0.0, 0.5, 1.0])
+    assert found["energy"]["friction_N_mm"][-1] > 0.0
+    assert main([*words, "--drive-rate", "-1mm/s"]) == 2
+    assert "drive" in capsys.readouterr().err

@@ -426,11 +426,6 @@ class MovingRod:
         return tuple(self._lump(load) for load in self.loads)
 
     def _lump(self, load: Load) -> LumpedLoads:
-        if load.frame == "body":
-            raise InputError(
-                "a load is given in the axes of the body: one in motion must be of the base or "
-                "the world"
-            )
         packed = pack_loads(self.robot, [load])
         count = int(isinstance(load, PointLoad))
         packed = packed._replace(
@@ -500,20 +495,26 @@ class MovingRod:
         )
 
     @cached_property
-    def load_vectors(self) -> tuple[Floats, Floats]:
-        """Forces and moments of each load at the points, each (l, p, 3)."""
+    def load_vectors(self) -> tuple[Floats, Floats, Floats]:
+        """Forces and moments of each load at the points, each (l, p, 3).
+
+        And both of those that turn with the body, in its axes (l, 2, p, 3); (l, 2, 0, 3) if there
+        is none.
+        """
         points = self.points
         keys = list(zip(points.segments.tolist(), points.parts.tolist(), strict=True))
         index = {key: place for place, key in enumerate(keys)}
-        found = np.zeros((2, len(self.lumped), len(keys), 3))
+        found = np.zeros((2, len(self.lumped), 2, len(keys), 3))
         for row, lumped in enumerate(self.lumped):
             for k, (segment, part) in enumerate(
                 zip(lumped.segments.tolist(), lumped.parts.tolist(), strict=True)
             ):
-                place = index[segment, round(part, 12)]
-                found[0, row, place] += lumped.forces[k]
-                found[1, row, place] += lumped.moments[k]
-        return found[0], found[1]
+                place, follows = index[segment, round(part, 12)], int(lumped.follows[k])
+                found[follows, row, 0, place] += lumped.forces[k]
+                found[follows, row, 1, place] += lumped.moments[k]
+        dead, turning = found
+        own = turning if turning.any() else turning[:, :, :0]
+        return dead[:, 0].copy(), dead[:, 1].copy(), own.copy()
 
     @cached_property
     def weights(self) -> Floats:
@@ -540,15 +541,19 @@ class MovingRod:
         `turned` (3, 3) is how the base is turned from its rest. From `initial`, rotation vectors
         and tensions, it is tried at once.
         """
-        forces, moments = self.load_vectors
+        forces, moments, own = self.load_vectors
         points = self.points
+        follow = np.tensordot(factors, own, 1)
+        twice = 2 if follow.size else 1
         lumped = LumpedLoads(
-            segments=points.segments,
-            parts=points.parts,
-            offsets=np.zeros((len(points.parts), 3)),
-            forces=(self.weights + np.tensordot(factors, forces, 1)) @ turned,
-            moments=np.tensordot(factors, moments, 1) @ turned,
-            follows=np.zeros(len(points.parts), dtype=np.bool_),
+            segments=np.tile(points.segments, twice),
+            parts=np.tile(points.parts, twice),
+            offsets=np.zeros((twice * len(points.parts), 3)),
+            forces=np.concatenate(
+                [(self.weights + np.tensordot(factors, forces, 1)) @ turned, follow[0]]
+            ),
+            moments=np.concatenate([np.tensordot(factors, moments, 1) @ turned, follow[1]]),
+            follows=np.repeat([False, True][:twice], len(points.parts)),
         )
         count = len(command)
         rod = LoadedRod(
@@ -595,7 +600,7 @@ class MotionCommands(TypedDict, total=False):
         Largest speed of drives that follow displacements, from where they are at the first time
         [mm/s]; unless given they are there at once.
     loads : sequence of PointLoad or LineLoad
-        Loads that keep their direction.
+        Loads on it; those in the axes of the body turn with it.
     load_factors : (k, l) array_like
         By what each load is multiplied, linear between times; 1 unless given.
     base : (k, 4, 4) array_like
@@ -1217,6 +1222,11 @@ def linearise(
     check_robot(robot)
     check_kind("options", options, DynamicsOptions)
     rod = MovingRod(robot, options, check_loads(robot, loads))
+    if rod.load_vectors[2].size:
+        raise InputError(
+            "a load is given in the axes of the body: small oscillations are of loads in those of "
+            "the base or the world"
+        )
     command, held = _take_commands(rod, 1, tensions, displacements)
     factors = np.ones(len(rod.loads))
     found = rod.find_equilibrium(command[0], held=held, factors=factors, turned=np.eye(3))

@@ -107,7 +107,8 @@ def make_motion(n, p):
     to the segment's end: ``moving`` and ``turning`` (n, 3, 3). ``points``: functions (p, 8), arm
     from the start of the segment (p, 3), moving and turning (p, 3, 3), which are not filled of
     points at a segment's end; velocity, spin and angular momentum (p, 3), tensor of inertia (p, 3,
-    3), and the static forces and moments (p, 3) with their sign turned.
+    3), the static forces and moments (p, 3) with their sign turned, the points' axes (p, 3, 3), and
+    those forces and moments (p, 3) that turn with the body, as they are now.
     """
     stations = (
         np.empty((n + 1, 3, 3)),
@@ -127,6 +128,8 @@ def make_motion(n, p):
         np.empty((p, 3, 3)),
         np.empty((p, 3)),
         np.empty((p, 3)),
+        np.empty((p, 3, 3)),
+        np.zeros((2, p, 3)),
     )
     return stations, segments, points
 
@@ -138,7 +141,7 @@ def fill_places(grid, q, base, body, motion):
     rotations, places = motion[0][:2]
     functions, halves, moving, turning = motion[1]
     own_functions, arms, own_moving, own_turning = motion[2][:4]
-    tensors = motion[2][7]
+    tensors, kept_axes = motion[2][7], motion[2][10]
     segments, parts, _, inertias, _ = body
     copy_matrix(base[0], rotations[0])
     copy_vector(base[1], places[0])
@@ -192,6 +195,7 @@ def fill_places(grid, q, base, body, motion):
                 multiply(rotation, turn, own_turning[p])
                 fill_rotation(inner, own, turn)
                 multiply(rotation, turn, axes)
+            copy_matrix(axes, kept_axes[p])
             for i in range(3):
                 for k in range(i + 1):
                     tensors[p, i, k] = (
@@ -393,21 +397,22 @@ def measure_motion(rod, q, rate, drive, motion, beyond, momentum, force):
     """Momenta and minus their rate without tendons, of rotations and their rates.
 
     ``rod`` is the grid, the rotations at rest (n, 3), the segments' damping (n, 3) by their rates
-    [N mm s] and the ``body``; ``drive`` the base, the forces and moments (p, 3), the weights (p, 3)
-    that are among the forces, and the walls of `press_end`. Fills ``motion``, ``beyond`` (n, 2,
-    3), the static forces and moments beyond each segment with their sign turned, ``momentum`` and
-    ``force`` (n, 3), so that ``momentum' + force = 0``. Returns the powers of loads and base, and
-    of all damping [N mm/s].
+    [N mm s] and the ``body``; ``drive`` the base, the forces and moments (p, 3), the weights (p,
+    3) that are among the forces, the walls of `press_end`, and forces and moments in the body's
+    axes (2, p, 3), none if there is none. Fills ``motion``, ``beyond`` (n, 2, 3), the static
+    forces and moments beyond each segment with their sign turned, ``momentum`` and ``force`` (n,
+    3), so that ``momentum' + force = 0``. Returns the powers of loads and base, and of all damping
+    [N mm/s].
     """
     grid, rest, damping, body = rod
-    base, forces, moments, weights, walls = drive
+    base, forces, moments, weights, walls, turning_loads = drive
     spans, stiffness, _, _, _, kind = grid
     fill_places(grid, q, base, body, motion)
     fill_velocities(rate, base, body, motion)
     rotations, places, velocities, spins = motion[0]
     functions, halves, moving, turning = motion[1]
     own_functions, arms, own_moving, own_turning, own_velocity, own_spin = motion[2][:6]
-    angular, _, pushes, twists = motion[2][6:]
+    angular, _, pushes, twists, point_axes, turned_loads = motion[2][6:]
     segments, parts, masses, _, drags = body
     power, lost = 0.0, 0.0
     linear_beyond, angular_beyond = np.zeros(3), np.zeros(3)
@@ -421,6 +426,15 @@ def measure_motion(rod, q, rate, drive, motion, beyond, momentum, force):
             twists[p, i] = -moments[p, i]
             power += (forces[p, i] - weights[p, i]) * v + moments[p, i] * own_spin[p, i]
             lost += drags[p] * v * v
+        for i in range(3 if turning_loads.shape[1] > 0 else 0):
+            f, m = 0.0, 0.0
+            for k in range(3):
+                f += point_axes[p, i, k] * turning_loads[0, p, k]
+                m += point_axes[p, i, k] * turning_loads[1, p, k]
+            turned_loads[0, p, i], turned_loads[1, p, i] = f, m
+            pushes[p, i] -= f
+            twists[p, i] -= m
+            power += f * own_velocity[p, i] + m * own_spin[p, i]
         if parts[p] == 1.0 and len(walls[1]) > 0:
             j = segments[p]
             lost -= press_end(walls, j, places[j + 1], own_velocity[p], pushes[p])
@@ -613,7 +627,7 @@ def factor_chain(rod, q, scale, elastic, eliminates, stiffnesses, motion, beyond
     rotations, places, _, spins = motion[0]
     functions, halves, moving, turning = motion[1]
     own_functions, arms, own_moving, own_turning = motion[2][:4]
-    tensors, pushes, twists = motion[2][7:]
+    tensors, pushes, twists, _, turned_loads = motion[2][7:]
     segments, parts, masses, _, drags = body
     inverses, gains, lifts, kept_moving, kept_turning, kept_arms = chain
     whole, before = np.zeros((6, 6)), np.zeros((6, 6))
@@ -630,6 +644,19 @@ def factor_chain(rod, q, scale, elastic, eliminates, stiffnesses, motion, beyond
                 whole[i, i] += scale * (scale * masses[p] + elastic * drags[p])
                 for k in range(3):
                     whole[3 + i, 3 + k] += scale * scale * tensors[p, i, k]
+            for part in range(2 if elastic > 0.0 else 0):  # loads that turn by the rotation here
+                x, y, z = (
+                    turned_loads[part, p, 0],
+                    turned_loads[part, p, 1],
+                    turned_loads[part, p, 2],
+                )
+                first = 3 * part
+                whole[first, 4] -= z
+                whole[first, 5] += y
+                whole[first + 1, 3] += z
+                whole[first + 1, 5] -= x
+                whole[first + 2, 3] -= y
+                whole[first + 2, 4] += x
             p -= 1
         for i in range(3):
             arm[i] = places[j + 1, i] - places[j, i]
@@ -811,7 +838,7 @@ def measure_energies(rod, q, drive, motion):
     And ``P . v + H . omega`` of the whole momentum about the base with the base's velocity, spin.
     """
     grid, rest, _, body = rod
-    base, _, _, weights, _ = drive
+    base, weights = drive[0], drive[3]
     segments, parts, masses, _, _ = body
     _, arms, _, _, velocities, spins, angular = motion[2][:7]
     places = motion[0][1]
@@ -839,11 +866,12 @@ def fill_drive(tables, row, time, drive, targets, slopes):
     """Fill base, forces and tendon commands at a time after a row [s].
 
     ``tables`` are times (k,), coefficients of the base's motion (k - 1, 4, 6), of powers from 3 to
-    0 of the time after the row, weights (p, 3), forces and moments of the loads (l, p, 3), their
-    factors (k, l), and commands (k, t), linear between rows.
+    0 of the time after the row, weights (p, 3), forces and moments of the loads (l, p, 3), those in
+    the body's axes (l, 2, p, 3), or (l, 2, 0, 3), their factors (k, l), and commands (k, t), linear
+    between rows.
     """
-    times, coefficients, weights, load_forces, load_moments, factors, commands = tables
-    base, forces, moments, _, _ = drive
+    times, coefficients, weights, load_forces, load_moments, body_loads, factors, commands = tables
+    base, forces, moments, _, _, turning_loads = drive
     share = time / (times[row + 1] - times[row])
     f, turn, swing, change = np.empty(8), np.empty(3), np.empty(3), np.zeros((3, 3))
     c = coefficients[row]
@@ -871,6 +899,13 @@ def fill_drive(tables, row, time, drive, targets, slopes):
                 now = factors[row, m] + share * (factors[row + 1, m] - factors[row, m])
                 forces[p, i] += now * load_forces[m, p, i]
                 moments[p, i] += now * load_moments[m, p, i]
+    turning_loads[:] = 0.0
+    for m in range(len(body_loads)):
+        now = factors[row, m] + share * (factors[row + 1, m] - factors[row, m])
+        for part in range(2):
+            for p in range(body_loads.shape[2]):
+                for i in range(3):
+                    turning_loads[part, p, i] += now * body_loads[m, part, p, i]
     for m in range(targets.size):
         slopes[m] = (commands[row + 1, m] - commands[row, m]) / (times[row + 1] - times[row])
         targets[m] = commands[row, m] + time * slopes[m]
@@ -1104,7 +1139,15 @@ def advance(rod, tendons, tables, walls, scheme, window, state, memory, rows):
     n, p, k = len(q), len(rod[3][0]), len(tendons[0])
     times, weights = tables[0], tables[2]
     still = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-    drive = (np.empty((3, 3)), *still), np.empty((p, 3)), np.empty((p, 3)), weights, walls
+    turning_loads = np.empty((2, tables[5].shape[2], 3))
+    drive = (
+        (np.empty((3, 3)), *still),
+        np.empty((p, 3)),
+        np.empty((p, 3)),
+        weights,
+        walls,
+        turning_loads,
+    )
     targets, slopes = np.empty(k), np.empty(k)
     work, end_work, solver, arrays, totals = memory
     pull, solver_state, strings, rubbing = solver[0], solver[6], solver[7], tendons[3]
