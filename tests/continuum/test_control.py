@@ -122,6 +122,20 @@ def test_wrong_stiffness_at_1_hz():
     assert 0.2 * RADIUS < baseline < 0.3 * RADIUS  # 1 / 0.8 of the bend
 
 
+def test_friction_that_no_controller_knows_of():
+    plant = soften(ARM, 0.2)
+    (section,) = plant.sections
+    rubbing = tuple(dataclasses.replace(one, friction=0.3) for one in section.tendons)
+    rubbing = dataclasses.replace(plant, sections=(dataclasses.replace(section, tendons=rubbing),))
+    controllers = {kind.__name__: make(kind) for kind in (StaticTensions, LinearQuadratic)}
+    wanted = trace_places("circle", radius=RADIUS, frequency=1.0, period=0.01)
+    smooth, rough = (compare_tendons(controllers, wanted, plant=one) for one in (plant, rubbing))
+    assert rough.rows[1].rms < 0.35 * rough.rows[0].rms
+    for one, other in zip(smooth.rows, rough.rows, strict=True):
+        assert other.largest > 1.1 * one.largest
+    assert "friction" in rough.notes[-1] and len(smooth.notes) == 1
+
+
 @pytest.mark.parametrize("kind", SEEING)
 def test_a_delay_makes_it_worse(kind):
     rms = [track(kind, softer=0.2, delay=delay).rms for delay in (0, 3)]

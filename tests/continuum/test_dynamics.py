@@ -201,7 +201,7 @@ def test_kernel_is_the_rate_of_the_derivatives_of_the_kinetic_energy() -> None:
 
     def measure(q, rate, base):
         work = kernels.make_work(count, points)
-        drive = base, forces, moments, rod.weights, no_walls(rod)
+        drive = base, forces, moments, rod.weights, no_walls(rod), np.empty((2, 0, 3))
         kernels.measure_motion(rod.packed, q, rate, drive, work[0], work[1], work[3], work[4])
         return work, kernels.measure_energies(rod.packed, q, drive, work[0])
 
@@ -253,18 +253,22 @@ def test_chain_solves_the_dense_problem() -> None:
     np.testing.assert_allclose(rod.grid.place_frames(start.rotation_vectors[None])[0], q.frames)
     base = np.eye(3), *(np.zeros(3) for _ in range(5))
     forces = rod.weights + rod.load_vectors[0][0]
-    drive = base, forces, rod.load_vectors[1][0], rod.weights, no_walls(rod)
+    none = np.empty((2, 0, 3))
+    drive = base, forces, rod.load_vectors[1][0], rod.weights, no_walls(rod), none
     work, pull = kernels.make_work(count, points), kernels.make_pull(count, 6)
     vectors = start.rotation_vectors
     kernels.measure_motion(
         rod.packed, vectors, np.zeros((count, 3)), drive, work[0], work[1], work[3], work[4]
     )
-    tendons = rod.compliances, False, ~rod.robot.pushes
-    kernels.pull_tendons(rod.grid.packed, tendons, np.array(pulled), vectors, True, pull, work[4])
+    tendons = rod.compliances, False, ~rod.robot.pushes, rod.rubbing
+    strings = kernels.make_strings(count, 0)
+    kernels.pull_tendons(
+        rod.grid.packed, tendons, np.array(pulled), vectors, True, pull, strings, work[4]
+    )
     assert np.abs(work[4]).max() < 1e-6  # it is an equilibrium
     scale, right = 300.0, np.random.default_rng(2).standard_normal((count, 3))
     blocks = pull[4], np.empty((0, 3, 3))
-    kernels.factor_chain(rod.packed, vectors, scale, 1.0, blocks, work[0], work[1], work[2])
+    kernels.factor_chain(rod.packed, vectors, scale, 1.0, True, blocks, work[0], work[1], work[2])
     out = np.empty_like(right)
     kernels.solve_chain(work[2], right, out)
     dense = scale**2 * found.mass + scale * found.damping + found.stiffness
@@ -374,6 +378,41 @@ def shake(times):
     base[:, :3, :3] = Rotation.from_rotvec(vectors).as_matrix()
     base[:, :3, 3] = np.sin(np.outer(times, [13.0, 17.0, 8.0])) * 5.0
     return base
+
+
+FOLLOWING = [
+    PointLoad(force=(0.2, 0.1, 0.0), moment=(0.0, 0.0, 2.0), frame="body"),
+    LineLoad(force=(0.0, 1e-3, 0.0), start=20.0, frame="body"),
+    PointLoad(arc_length=40.0, force=(0.0, 0.05, 0.0)),
+]
+
+
+@pytest.mark.parametrize("segment", ["chord", "channel"])
+@pytest.mark.parametrize("step", [2e-3, 0.2])
+def test_loads_that_turn_with_the_body_end_at_the_static_equilibrium(
+    segment: str, step: float
+) -> None:
+    times, factors = np.array([0.0, 1.0, 3.0]), np.array([[0.0] * 3, [1.0] * 3, [1.0] * 3])
+    options = DynamicsOptions(
+        segment=segment, damping_time=0.05, max_step=step, spectral_radius=0.5
+    )
+    moved = simulate(make_arm(), times, loads=FOLLOWING, load_factors=factors, options=options)
+    static = EnergyModel(make_arm(), segment=segment, loads=FOLLOWING)
+    still = static.shape_under_tensions(np.zeros(6)).require()
+    assert still.tip[0] > 20.0
+    assert np.linalg.norm(moved.tip[-1] - still.tip) < 1e-4 * 100.0
+    # It is at rest there from the start, too.
+    rest = simulate(make_arm(), times[:2], loads=FOLLOWING, options=options)
+    np.testing.assert_allclose(rest.tip[:2], [still.tip, still.tip], atol=1e-2)
+
+
+def test_loads_that_turn_with_the_body_do_the_work_that_moves_it() -> None:
+    times = np.linspace(0.0, 0.3, 31)
+    factors = np.tile(np.sin(20.0 * times)[:, None], (1, 3))
+    moved = simulate(make_arm(), times, loads=FOLLOWING, load_factors=factors, base=shake(times))
+    assert moved.residual < 5e-3 * np.ptp(moved.energy.work)
+    with pytest.raises(InputError, match="axes of the body"):
+        linearise(make_arm(), loads=FOLLOWING)
 
 
 def test_energy_balance_counts_all_that_acts() -> None:
@@ -642,7 +681,6 @@ def test_releases_of_a_steel_rod_are_those_of_another_solver(data_dir, number: i
         ("commands have shape", {"tensions": np.zeros((3, 6))}),
         ("cable does not push", {"tensions": -np.ones(6)}),
         ("load_factors", {"load_factors": np.ones((2, 3))}),
-        ("axes of the body", {"loads": [PointLoad(force=(1.0, 0.0, 0.0), frame="body")]}),
         ("base has shape", {"base": np.eye(4)}),
         ("no command 'force'", {"force": 1.0}),
         ("steps", {"options": DynamicsOptions(max_step=1e-12)}),

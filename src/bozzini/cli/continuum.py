@@ -1109,6 +1109,7 @@ def _format_workspace(found: ContinuumWorkspace) -> list[str]:
 @click.argument("table", metavar="TABLE.csv", type=INPUT)
 @click.option("--tract", type=INPUT, metavar="INPUT", help="What the body touches, as of insert.")
 @option("--speed SPEED", "Push it into --tract, from an introducer before the entry.", "speed")
+@option("--drive-rate SPEED", "Largest speed of drives to displacements.", "speed")
 @load_option
 @tract_options
 @path_options
@@ -1124,6 +1125,7 @@ def simulate_command(
     table: Path,
     tract: Path | None,
     speed: float | None,
+    drive_rate: float | None,
     load: tuple[str, ...],
     reading: ReadOptions,
     options: PathOptions,
@@ -1134,10 +1136,10 @@ def simulate_command(
     """Simulate a robot under commands of its tendons over time, from rest under the first ones.
 
     TABLE has 'time [s]', and 'T1 tension [N]' or 'T1 displacement [mm]' of tendons; between rows
-    they change evenly, and there is a row of the answer for each. Masses follow from the weights
-    in the robot file. Tendons have no mass and no friction here; their displacements need their
-    stiffness. The walls of --tract give way (--wall-stiffness); with --speed the base is pushed in
-    from the first time on, until the whole robot is in.
+    they change evenly, and there is a row of the answer for each. Masses follow from the weights in
+    the robot file. Tendons have no mass; their displacements need their stiffness. At the start
+    those with friction hold their tension evenly. The walls of --tract give way (--wall-stiffness);
+    with --speed the base is pushed in from the first time on, until the whole robot is in.
 
     Exit code 0: simulated to the end; 1: not, and where; 2: bad input.
     """
@@ -1155,6 +1157,8 @@ def simulate_command(
         commands["tensions"] = given.commands
     else:
         commands["displacements"] = given.commands
+    if drive_rate is not None:
+        commands["drive_rate"] = drive_rate
     placed: RobotDesign = robot
     if tract is not None:
         duct, line = read_lumen(tract, reading, options, answer, line=speed is not None)
@@ -1168,16 +1172,12 @@ def simulate_command(
     elif contact != ContactOptions():
         raise InputError("what touches a wall is given without --tract")
     found = simulate(placed, given.times, options=dynamics, **commands)
-    notes = []
-    if robot.tendon_friction.any():
-        notes.append("the friction of tendons is left out: a motion in time has none yet")
     if answer.out is not None and answer.out.suffix.lower() in (".html", *FILMS):
         with answer.show_progress() as progress:
             _show_motion(found, duct, answer.out, progress)
     else:
         answer.write(found.list_columns(), found.plot)
-    text = "\n".join([_describe_motion(found), *(f"note: {line}" for line in notes)])
-    answer.give({**found.to_dict(), "notes": notes, "file": answer.out}, text)
+    answer.give({**found.to_dict(), "file": answer.out}, _describe_motion(found))
     if not found.converged:
         run_exit(EXIT_NEGATIVE)
 

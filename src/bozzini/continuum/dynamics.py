@@ -3,7 +3,8 @@
 The robot is the discrete rod of `EnergyModel`, so what is at rest here is an equilibrium there. The
 equations, unknowns and the method are in `kernels.dynamics`. Masses sit at the middles of segments,
 where `EnergyModel` has the weight, and at discs; they follow from the weights of the robot: density
-of its wires, line weights, discs. Tendons have no mass and no friction here.
+of its wires, line weights, discs. Tendons have no mass. Their friction is the law of `friction`,
+capstan's with memory, at each step (`kernels.capstan`); at the start they hold tensions evenly.
 
 Walls give way and hold by friction, with the law of `contact`: in every step the wall is its
 tangent plane where the body is expected, found from the signed distance of any duct.
@@ -76,6 +77,9 @@ PLAY_MM = 0.1
 TOLERANCE_MM = 1e-6
 """Error of tendon lengths in the equilibrium at the start [mm]."""
 
+PRESLIDING = 1e-5
+"""Slip at which friction of tendons acts in full, as a share of the robot's length."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class DynamicsOptions:
@@ -96,6 +100,9 @@ class DynamicsOptions:
         As of `EnergyModel`. Displacements can be commanded of tendons that have a stiffness only.
     max_step : float
         Largest step of time [s].
+    step_tolerance : float
+        Error of the place of any segment's end in one step [mm], by its estimate: steps are as
+        small as it asks for, 1/1024 of the largest at least. Unless given, all are the largest.
     spectral_radius : float
         What is left of infinitely fast motion after one step, in [0, 1]: 1 keeps the energy of all
         motion, 0 damps most what the step does not resolve.
@@ -136,6 +143,10 @@ class DynamicsOptions:
         default=None,
     )
     max_step: float = quantity("time", "Largest step.", low=0.0, low_open=True, default=1e-3)
+    step_tolerance: float | None = quantity(
+        "length", "Error of places in a step, which it is made small for.",
+        low=0.0, low_open=True, default=None,
+    )  # fmt: skip
     spectral_radius: float = quantity(
         "dimensionless",
         "What is left of infinitely fast motion after a step.",
@@ -164,6 +175,11 @@ class RodMotion(NamedTuple):
         Their derivatives, as the method carries them from step to step.
     slips, normal_forces : ndarray
         Elastic slip (w, n, 3) [mm] of the segments' ends on each wall, and its force (w, n) [N].
+    pulls : ndarray
+        Tensions of tendons with friction, at the drive and in the segments (t, n + 1) [N].
+    shares, beyond : ndarray
+        Share of friction that acts where they come into each segment, and their length without
+        tension from there on [mm], (t, n).
     """
 
     rotation_vectors: Floats
@@ -172,6 +188,9 @@ class RodMotion(NamedTuple):
     momentum_rates: Floats
     slips: Floats = np.empty((0, 0, 3))
     normal_forces: Floats = np.empty((0, 0))
+    pulls: Floats = np.empty((0, 0))
+    shares: Floats = np.empty((0, 0))
+    beyond: Floats = np.empty((0, 0))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -182,10 +201,13 @@ class EnergyBalance:
     ----------
     kinetic, elastic, gravity, tendons, walls : ndarray
         Of the motion, the backbone, its height, tendons that stretch and walls that give way.
+        Those without friction count where their lengths are commanded only.
     work : ndarray
         Done by loads, tendons and a base that moves since the first time.
     dissipated : ndarray
         Lost by damping, drag and friction since the first time.
+    friction : ndarray
+        What of it friction of tendons took; it never falls.
     """
 
     kinetic: Floats
@@ -195,6 +217,7 @@ class EnergyBalance:
     work: Floats
     dissipated: Floats
     walls: Floats
+    friction: Floats
 
     @property
     def total(self) -> Floats:
@@ -388,16 +411,21 @@ class MovingRod:
         return self.natural_lengths / stiffness
 
     @cached_property
+    def rubbing(self) -> tuple[Floats, Floats, Floats, float]:
+        """What `kernels.capstan` takes of tendons with friction; empty arrays without."""
+        friction, straight = self.robot.tendon_friction, self.grid.straight
+        if not friction.any():
+            return np.empty(0), np.empty((0, 3)), np.empty((0, 0)), 1.0
+        starts = np.array([[*tendon.slope_at(0.0), 1.0] for tendon in self.robot.tendons])
+        compliances = straight * (self.compliances / straight.sum(axis=1))[:, None]
+        return friction, starts, compliances, PRESLIDING * self.robot.length
+
+    @cached_property
     def lumped(self) -> tuple[LumpedLoads, ...]:
         """Each load at points of the segments."""
         return tuple(self._lump(load) for load in self.loads)
 
     def _lump(self, load: Load) -> LumpedLoads:
-        if load.frame == "body":
-            raise InputError(
-                "a load is given in the axes of the body: one in motion must be of the base or "
-                "the world"
-            )
         packed = pack_loads(self.robot, [load])
         count = int(isinstance(load, PointLoad))
         packed = packed._replace(
@@ -467,20 +495,26 @@ class MovingRod:
         )
 
     @cached_property
-    def load_vectors(self) -> tuple[Floats, Floats]:
-        """Forces and moments of each load at the points, each (l, p, 3)."""
+    def load_vectors(self) -> tuple[Floats, Floats, Floats]:
+        """Forces and moments of each load at the points, each (l, p, 3).
+
+        And both of those that turn with the body, in its axes (l, 2, p, 3); (l, 2, 0, 3) if there
+        is none.
+        """
         points = self.points
         keys = list(zip(points.segments.tolist(), points.parts.tolist(), strict=True))
         index = {key: place for place, key in enumerate(keys)}
-        found = np.zeros((2, len(self.lumped), len(keys), 3))
+        found = np.zeros((2, len(self.lumped), 2, len(keys), 3))
         for row, lumped in enumerate(self.lumped):
             for k, (segment, part) in enumerate(
                 zip(lumped.segments.tolist(), lumped.parts.tolist(), strict=True)
             ):
-                place = index[segment, round(part, 12)]
-                found[0, row, place] += lumped.forces[k]
-                found[1, row, place] += lumped.moments[k]
-        return found[0], found[1]
+                place, follows = index[segment, round(part, 12)], int(lumped.follows[k])
+                found[follows, row, 0, place] += lumped.forces[k]
+                found[follows, row, 1, place] += lumped.moments[k]
+        dead, turning = found
+        own = turning if turning.any() else turning[:, :, :0]
+        return dead[:, 0].copy(), dead[:, 1].copy(), own.copy()
 
     @cached_property
     def weights(self) -> Floats:
@@ -507,15 +541,19 @@ class MovingRod:
         `turned` (3, 3) is how the base is turned from its rest. From `initial`, rotation vectors
         and tensions, it is tried at once.
         """
-        forces, moments = self.load_vectors
+        forces, moments, own = self.load_vectors
         points = self.points
+        follow = np.tensordot(factors, own, 1)
+        twice = 2 if follow.size else 1
         lumped = LumpedLoads(
-            segments=points.segments,
-            parts=points.parts,
-            offsets=np.zeros((len(points.parts), 3)),
-            forces=(self.weights + np.tensordot(factors, forces, 1)) @ turned,
-            moments=np.tensordot(factors, moments, 1) @ turned,
-            follows=np.zeros(len(points.parts), dtype=np.bool_),
+            segments=np.tile(points.segments, twice),
+            parts=np.tile(points.parts, twice),
+            offsets=np.zeros((twice * len(points.parts), 3)),
+            forces=np.concatenate(
+                [(self.weights + np.tensordot(factors, forces, 1)) @ turned, follow[0]]
+            ),
+            moments=np.concatenate([np.tensordot(factors, moments, 1) @ turned, follow[1]]),
+            follows=np.repeat([False, True][:twice], len(points.parts)),
         )
         count = len(command)
         rod = LoadedRod(
@@ -558,8 +596,11 @@ class MotionCommands(TypedDict, total=False):
     tensions, displacements : (k, t) or (t,) array_like, or mapping
         Of the tendons [N], [mm]; one of both, linear between times. Without either they have no
         tension.
+    drive_rate : float
+        Largest speed of drives that follow displacements, from where they are at the first time
+        [mm/s]; unless given they are there at once.
     loads : sequence of PointLoad or LineLoad
-        Loads that keep their direction.
+        Loads on it; those in the axes of the body turn with it.
     load_factors : (k, l) array_like
         By what each load is multiplied, linear between times; 1 unless given.
     base : (k, 4, 4) array_like
@@ -577,6 +618,7 @@ class MotionCommands(TypedDict, total=False):
 
     tensions: ArrayLike | None
     displacements: ArrayLike | None
+    drive_rate: float
     loads: Sequence[Load]
     load_factors: ArrayLike | None
     base: ArrayLike | None
@@ -631,6 +673,8 @@ def simulate(
     """
     check_robot(robot)
     check_kind("options", options, DynamicsOptions)
+    if initial is not None:
+        check_kind("initial", initial, ShapeHistory)
     rows = check_array("times", times)
     if rows.ndim != 1 or len(rows) < 2 or not np.all(np.diff(rows) > 0.0):
         raise InputError(f"times have shape {rows.shape}: they must be (k,), 2 or more, growing")
@@ -647,7 +691,7 @@ def simulate(
     before = () if held_by is None else check_loads(robot, held_by)
     walls = _take_walls(commands)
     rod = MovingRod(robot, options, (*given, *before), touches=bool(walls))
-    if isinstance(initial, ShapeHistory) and rod.is_like(initial.rod):
+    if initial is not None and rod.is_like(initial.rod):
         rod = initial.rod
     factors = np.zeros((len(rows), len(rod.loads)))
     factors[:, : len(given)] = _take_factors(rows, given, commands.get("load_factors"))
@@ -655,16 +699,27 @@ def simulate(
         rod, len(rows), commands.get("tensions"), commands.get("displacements")
     )
     coefficients = _take_base(rows, base)
+    if "drive_rate" in commands:
+        if not held:
+            raise InputError("drive_rate is given: displacements must be commanded with it")
+        speed = check_number(
+            "drive_rate", commands["drive_rate"], low=0.0, low_open=True, unit="mm/s"
+        )
+        start = command[0] if initial is None else initial.displacements[-1]
+        turns, command = _limit_rate(rows, command, start, speed)
+    else:
+        turns = rows
     targets = rod.find_limits(command) if held else command
     tables = (
-        np.ascontiguousarray(rows),
-        coefficients,
+        np.ascontiguousarray(turns),
+        _split_base(rows, coefficients, turns),
         rod.weights,
         *rod.load_vectors,
-        factors,
+        _interpolate(turns, rows, factors),
         np.ascontiguousarray(targets),
     )
-    tendons = rod.compliances, held, ~robot.pushes
+    steps = np.ceil(np.diff(turns) / options.max_step * (1.0 - 1e-9))
+    tendons = rod.compliances, held, ~robot.pushes, rod.rubbing
     options_there = commands.get("contact", ContactOptions())
     contacts = _Contacts(rod, walls, options_there, _take_introducer(commands))
     if initial is None:
@@ -676,7 +731,6 @@ def simulate(
         shape = found.rotation_vectors.shape
         state = RodMotion(found.rotation_vectors.copy(), *(np.zeros(shape) for _ in range(3)))
     else:
-        check_kind("initial", initial, ShapeHistory)
         if initial.state.rotation_vectors.shape != rod.grid.rest.shape:
             raise InputError(
                 f"initial has {len(initial.state.rotation_vectors)} segments: it must have the "
@@ -685,7 +739,8 @@ def simulate(
         state = RodMotion(*(array.copy() for array in initial.state))
         contacts.take(state)
     fresh = 2 if initial is None else 1
-    return _run(rod, tendons, tables, contacts, (steps.astype(np.int64), fresh), state)
+    moved = _run(rod, tendons, tables, contacts, (steps.astype(np.int64), fresh), state)
+    return moved if turns is rows else _keep_rows(moved, np.searchsorted(turns, rows))
 
 
 def push_in(
@@ -723,6 +778,71 @@ def push_in(
     base = np.tile(np.eye(4), (len(rows), 1, 1))
     base[:, 2, 3] = np.minimum(speed * (rows - rows[0]), robot.length)
     return dataclasses.replace(robot, base_position=tuple(back.tolist())), base
+
+
+def _limit_rate(
+    times: Floats, commands: Floats, start: Floats, speed: float
+) -> tuple[Floats, Floats]:
+    """Return where drives are that follow commands (k, t) from a start, (m, t), and when (m,).
+
+    Among the times are those given, and where a drive turns or catches up.
+    """
+    courses = []
+    for wanted, place in zip(commands.T, start.tolist(), strict=True):
+        course = [(float(times[0]), place)]
+        for index in range(len(times) - 1):
+            now, end = float(times[index]), float(times[index + 1])
+            slope = float(wanted[index + 1] - wanted[index]) / (end - now)
+            gap = float(wanted[index]) - place
+            way = math.copysign(1.0, gap if gap != 0.0 else slope)
+            if gap != 0.0 and speed > way * slope:  # it comes nearer
+                met = now + abs(gap) / (speed - way * slope)
+                if met < end - 1e-9 * (end - now):
+                    place += way * speed * (met - now)
+                    course.append((met, place))
+                    now, gap, way = met, 0.0, math.copysign(1.0, slope)
+            place += (slope if gap == 0.0 and abs(slope) <= speed else way * speed) * (end - now)
+            if abs(place - wanted[index + 1]) <= ROUND_OFF_MM:
+                place = float(wanted[index + 1])
+            course.append((end, place))
+        courses.append(np.array(course).T)
+    turns = np.unique(np.concatenate([times, *(course[0] for course in courses)]))
+    return turns, np.stack([np.interp(turns, *course) for course in courses], axis=1)
+
+
+def _interpolate(times: Floats, rows: Floats, values: Floats) -> Floats:
+    """Return values (k, l) at rows, linear between them, at times (m,)."""
+    columns = [np.interp(times, rows, column) for column in values.T]
+    return np.ascontiguousarray(np.array(columns).reshape(values.shape[1], len(times)).T)
+
+
+def _split_base(rows: Floats, coefficients: Floats, times: Floats) -> Floats:
+    """Return the coefficients of cubics, (k - 1, 4, 6) between rows, between more times."""
+    index = np.searchsorted(rows, times[:-1], side="right") - 1
+    after = (times[:-1] - rows[index])[:, None]
+    a, b, c, d = np.moveaxis(coefficients[index], 1, 0)
+    shifted = (
+        a,
+        b + 3.0 * a * after,
+        c + (2.0 * b + 3.0 * a * after) * after,
+        d + (c + (b + a * after) * after) * after,
+    )
+    return np.ascontiguousarray(np.stack(shifted, axis=1))
+
+
+def _keep_rows(found: ShapeHistory, index: NDArray[np.int64]) -> ShapeHistory:
+    """Return a motion at some of its times."""
+    index = index[index < len(found.time)]
+    counts = np.cumsum(found.iterations)[index]
+    names = ("time", "frames", "velocities", "tensions", "displacements", "wall_forces", "gaps")
+    parts = {name: getattr(found, name)[index] for name in names}
+    energy = {name: value[index] for name, value in vars(found.energy).items()}
+    return dataclasses.replace(
+        found,
+        **parts,
+        energy=EnergyBalance(**energy),
+        iterations=np.diff(counts, prepend=0),
+    )
 
 
 def _take_factors(times: Floats, loads: Sequence[Load], given: ArrayLike | None) -> Floats:
@@ -847,7 +967,7 @@ def _number_steps(steps: NDArray[np.int64]) -> tuple[list[int], list[int]]:
 
 def _run(
     rod: MovingRod,
-    tendons: tuple[Floats, bool, NDArray[np.bool_]],
+    tendons: tuple[Floats, bool, NDArray[np.bool_], tuple[Floats, Floats, Floats, float]],
     tables: tuple[Floats, ...],
     contacts: _Contacts,
     course: tuple[NDArray[np.int64], int],
@@ -859,13 +979,18 @@ def _run(
     rotations = np.empty((count, stations, 3, 3))
     places, velocities = np.empty((2, count, stations, 3))
     pulls, lengths = np.empty((2, count, strings))
-    energies, iterations = np.zeros((count, 7)), np.zeros(count, dtype=np.int64)
+    energies, iterations = np.zeros((count, 8)), np.zeros(count, dtype=np.int64)
     forces, gaps = np.zeros((count, stations, 3)), np.full((count, stations), math.inf)
     rho = rod.options.spectral_radius
     alpha_m, alpha_f = 0.5 * (3.0 - rho) / (1.0 + rho), 1.0 / (1.0 + rho)
-    scheme = alpha_m, alpha_f, 0.5 + alpha_m - alpha_f
+    scheme = alpha_m, alpha_f, 0.5 + alpha_m - alpha_f, rod.options.step_tolerance or 0.0
     filled = rotations, places, velocities, pulls, lengths, energies, iterations, forces, gaps
-    memory = kernels.make_memory(len(rod.grid.spans), len(rod.points.parts), strings)
+    rubs = len(rod.rubbing[0]) > 0
+    memory = kernels.make_memory(len(rod.grid.spans), len(rod.points.parts), strings, rubs)
+    along = memory[2][7][1]
+    if rubs and fresh == 1:
+        for kept, known in zip(along, (state.pulls, state.shares, state.beyond), strict=True):
+            kept[:] = known
 
     def advance(first: tuple[int, int], end: tuple[int, int], fresh: int) -> int:
         window = *first, *end, steps, fresh
@@ -902,8 +1027,9 @@ def _run(
         )
     own = max(reached, 1)
     # What is free of tension is as long as the limit of a length that is held.
-    free = tables[-1] if tendons[1] else lengths - rod.compliances * pulls
-    kinds = ("kinetic", "elastic", "gravity", "tendons", "work", "dissipated", "walls")
+    free = tables[-1] if tendons[1] else lengths
+    kinds = ("kinetic", "elastic", "gravity", "tendons", "work", "dissipated", "walls", "friction")
+    pulls_along, shares, beyond = along
     return ShapeHistory(
         robot=rod.robot,
         time=tables[0][:own],
@@ -918,7 +1044,13 @@ def _run(
         iterations=iterations[:own],
         reason=reason,
         rod=rod,
-        state=state._replace(slips=contacts.before[0], normal_forces=contacts.before[1]),
+        state=state._replace(
+            slips=contacts.before[0],
+            normal_forces=contacts.before[1],
+            pulls=pulls_along,
+            shares=shares,
+            beyond=beyond,
+        ),
     )
 
 
@@ -1090,6 +1222,11 @@ def linearise(
     check_robot(robot)
     check_kind("options", options, DynamicsOptions)
     rod = MovingRod(robot, options, check_loads(robot, loads))
+    if rod.load_vectors[2].size:
+        raise InputError(
+            "a load is given in the axes of the body: small oscillations are of loads in those of "
+            "the base or the world"
+        )
     command, held = _take_commands(rod, 1, tensions, displacements)
     factors = np.ones(len(rod.loads))
     found = rod.find_equilibrium(command[0], held=held, factors=factors, turned=np.eye(3))

@@ -38,7 +38,8 @@ TENDON_CONTROLLERS: dict[str, type[TendonController]] = {
     "predictive": TensionPrediction,
 }
 """Controllers by name."""
-_NOTE = "tendons have no friction and no mass, and drives hold their tensions at once"
+_NOTE = "tendons have no mass, and drives hold their tensions at once"
+_FRICTION = "tendons have friction, which controllers know nothing of"
 _AT_LIMIT = 1e-9
 """Share of a limit by which a tension at it may miss it."""
 
@@ -170,10 +171,10 @@ class TendonTracking(TrackedPaths):
 class ContinuumTracking(Task):
     """Lead the tip of a tendon robot round a circle in simulation: four controllers.
 
-    The robot is softer than the controllers believe; they are told the rest. The tip goes round
-    twice, from rest, across the axis of the base; the first turn is not counted. Commands are
-    tensions, which hold for a period and act some periods later; they keep to limits of tension
-    and rate. What controllers see of the tip has noise.
+    The robot is softer than the controllers believe; they are told the rest, but for the friction
+    of its tendons. The tip goes round twice, from rest, across the axis of the base; the first turn
+    is not counted. Commands are tensions, which hold for a period and act some periods later; they
+    keep to limits of tension and rate. What controllers see of the tip has noise.
 
     The baseline is the static inverse of the wrong robot, which sees nothing. Resolved rates use
     the Jacobian at rest; proportional-integral and linear quadratic control move the place that
@@ -268,7 +269,7 @@ def compare_tendons(
         times=np.multiply(period, np.arange(len(wanted)), dtype=np.float64),
         wanted=wanted,
         tips=np.array(tips),
-        notes=(_NOTE,),
+        notes=(_NOTE, *([_FRICTION] if plant.tendon_friction.any() else [])),
     )
 
 

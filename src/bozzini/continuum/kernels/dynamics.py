@@ -22,7 +22,9 @@ alone: with ``s = a_m / (a_f g dt)``, ``q' = s (q - q_h)`` and ``pi' = s (pi - p
 *Newton's method* takes the tangent ``s^2 J^T m J + s (J^T c J + tau K) + d2V/dq2``; gyroscopic
 terms, of the order of the rotation in one step, are left out, so it converges by about that factor.
 The tangent is a chain: eliminating segment by segment from the tip, as the articulated-body method
-does, takes O(n) (`factor_chain`). Held tendons add a matrix of rank t.
+does, takes O(n) (`factor_chain`). Held tendons add a matrix of rank t. Those with friction have in
+each segment the tension of `kernels.capstan`, whose changes join all segments: the tangent is dense
+then, and what contacts turn by is left out of it.
 
 *Walls* press on the ends of the segments. In one step a wall is the plane ``c = c_0 + n . (x -
 x_0)`` that its gap has where the end is expected, and a gap ``c`` below 0 gives the force ``-c /
@@ -48,6 +50,16 @@ import numpy as np
 from ...numeric.compiling import kernel
 from ...numeric.kernels.copies import copy_matrix, copy_vector
 from ...numeric.kernels.linear_algebra import factor_lu, solve_lu
+from .capstan import (
+    add_tendon,
+    begin_strings,
+    keep_shares,
+    keep_strings,
+    make_strings,
+    measure_strings,
+    return_strings,
+    settle_tensions,
+)
 from .energy import (
     CHORD,
     FOLD_ANGLE,
@@ -77,7 +89,13 @@ LEAST_CONTRACTION = 1e-3
 """Ratio of two steps that is counted on at best."""
 
 LEAST_PART = 1.0 / 1024.0
-"""Smallest part of a step that is tried where Newton's method fails."""
+"""Smallest part of a step that is tried where Newton's method fails, or the error is too large."""
+
+FIRST_PART = 1.0 / 32.0
+"""Part of a step that is tried first where its error is looked at."""
+
+CAUTION, LEAST_CHANGE, MOST_CHANGE = 0.85, 0.2, 2.0
+"""Change of a step by that which would just keep the tolerance, and bounds of it."""
 
 
 @kernel
@@ -89,7 +107,8 @@ def make_motion(n, p):
     to the segment's end: ``moving`` and ``turning`` (n, 3, 3). ``points``: functions (p, 8), arm
     from the start of the segment (p, 3), moving and turning (p, 3, 3), which are not filled of
     points at a segment's end; velocity, spin and angular momentum (p, 3), tensor of inertia (p, 3,
-    3), and the static forces and moments (p, 3) with their sign turned.
+    3), the static forces and moments (p, 3) with their sign turned, the points' axes (p, 3, 3), and
+    those forces and moments (p, 3) that turn with the body, as they are now.
     """
     stations = (
         np.empty((n + 1, 3, 3)),
@@ -109,6 +128,8 @@ def make_motion(n, p):
         np.empty((p, 3, 3)),
         np.empty((p, 3)),
         np.empty((p, 3)),
+        np.empty((p, 3, 3)),
+        np.zeros((2, p, 3)),
     )
     return stations, segments, points
 
@@ -120,7 +141,7 @@ def fill_places(grid, q, base, body, motion):
     rotations, places = motion[0][:2]
     functions, halves, moving, turning = motion[1]
     own_functions, arms, own_moving, own_turning = motion[2][:4]
-    tensors = motion[2][7]
+    tensors, kept_axes = motion[2][7], motion[2][10]
     segments, parts, _, inertias, _ = body
     copy_matrix(base[0], rotations[0])
     copy_vector(base[1], places[0])
@@ -174,6 +195,7 @@ def fill_places(grid, q, base, body, motion):
                 multiply(rotation, turn, own_turning[p])
                 fill_rotation(inner, own, turn)
                 multiply(rotation, turn, axes)
+            copy_matrix(axes, kept_axes[p])
             for i in range(3):
                 for k in range(i + 1):
                     tensors[p, i, k] = (
@@ -375,21 +397,22 @@ def measure_motion(rod, q, rate, drive, motion, beyond, momentum, force):
     """Momenta and minus their rate without tendons, of rotations and their rates.
 
     ``rod`` is the grid, the rotations at rest (n, 3), the segments' damping (n, 3) by their rates
-    [N mm s] and the ``body``; ``drive`` the base, the forces and moments (p, 3), the weights (p, 3)
-    that are among the forces, and the walls of `press_end`. Fills ``motion``, ``beyond`` (n, 2,
-    3), the static forces and moments beyond each segment with their sign turned, ``momentum`` and
-    ``force`` (n, 3), so that ``momentum' + force = 0``. Returns the powers of loads and base, and
-    of all damping [N mm/s].
+    [N mm s] and the ``body``; ``drive`` the base, the forces and moments (p, 3), the weights (p,
+    3) that are among the forces, the walls of `press_end`, and forces and moments in the body's
+    axes (2, p, 3), none if there is none. Fills ``motion``, ``beyond`` (n, 2, 3), the static
+    forces and moments beyond each segment with their sign turned, ``momentum`` and ``force`` (n,
+    3), so that ``momentum' + force = 0``. Returns the powers of loads and base, and of all damping
+    [N mm/s].
     """
     grid, rest, damping, body = rod
-    base, forces, moments, weights, walls = drive
+    base, forces, moments, weights, walls, turning_loads = drive
     spans, stiffness, _, _, _, kind = grid
     fill_places(grid, q, base, body, motion)
     fill_velocities(rate, base, body, motion)
     rotations, places, velocities, spins = motion[0]
     functions, halves, moving, turning = motion[1]
     own_functions, arms, own_moving, own_turning, own_velocity, own_spin = motion[2][:6]
-    angular, _, pushes, twists = motion[2][6:]
+    angular, _, pushes, twists, point_axes, turned_loads = motion[2][6:]
     segments, parts, masses, _, drags = body
     power, lost = 0.0, 0.0
     linear_beyond, angular_beyond = np.zeros(3), np.zeros(3)
@@ -403,6 +426,15 @@ def measure_motion(rod, q, rate, drive, motion, beyond, momentum, force):
             twists[p, i] = -moments[p, i]
             power += (forces[p, i] - weights[p, i]) * v + moments[p, i] * own_spin[p, i]
             lost += drags[p] * v * v
+        for i in range(3 if turning_loads.shape[1] > 0 else 0):
+            f, m = 0.0, 0.0
+            for k in range(3):
+                f += point_axes[p, i, k] * turning_loads[0, p, k]
+                m += point_axes[p, i, k] * turning_loads[1, p, k]
+            turned_loads[0, p, i], turned_loads[1, p, i] = f, m
+            pushes[p, i] -= f
+            twists[p, i] -= m
+            power += f * own_velocity[p, i] + m * own_spin[p, i]
         if parts[p] == 1.0 and len(walls[1]) > 0:
             j = segments[p]
             lost -= press_end(walls, j, places[j + 1], own_velocity[p], pushes[p])
@@ -578,8 +610,10 @@ def _add_lever(w, kind, segment, state, load, block, gain, lift, whole):
 
 
 @kernel
-def factor_chain(rod, q, scale, elastic, stiffnesses, motion, beyond, chain):
+def factor_chain(rod, q, scale, elastic, eliminates, stiffnesses, motion, beyond, chain):
     """Eliminate the segments of the tangent from the tip to the base; False if it is singular.
+
+    Unless it ``eliminates``, ``chain`` is filled for `fill_tangent`.
 
     The tangent is ``s^2 m + s c`` of the points, and where ``elastic`` is 1, not 0, the segments'
     ``K + s tau K``, ``stiffnesses``, what constant forces ``beyond`` (n, 2, 3) add, and those of
@@ -593,7 +627,7 @@ def factor_chain(rod, q, scale, elastic, stiffnesses, motion, beyond, chain):
     rotations, places, _, spins = motion[0]
     functions, halves, moving, turning = motion[1]
     own_functions, arms, own_moving, own_turning = motion[2][:4]
-    tensors, pushes, twists = motion[2][7:]
+    tensors, pushes, twists, _, turned_loads = motion[2][7:]
     segments, parts, masses, _, drags = body
     inverses, gains, lifts, kept_moving, kept_turning, kept_arms = chain
     whole, before = np.zeros((6, 6)), np.zeros((6, 6))
@@ -610,6 +644,19 @@ def factor_chain(rod, q, scale, elastic, stiffnesses, motion, beyond, chain):
                 whole[i, i] += scale * (scale * masses[p] + elastic * drags[p])
                 for k in range(3):
                     whole[3 + i, 3 + k] += scale * scale * tensors[p, i, k]
+            for part in range(2 if elastic > 0.0 else 0):  # loads that turn by the rotation here
+                x, y, z = (
+                    turned_loads[part, p, 0],
+                    turned_loads[part, p, 1],
+                    turned_loads[part, p, 2],
+                )
+                first = 3 * part
+                whole[first, 4] -= z
+                whole[first, 5] += y
+                whole[first + 1, 3] += z
+                whole[first + 1, 5] -= x
+                whole[first + 2, 3] -= y
+                whole[first + 2, 4] += x
             p -= 1
         for i in range(3):
             arm[i] = places[j + 1, i] - places[j, i]
@@ -670,6 +717,11 @@ def factor_chain(rod, q, scale, elastic, stiffnesses, motion, beyond, chain):
                 load = arms[p], pushes[p], twists[p]
                 _add_lever(w, kind, segment, state, load, block, gain, lift, whole)
             p -= 1
+        if not eliminates:
+            copy_matrix(block, inverses[j])
+            copy_matrix(gain, gains[j])
+            copy_matrix(lift, lifts[j])
+            continue
         if not _invert(block, inverses[j]):
             return False
         for i in range(3):
@@ -684,6 +736,40 @@ def factor_chain(rod, q, scale, elastic, stiffnesses, motion, beyond, chain):
                 for m in range(3):
                     whole[i, k] -= lift[i, m] * gains[j, m, k]
     return True
+
+
+@kernel
+def fill_tangent(chain, matrix):
+    """Fill the whole tangent (3 n, 3 n) from the answer of `factor_chain` without elimination."""
+    blocks, gains, lifts, moving, turning, arms = chain
+    gain, lift = np.empty((3, 6)), np.empty((6, 3))
+    for j in range(len(blocks)):
+        copy_matrix(gains[j], gain)
+        copy_matrix(lifts[j], lift)
+        for a in range(3):
+            for b in range(3):
+                matrix[3 * j + a, 3 * j + b] = blocks[j, a, b]
+        for i in range(j - 1, -1, -1):
+            for a in range(3):
+                for b in range(3):
+                    by_base, by_segment = 0.0, 0.0
+                    for m in range(3):
+                        by_base += gain[a, m] * moving[i, m, b] + gain[a, 3 + m] * turning[i, m, b]
+                        by_segment += (
+                            moving[i, m, a] * lift[m, b] + turning[i, m, a] * lift[3 + m, b]
+                        )
+                    matrix[3 * j + a, 3 * i + b] = by_base
+                    matrix[3 * i + a, 3 * j + b] = by_segment
+            arm = arms[i]
+            for a in range(3):
+                x, y, z = gain[a, 0], gain[a, 1], gain[a, 2]
+                gain[a, 3] += arm[1] * z - arm[2] * y
+                gain[a, 4] += arm[2] * x - arm[0] * z
+                gain[a, 5] += arm[0] * y - arm[1] * x
+                x, y, z = lift[0, a], lift[1, a], lift[2, a]
+                lift[3, a] += arm[1] * z - arm[2] * y
+                lift[4, a] += arm[2] * x - arm[0] * z
+                lift[5, a] += arm[0] * y - arm[1] * x
 
 
 @kernel
@@ -736,7 +822,7 @@ def find_velocity(rod, q, momentum, drive, work, rate):
         fill_places(grid, q, base, body, motion)
         found[:] = 0.0
     stiffnesses = motion[1][2], drive[4][6][2]
-    good = factor_chain(rod, q, 1.0, 0.0, stiffnesses, motion, beyond, chain)
+    good = factor_chain(rod, q, 1.0, 0.0, True, stiffnesses, motion, beyond, chain)
     for j in range(len(q)):
         for i in range(3):
             force[j, i] = momentum[j, i] - found[j, i]
@@ -752,7 +838,7 @@ def measure_energies(rod, q, drive, motion):
     And ``P . v + H . omega`` of the whole momentum about the base with the base's velocity, spin.
     """
     grid, rest, _, body = rod
-    base, _, _, weights, _ = drive
+    base, weights = drive[0], drive[3]
     segments, parts, masses, _, _ = body
     _, arms, _, _, velocities, spins, angular = motion[2][:7]
     places = motion[0][1]
@@ -780,11 +866,12 @@ def fill_drive(tables, row, time, drive, targets, slopes):
     """Fill base, forces and tendon commands at a time after a row [s].
 
     ``tables`` are times (k,), coefficients of the base's motion (k - 1, 4, 6), of powers from 3 to
-    0 of the time after the row, weights (p, 3), forces and moments of the loads (l, p, 3), their
-    factors (k, l), and commands (k, t), linear between rows.
+    0 of the time after the row, weights (p, 3), forces and moments of the loads (l, p, 3), those in
+    the body's axes (l, 2, p, 3), or (l, 2, 0, 3), their factors (k, l), and commands (k, t), linear
+    between rows.
     """
-    times, coefficients, weights, load_forces, load_moments, factors, commands = tables
-    base, forces, moments, _, _ = drive
+    times, coefficients, weights, load_forces, load_moments, body_loads, factors, commands = tables
+    base, forces, moments, _, _, turning_loads = drive
     share = time / (times[row + 1] - times[row])
     f, turn, swing, change = np.empty(8), np.empty(3), np.empty(3), np.zeros((3, 3))
     c = coefficients[row]
@@ -812,6 +899,13 @@ def fill_drive(tables, row, time, drive, targets, slopes):
                 now = factors[row, m] + share * (factors[row + 1, m] - factors[row, m])
                 forces[p, i] += now * load_forces[m, p, i]
                 moments[p, i] += now * load_moments[m, p, i]
+    turning_loads[:] = 0.0
+    for m in range(len(body_loads)):
+        now = factors[row, m] + share * (factors[row + 1, m] - factors[row, m])
+        for part in range(2):
+            for p in range(body_loads.shape[2]):
+                for i in range(3):
+                    turning_loads[part, p, i] += now * body_loads[m, part, p, i]
     for m in range(targets.size):
         slopes[m] = (commands[row + 1, m] - commands[row, m]) / (times[row + 1] - times[row])
         targets[m] = commands[row, m] + time * slopes[m]
@@ -830,14 +924,27 @@ def make_pull(n, k):
 
 
 @kernel
-def pull_tendons(grid, tendons, targets, q, bending, pull, force):
+def pull_tendons(grid, tendons, targets, q, bending, pull, strings, force):
     """Fill tensions (k,), lengths (k,) and their gradients (k, n, 3); add to ``force`` (n, 3).
 
-    ``tendons`` are their compliances (k,), whether lengths, not tensions, are commanded, and which
-    only pull (k,). ``bending`` asks for the second derivatives (n, 3, 3) too.
+    ``tendons`` are their compliances (k,), whether lengths, not tensions, are commanded, which only
+    pull (k,), and ``rubbing`` and ``strings`` what `settle_tensions` takes, empty without friction.
+    ``bending`` asks for the second derivatives (n, 3, 3) too. Returns whether tensions were found.
     """
-    compliances, held, one_sided = tendons
+    compliances, held, one_sided, rubbing = tendons
     tensions, lengths, gradients, psd, blocks = pull
+    if rubbing[0].size > 0:
+        now = strings[0]
+        measure_strings(grid, rubbing[1], q, bending, pull, now)
+        for m in range(targets.size):
+            told, lengths[m] = (targets[m], held, one_sided[m]), 0.0
+            if not settle_tensions(m, grid[4][m], rubbing, told, tensions, strings):
+                return False
+            for j in range(grid[4][m]):
+                lengths[m] += now[0][m, j]
+                for i in range(3):
+                    force[j, i] += now[2][m, j] * gradients[m, j, i]
+        return True
     for m in range(targets.size):
         tensions[m] = targets[m] if bending and not held else 0.0
     measure_lengths(grid, q, tensions, lengths, gradients, psd, blocks)
@@ -854,6 +961,7 @@ def pull_tendons(grid, tendons, targets, q, bending, pull, force):
             for j in range(len(q)):
                 for i in range(3):
                     force[j, i] += tensions[m] * gradients[m, j, i]
+    return True
 
 
 @kernel
@@ -862,7 +970,7 @@ def _stiffen(tendons, chain, pull, active, carried, matrix, order):
 
     Returns how many there are, -1 if the matrix is singular.
     """
-    compliances, held, one_sided = tendons
+    compliances, held, one_sided, _ = tendons
     tensions, _, gradients, _, _ = pull
     count = 0
     for m in range(tensions.size if held else 0):
@@ -891,10 +999,13 @@ def solve_stage(rod, tendons, drive, targets, stage, work, solver, q, rate):
     """
     scale, q_before, momentum_before = stage
     motion, beyond, chain, momentum, force = work
-    pull, active, carried, matrix, order, fresh_right, state = solver
-    grid = rod[0]
-    n = len(q)
+    pull, active, carried, matrix, order, fresh_right, state, strings = solver
+    grid, rubbing = rod[0], tendons[3]
+    n, rubs, dense = len(q), rubbing[0].size > 0, strings[4]
     step, last, known, contraction = fresh_right, math.inf, state[0] > 0.0, state[2]
+    if rubs:
+        return_strings(pull[0], strings)
+        contraction = 1.0  # contacts that begin to slide change the tangent from step to step
     count, powers = int(state[1]), (0.0, 0.0)
     for iteration in range(MOST_ITERATIONS):
         for j in range(n):
@@ -902,22 +1013,38 @@ def solve_stage(rod, tendons, drive, targets, stage, work, solver, q, rate):
                 rate[j, i] = scale * (q[j, i] - q_before[j, i])
         powers = measure_motion(rod, q, rate, drive, motion, beyond, momentum, force)
         bending = not known
-        pull_tendons(grid, tendons, targets, q, bending, pull, force)
+        if not pull_tendons(grid, tendons, targets, q, bending, pull, strings, force):
+            break
         if last * max(contraction, LEAST_CONTRACTION) <= TURN_TOLERANCE:
             state[0], state[1], state[2] = 1.0, count, contraction
             return iteration, powers
         if not known:
             stiffnesses = pull[4], drive[4][6][2]
-            if not factor_chain(rod, q, scale, 1.0, stiffnesses, motion, beyond, chain):
+            if not factor_chain(rod, q, scale, 1.0, not rubs, stiffnesses, motion, beyond, chain):
                 break
-            count = _stiffen(tendons, chain, pull, active, carried, matrix, order)
+            if rubs:
+                fill_tangent(chain, dense[0])
+                for m in range(targets.size):
+                    add_tendon(
+                        m, grid[4][m], rubbing, tendons[1], pull[0][m], pull[2][m], iteration == 0,
+                        strings,
+                    )  # fmt: skip
+                count = 0 if factor_lu(dense[0], dense[1]) else -1
+            else:
+                count = _stiffen(tendons, chain, pull, active, carried, matrix, order)
             if count < 0:
                 break
             known = True
         for j in range(n):
             for i in range(3):
                 step[j, i] = -(scale * (momentum[j, i] - momentum_before[j, i]) + force[j, i])
-        solve_chain(chain, step, step)
+        if rubs:
+            keep_shares(strings[0], strings[2])
+            copy_vector(step.reshape(3 * n), dense[2][:, 0])
+            solve_lu(dense[0], dense[1], dense[2])
+            copy_vector(dense[2][:, 0], step.reshape(3 * n))
+        else:
+            solve_chain(chain, step, step)
         if count > 0:
             right = np.zeros((count, 1))
             for a in range(count):
@@ -967,12 +1094,14 @@ def make_work(n, p):
 
 
 @kernel
-def make_memory(n, p, k):
+def make_memory(n, p, k, rubs):
     """Empty arrays of `advance`: what one call leaves to the next.
 
-    The works of a stage and of a row's end, the solver, six arrays (n, 3): rotations and rates of
-    the stage, what it starts from, the last rates and those before, and totals (8,): energies put
-    in and lost, the last powers and their time, and the last scale.
+    The works of a stage and of a row's end, the solver, nine arrays (n, 3): rotations and rates of
+    the stage, what it starts from, the last rates and those before, those of a row's end, and the
+    last two for the error; and totals (11,): energies put in and lost, the last powers and their
+    time, the last scale, one of the first row, what friction of tendons took, the step that its
+    error asks for, and the time of the last rate but one.
     """
     solver_state = np.ones(3)
     solver_state[0] = 0.0
@@ -984,45 +1113,62 @@ def make_memory(n, p, k):
         np.empty(k, dtype=np.int64),
         np.empty((n, 3)),
         solver_state,
+        make_strings(n, k if rubs else 0),
     )
-    return make_work(n, p), make_work(n, p), solver, np.zeros((7, n, 3)), np.zeros(8)
+    return make_work(n, p), make_work(n, p), solver, np.zeros((9, n, 3)), np.zeros(11)
 
 
 @kernel
 def advance(rod, tendons, tables, walls, scheme, window, state, memory, rows):
     """Move on over a window of steps and rows of the tables; returns how many rows were reached.
 
-    ``walls`` are those of `press_end`, at the first step of the window. ``scheme`` is a_m, a_f and
-    g. ``window`` is the row and step to begin with, the row and step to end before, and how many
-    steps there are between two rows (k - 1,). ``state`` is the rotations, momenta, and the rates of
-    both (n, 3), which are changed; if ``fresh``, the last of the window, is 2 momenta and their
-    rates are not known yet, if it is 1 they are, and if it is 0 the window goes on from the
-    ``memory`` of the last one. ``rows`` are filled: rotations (k, s, 3, 3), places, velocities (k,
-    s, 3) of the stations, tensions and lengths (k, t), energies (k, 7): kinetic, elastic, of
-    gravity, of tendons, work of loads and tendons, dissipated, of walls; steps of Newton's method
-    (k,); forces of walls (k, s, 3) and least gaps (k, s).
+    ``walls`` are those of `press_end`, at the first step of the window. ``scheme`` is a_m, a_f, g
+    and the error of the segments' ends in a step [mm], 0 for whole steps. ``window`` is the row and
+    step to begin with, the row and step to end before, and how many steps there are between two
+    rows (k - 1,). ``state`` is the rotations, momenta, and the rates of both (n, 3), which are
+    changed; if ``fresh``, the last of the window, is 2 momenta and their rates are not known yet,
+    if it is 1 they are, and if it is 0 the window goes on from the ``memory`` of the last one.
+    ``rows`` are filled: rotations (k, s, 3, 3), places, velocities (k, s, 3) of the stations,
+    tensions and lengths (k, t), energies (k, 8): kinetic, elastic, of gravity, of tendons, work of
+    loads and tendons, dissipated, of walls, dissipated by friction of tendons; steps of Newton's
+    method (k,); forces of walls (k, s, 3) and least gaps (k, s). Lengths are those without tension
+    where tensions are commanded.
     """
     first_row, first_step, end_row, end_step, steps, fresh = window
     q, momentum, rate, momentum_rate = state
     n, p, k = len(q), len(rod[3][0]), len(tendons[0])
     times, weights = tables[0], tables[2]
     still = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-    drive = (np.empty((3, 3)), *still), np.empty((p, 3)), np.empty((p, 3)), weights, walls
+    turning_loads = np.empty((2, tables[5].shape[2], 3))
+    drive = (
+        (np.empty((3, 3)), *still),
+        np.empty((p, 3)),
+        np.empty((p, 3)),
+        weights,
+        walls,
+        turning_loads,
+    )
     targets, slopes = np.empty(k), np.empty(k)
     work, end_work, solver, arrays, totals = memory
-    pull, solver_state = solver[0], solver[6]
+    pull, solver_state, strings, rubbing = solver[0], solver[6], solver[7], tendons[3]
     stage_q, stage_rate, q_before, momentum_before = arrays[0], arrays[1], arrays[2], arrays[3]
     guess, guess_before, end_rate = arrays[4], arrays[5], arrays[6]
+    tolerance = scheme[3]
     if fresh > 0:
         fill_drive(tables, 0, 0.0, drive, targets, slopes)
+        if rubbing[0].size > 0:
+            if fresh == 2:
+                measure_strings(rod[0], rubbing[1], q, False, pull, strings[0])
+                spread_evenly(rod[0], tendons, targets, pull, strings)
+            return_strings(pull[0], strings)
         if fresh == 2:
             measure_motion(rod, q, rate, drive, work[0], work[1], momentum, momentum_rate)
-            pull_tendons(rod[0], tendons, targets, q, False, pull, momentum_rate)
+            pull_tendons(rod[0], tendons, targets, q, False, pull, strings, momentum_rate)
             for j in range(n):
                 for i in range(3):
                     momentum_rate[j, i] = -momentum_rate[j, i]
         if not _fill_row(
-            rod, tendons, drive, targets, q, momentum, end_work, end_rate, pull, rows, 0
+            rod, tendons, drive, targets, q, momentum, end_work, end_rate, solver, rows, 0
         ):
             return 0
         copy_matrix(end_rate, guess)
@@ -1030,9 +1176,12 @@ def advance(rod, tendons, tables, walls, scheme, window, state, memory, rows):
         totals[7], rows[5][0, 4], rows[5][0, 5], rows[6][0] = rows[5][0, 4], 0.0, 0.0, 0
         totals[2], totals[3] = _measure_powers(
             measure_motion(rod, q, end_rate, drive, work[0], work[1], work[3], work[4]),
-            tendons, pull, end_rate, slopes,
+            tendons, solver, end_rate, slopes, 0.0,
         )  # fmt: skip
-        totals[4] = times[0]
+        totals[4] = totals[10] = times[0]
+        totals[9] = 0.0
+        copy_matrix(end_rate, arrays[7])
+        copy_matrix(end_rate, arrays[8])
     for row in range(first_row, len(steps)):
         begin = float(first_step) if row == first_row else 0.0
         end = float(end_step) if row == end_row else float(steps[row])
@@ -1042,11 +1191,15 @@ def advance(rod, tendons, tables, walls, scheme, window, state, memory, rows):
             rows[6][row + 1] = 0
         whole = (times[row + 1] - times[row]) / steps[row]
         done, part = begin, 1.0
+        if tolerance > 0.0:
+            part = min(1.0, totals[9] / whole if totals[9] > 0.0 else FIRST_PART)
         pressed = _measure_press(walls, True) > 0.0
         while done < end - 1e-9:
+            if tolerance > 0.0 and part < end - done < 2.0 * part:
+                part = 0.5 * (end - done)  # no last step that is much smaller
             part = min(part, end - done)
             size = part * whole
-            alpha_m, alpha_f, gamma = scheme
+            alpha_m, alpha_f, gamma, _ = scheme
             if pressed:
                 alpha_m, alpha_f, gamma = 1.0, 1.0, 1.0
             c = alpha_f * gamma / alpha_m * size
@@ -1078,12 +1231,26 @@ def advance(rod, tendons, tables, walls, scheme, window, state, memory, rows):
                     return row + 1
                 continue
             rows[6][row + 1] += count
+            time = times[row] + at
+            between = time - totals[4]
+            change = MOST_CHANGE
+            if tolerance > 0.0:
+                change = _change_step(
+                    stage_rate, arrays, totals, (time, size, tolerance), pressed, work[0]
+                )
+                if change < CAUTION and part > LEAST_PART:
+                    part = max(part * change, LEAST_PART)
+                    continue
+                totals[10] = totals[4]
+                copy_matrix(arrays[7], arrays[8])
+                copy_matrix(stage_rate, arrays[7])
             copy_matrix(guess, guess_before)
             copy_matrix(stage_rate, guess)
-            powers = _measure_powers(energies, tendons, pull, stage_rate, slopes)
+            powers = _measure_powers(energies, tendons, solver, stage_rate, slopes, between)
             _keep_contacts(walls, work[0][0][1])
-            time = times[row] + at
-            shift = (0.5 - alpha_f) * size / (time - totals[4])
+            if rubbing[0].size > 0:
+                totals[8] += size / between * keep_strings(rubbing, pull[0], strings)
+            shift = (0.5 - alpha_f) * size / between
             totals[0] += size * (powers[0] + shift * (powers[0] - totals[2]))
             totals[1] += size * (powers[1] + shift * (powers[1] - totals[3]))
             totals[2], totals[3], totals[4] = powers[0], powers[1], time
@@ -1096,25 +1263,90 @@ def advance(rod, tendons, tables, walls, scheme, window, state, memory, rows):
                     momentum[j, i] += size * ((1.0 - gamma) * momentum_rate[j, i] + gamma * new)
                     momentum_rate[j, i] = new
             done += part
-            part = min(1.0, 2.0 * part)
+            # A step of the same size goes on with the tangent it has.
+            part = min(1.0, part * (change if change > 1.2 else min(change, 1.0)))
+            if tolerance > 0.0:
+                wish = part * whole
+                totals[9] = max(totals[9], wish) if done > end - 1e-9 else wish
         if end < steps[row]:
             break
         fill_drive(tables, row, times[row + 1] - times[row], drive, targets, slopes)
         if not _fill_row(
-            rod, tendons, drive, targets, q, momentum, end_work, end_rate, pull, rows, row + 1
+            rod, tendons, drive, targets, q, momentum, end_work, end_rate, solver, rows, row + 1
         ):
             return row + 1
         rows[5][row + 1, 4] += totals[0] - totals[7]
-        rows[5][row + 1, 5] = totals[1]
+        rows[5][row + 1, 5] = totals[1] + totals[8]
+        rows[5][row + 1, 7] = totals[8]
     return len(times)
 
 
 @kernel
-def _measure_powers(energies, tendons, pull, rate, slopes):
-    """Powers of loads and tendons, and of damping [N mm/s]."""
-    _, held, _ = tendons
-    tensions, _, gradients, _, _ = pull
+def _change_step(rate, arrays, totals, sizes, pressed, motion):
+    """By what a step may change for the ends of the segments to err by a tolerance [mm] in it.
+
+    ``sizes`` are the stage's time, the step and the tolerance. The error is that of a third
+    derivative, from the rates of three stages, or, if a wall is ``pressed``, of a second.
+    """
+    time, size, tolerance = sizes
+    last, before = arrays[7], arrays[8]
+    places = motion[0][1]
+    moving, turning = motion[1][2:]
+    moved, turned, way, arm = np.zeros(3), np.zeros(3), np.empty(3), np.empty(3)
+    first, second, largest = time - totals[4], totals[4] - totals[10], 0.0
+    for j in range(len(rate)):
+        for i in range(3):
+            arm[i] = places[j + 1, i] - places[j, i]
+        cross(turned, arm, way)
+        for i in range(3):
+            moved[i] += way[i]
+        for k in range(3):
+            error = (rate[j, k] - last[j, k]) / first
+            if pressed:
+                error *= 0.5 * size * size
+            elif second > 0.0:
+                error -= (last[j, k] - before[j, k]) / second
+                error *= size**3 / (6.0 * (first + second))
+            else:
+                error *= size**2 / 6.0
+            for i in range(3):
+                moved[i] += moving[j, i, k] * error
+                turned[i] += turning[j, i, k] * error
+        largest = max(largest, moved[0] ** 2 + moved[1] ** 2 + moved[2] ** 2)
+    if largest == 0.0:
+        return MOST_CHANGE
+    change = CAUTION * (tolerance / math.sqrt(largest)) ** (0.5 if pressed else 1.0 / 3.0)
+    return min(max(change, LEAST_CHANGE), MOST_CHANGE)
+
+
+@kernel
+def spread_evenly(grid, tendons, targets, pull, strings):
+    """Let tendons with friction, of known lengths, hold what they are told without it."""
+    compliances, held, one_sided, rubbing = tendons
+    tensions = pull[0]
+    for m in range(targets.size):
+        tensions[m] = targets[m]
+        if held:
+            gap = strings[0][0][m, : grid[4][m]].sum() - targets[m]
+            tensions[m] = max(gap, 0.0) if one_sided[m] else gap
+            tensions[m] /= compliances[m]
+    begin_strings(grid, rubbing, tensions, strings)
+
+
+@kernel
+def _measure_powers(energies, tendons, solver, rate, slopes, between):
+    """Powers of loads and tendons, and of damping [N mm/s].
+
+    Tendons with friction are followed over the time ``between`` two stages: they stretch.
+    """
+    held, rubbing = tendons[1], tendons[3]
+    tensions, _, gradients, _, _ = solver[0]
+    now, before = solver[7][:2]
     power = energies[0]
+    for m in range(tensions.size if rubbing[0].size > 0 and between > 0.0 and not held else 0):
+        for j in range(len(rate)):
+            change = now[2][m, j] - before[0][m, j + 1]
+            power += tensions[m] * rubbing[2][m, j] * change / between
     for m in range(tensions.size):
         if held:
             power -= tensions[m] * slopes[m]
@@ -1126,13 +1358,15 @@ def _measure_powers(energies, tendons, pull, rate, slopes):
 
 
 @kernel
-def _fill_row(rod, tendons, drive, targets, q, momentum, work, rate, pull, rows, row):
+def _fill_row(rod, tendons, drive, targets, q, momentum, work, rate, solver, rows, row):
     """Fill a row of `advance`, its work with what the base carries; False if that fails."""
+    pull, strings, rubbing = solver[0], solver[7], tendons[3]
     rotations, places, velocities, tensions, lengths, energies, _, forces, gaps = rows
     if not find_velocity(rod, q, momentum, drive, work, rate):
         return False
     found = measure_energies(rod, q, drive, work[0])
-    pull_tendons(rod[0], tendons, targets, q, False, pull, work[4])
+    if not pull_tendons(rod[0], tendons, targets, q, False, pull, strings, work[4]):
+        return False
     stations = work[0][0]
     for j in range(len(q) + 1):
         copy_matrix(stations[0][j], rotations[row, j])
@@ -1156,7 +1390,15 @@ def _fill_row(rod, tendons, drive, targets, q, momentum, work, rate, pull, rows,
                 for i in range(3):
                     gap += walls[2][w, j, i] * (stations[1][j + 1, i] - walls[0][j, i])
                 gaps[row, j + 1] = min(gaps[row, j + 1], gap)
-    if tendons[1]:
-        for m in range(len(targets)):
+    energies[row, 7] = 0.0
+    for m in range(len(targets)):
+        if rubbing[0].size > 0:
+            for j in range(len(q)):
+                stretch = rubbing[2][m, j] * strings[0][2][m, j]
+                energies[row, 3] += 0.5 * stretch * strings[0][2][m, j]
+                lengths[row, m] -= stretch
+        elif tendons[1]:
             energies[row, 3] += 0.5 * tendons[0][m] * pull[0][m] ** 2
+        else:
+            lengths[row, m] -= tendons[0][m] * pull[0][m]
     return True

@@ -41,7 +41,7 @@ def _rotate(rotation, vector, out):
 
 
 @kernel(error_model="numpy")
-def _measure_angle(one, other):
+def measure_angle(one, other):
     """Angle between two vectors [rad]; 0 if one has no length."""
     across = 0.0
     for i in range(3):
@@ -102,7 +102,7 @@ def measure_tendons(grid, profile, moments, curvatures, rates, flexibility, wrap
                 )
                 _rotate(mean, tangents[m], turned)
                 if n + stage > 0:
-                    wrap_angles[n, stage, m] = _measure_angle(before[m], turned)
+                    wrap_angles[n, stage, m] = measure_angle(before[m], turned)
                 copy_vector(tangents[m], before[m])
                 length_gradients[m, 0], length_gradients[m, 1] = (
                     v2 * y / length_rate,
