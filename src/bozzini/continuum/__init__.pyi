@@ -51,6 +51,7 @@ from .measured import (
 )
 from .model import ContinuumModel
 from .models import CONTINUUM_MODELS
+from .motion_gradients import MotionSensitivity, differentiate_motion
 from .robot import RobotDesign
 from .robot_fit import (
     Estimate,
@@ -135,6 +136,7 @@ __all__ = [
     "LinkageModel",
     "Manipulability",
     "MotionCommands",
+    "MotionSensitivity",
     "PackedLoads",
     "ParallelModel",
     "PointLoad",
@@ -156,6 +158,7 @@ __all__ = [
     "bend_vectors",
     "check_displacements",
     "coupling_matrix",
+    "differentiate_motion",
     "displacements_for",
     "insert_robot",
     "jacobian",
