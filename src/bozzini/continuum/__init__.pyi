@@ -52,6 +52,7 @@ from .measured import (
 from .model import ContinuumModel
 from .models import CONTINUUM_MODELS
 from .motion_gradients import MotionSensitivity, differentiate_motion
+from .motion_log import write_mcap
 from .robot import RobotDesign
 from .robot_fit import (
     Estimate,
@@ -174,6 +175,7 @@ __all__ = [
     "solve_pose",
     "solve_section",
     "solve_tip",
+    "write_mcap",
     "Estimate",
     "RobotCalibration",
     "RobotFit",
