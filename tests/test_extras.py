@@ -25,6 +25,7 @@ COMMANDS = {
     "cockpit": [("websockets", "cockpit")],
     "ct": [("SimpleITK", "plan series")],
     "film": [("imageio_ffmpeg", "record plan.npz --out film.mp4")],
+    "mcap": [("mcap_ros2", "continuum simulate study.yaml plan.npz --out motion.mcap")],
     "physics": [("mujoco", "execute plan.npz tract.stl")],
     "rig": [
         ("serial", "rig run --port /dev/ttyNone --duration 0.1s"),
@@ -46,6 +47,7 @@ COMMANDS = {
 PACKAGES = {
     "OCP": "cadquery-ocp-novtk",
     "imageio_ffmpeg": "imageio-ffmpeg",
+    "mcap_ros2": "mcap-ros2-support",
     "serial": "pyserial",
     "pygame": "pygame-ce",
     "cv2": "opencv-python-headless",

@@ -30,6 +30,7 @@ SETS = (
     "helical_robot",
     "three_muscle_arm",
     "sorosim_statics",
+    "sorosim_dynamics",
 )
 """Folders of the sets, and modules here: each has `validate(folder, images)`, a `Section`.
 

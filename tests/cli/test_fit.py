@@ -19,13 +19,16 @@ import pytest
 from bozzini.cli.main import main
 from bozzini.continuum import (
     ContinuumRobot,
+    DynamicsOptions,
     Marker,
     RobotMeasurements,
     RobotSetup,
     Section,
     Tendon,
+    Wire,
     predict_points,
 )
+from bozzini.continuum import simulate as simulate_motion
 
 ZERO, BACKLASH, OFFSET = 0.2, 0.1, 4.4
 FREE = ("--free", "tendons.a.zero,tendons.*.offset")
@@ -385,3 +388,35 @@ def test_an_interrupt_leaves_nothing(folder: Path, jobs: str) -> None:
     assert process.returncode == 130
     assert "Traceback" not in err and err.endswith("bozzini: interrupted\n")
     assert sorted(folder.iterdir()) == before
+
+
+def test_a_record_in_time_is_fitted_through_its_motion(folder, capsys):
+    wire = Wire(diameter=1.0, modulus=60e3, density=6450.0)
+    tendons = make_robot().sections[0].tendons
+    section = Section(
+        length=40.0, radius=6.0, discs=4, disc_weight=5e-3, wire=wire, tendons=tendons
+    )
+    robot = ContinuumRobot((section,))
+    robot.to_yaml("moving.yaml")
+    times = np.linspace(0.0, 0.3, 31)
+    pulls = 2.0 + 2.0 * np.sin(np.outer(times, [20.0, 40.0, 70.0]))
+    options = DynamicsOptions(damping_time=3e-3, max_step=5e-3)
+    tip = simulate_motion(robot, times, tensions=pulls, options=options).tip
+    titles = [
+        "time [s]",
+        *(f"{name} tension [N]" for name in NAMES),
+        *map("tip {} [mm]".format, "xyz"),
+    ]
+    rows = np.column_stack([times, pulls, tip]).tolist()
+    text = "\n".join([",".join(titles), *(",".join(map(repr, row)) for row in rows)])
+    (folder / "record.csv").write_text(text + "\n")
+    words = ["moving.yaml", "record.csv", "--in-time", "--max-step=5ms", "--damping-time=1ms"]
+    more = ["--free=motion.damping_time", "--folds=0", "--out=fitted.yaml", "--check=record.csv"]
+    assert fit(*words, *more) == 0
+    found = json.loads(capsys.readouterr().out)
+    damping = found["estimates"]["motion.damping_time"]
+    assert damping["value"] == pytest.approx(3e-3, rel=1e-3) and damping["unit"] == "s"
+    assert found["model"] == "motion" and found["checks"]["record.csv"]["rms_mm"] < 1e-3
+    assert main(["continuum", "pose", "fitted.yaml", "--tension", "a=2N", "--json"]) == 0
+    assert main(["continuum", "fit", "moving.yaml", "record.csv", "--damping-time=1ms"]) == 2
+    assert "without --in-time" in capsys.readouterr().err

@@ -631,47 +631,6 @@ def test_result_is_told_in_every_way() -> None:
     assert len(found.plot().lines) == 6
 
 
-INTO_BASE = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
-"""Base axes in those of the data, whose x is the tangent at the base."""
-
-
-def find_frequency(values):
-    """Frequency [1 / row] of what swings about where it ends, by its zeros of the first 7 s."""
-    own = values[:, np.argmax(np.ptp(values, axis=0))]
-    own = (own - own[-400:].mean())[200:1400]
-    rise = np.flatnonzero((own[:-1] < 0.0) & (own[1:] >= 0.0))
-    zeros = rise - own[rise] / (own[rise + 1] - own[rise])
-    return (len(zeros) - 1) / (zeros[-1] - zeros[0])
-
-
-@pytest.mark.parametrize(
-    "number", [1, 10, *(pytest.param(k, marks=pytest.mark.slow(5)) for k in range(2, 10))]
-)
-def test_releases_of_a_steel_rod_are_those_of_another_solver(data_dir, number: int) -> None:
-    lines = (data_dir("sorosim_dynamics") / f"steel_{number}.txt").read_text().splitlines()
-    rows = [np.array(line.split(), dtype=np.float64) for line in lines if line.strip()]
-    table, wrenches = np.array(rows[2:]), rows[1][1:].reshape(4, 3) @ INTO_BASE
-    held = [
-        PointLoad(arc_length=place, moment=tuple(1e3 * moment), force=tuple(force))
-        for place, moment, force in ((300.0, *wrenches[:2]), (None, *wrenches[2:]))
-    ]
-    wire = Wire(diameter=1.6, modulus=200e3, poisson_ratio=0.33, density=7870.0)
-    robot = ContinuumRobot((Section(length=600.0, radius=0.8, discs=30, wire=wire),))
-    options = DynamicsOptions(
-        segment="arc",
-        damping_time=float(rows[0][0]),
-        gravity=tuple(rows[0][-3:] @ INTO_BASE),
-        max_step=2.5e-3,
-    )
-    times, tips = table[:, 0], 1e3 * table[:, 10:13] @ INTO_BASE
-    moved = simulate(robot, times, held_by=held, options=options)
-    assert moved.converged
-    squares = np.sum((moved.tip - tips) ** 2, axis=1) / robot.length**2
-    assert math.sqrt(squares.mean()) < 2e-3
-    assert math.sqrt(squares[times <= 1.0].mean()) < 2e-3
-    assert find_frequency(moved.tip) == pytest.approx(find_frequency(tips), rel=2e-3)
-
-
 @pytest.mark.parametrize(
     ("words", "changes"),
     [

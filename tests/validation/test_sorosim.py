@@ -17,12 +17,24 @@ from bozzini.continuum import ContinuumRobot, PointLoad, RodModel, Section, Wire
 
 
 @pytest.fixture
-def sorosim(monkeypatch: pytest.MonkeyPatch) -> Iterator[ModuleType]:
+def folder(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     monkeypatch.syspath_prepend(str(Path(__file__).resolve().parents[2] / "validation"))
+    yield
+    sys.modules.pop("section", None)
+
+
+@pytest.fixture
+def sorosim(folder: None) -> ModuleType:
     import sorosim_statics
 
-    yield sorosim_statics
-    sys.modules.pop("section", None)
+    return sorosim_statics
+
+
+@pytest.fixture
+def releases(folder: None) -> ModuleType:
+    import sorosim_dynamics
+
+    return sorosim_dynamics
 
 
 def test_another_rod_with_other_stations_is_read(sorosim, tmp_path: Path) -> None:
@@ -53,3 +65,31 @@ def test_another_rod_with_other_stations_is_read(sorosim, tmp_path: Path) -> Non
     assert not found.reasons and found.tip.max() < 1e-9 and found.turn.max() < 1e-4
     softer = dataclasses.replace(specimen, modulus=45e3)
     assert sorosim.compare(sorosim.read_statics(tmp_path / "rod.csv", softer)).tip.max() > 1e-3
+
+
+def test_releases_of_a_steel_rod_are_those_of_another_solver(releases, data_dir) -> None:
+    # All ten by the set of `make validate`; the baselines miss the same bounds.
+    data = releases.read_release(data_dir("sorosim_dynamics") / "steel_1.txt")
+    moved = data.simulate()
+    found = releases.compare(data, moved.tip)
+    assert moved.converged and max(found.whole, found.first_second) < 1e-3
+    assert found.frequency == pytest.approx(1.0, rel=1e-3)
+    swing, rest = (releases.compare(data, tip()) for tip in (data.swing, data.rest))
+    assert found.first_second < 1e-2 * swing.first_second < 1e-2 * rest.first_second
+
+
+def test_another_release_is_read_with_its_own_axes(releases, tmp_path: Path) -> None:
+    other = dataclasses.replace(releases.SPRING_STEEL, length=400.0, radius=5.0, modulus=70.0)
+    head = [0.01, *6 * [0.0], 9.81, 0.0, 0.0]
+    held = [0.0, *3 * [0.0], 0.0, 1e-3, 0.0, *3 * [0.0], 0.0, 0.0, 2e-3]
+    rows = [[k / 200.0, *6 * [0.0], *3 * [0.0], 0.4, 0.0, 0.01 * k] for k in range(3)]
+    lines = [" ".join(map(str, row)) for row in (head, held, *rows)]
+    (tmp_path / "one.txt").write_text("\n".join(lines))
+    data = releases.read_release(tmp_path / "one.txt", other)
+    assert data.gravity.tolist() == [0.0, 0.0, 9.81]  # along the rod
+    np.testing.assert_allclose(data.forces, [[1e-3, 0.0, 0.0], [0.0, 2e-3, 0.0]])
+    np.testing.assert_allclose(data.tip[:, 1:], [[0.0, 400.0], [10.0, 400.0], [20.0, 400.0]])
+    light = dataclasses.replace(data, gravity=np.zeros(3))
+    rigidity = 70.0 * np.pi * 5.0**4 / 4.0
+    bent = [1e-3 * 200.0**2 * 1000.0 / 6.0 / rigidity, 2e-3 * 400.0**3 / 3.0 / rigidity]
+    np.testing.assert_allclose(light.simulate(20).tip[0, :2], bent, rtol=5e-3)

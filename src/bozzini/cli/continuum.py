@@ -1116,9 +1116,9 @@ def _format_workspace(found: ContinuumWorkspace) -> list[str]:
 @contact_options
 @options_of(DynamicsOptions, "dynamics")
 @answer_options(
-    *(".csv", ".html", *FILMS, *PICTURES),
+    *(".csv", ".html", ".mcap", *FILMS, *PICTURES),
     help="Tip, tendons and energies by time (.csv), a picture of the tip, or the robot in 3-D: a "
-    "page (.html) or a film of it (.gif, .mp4).",
+    "page (.html), a film of it (.gif, .mp4) or a log of ROS 2 messages (.mcap).",
 )
 def simulate_command(
     robot_file: Path,
@@ -1143,8 +1143,12 @@ def simulate_command(
 
     Exit code 0: simulated to the end; 1: not, and where; 2: bad input.
     """
-    from ..continuum import ContactModel, push_in, read_timed_commands, simulate
+    from ..continuum import ContactModel, push_in, read_timed_commands, simulate, write_mcap
+    from ..continuum.motion_log import check_mcap
 
+    logged = answer.out is not None and answer.out.suffix.lower() == ".mcap"
+    if answer.out is not None and logged:
+        check_mcap(answer.out)
     if answer.out is not None and answer.out.suffix.lower() in FILMS:
         from ..scene.film import check_view_film
 
@@ -1175,6 +1179,8 @@ def simulate_command(
     if answer.out is not None and answer.out.suffix.lower() in (".html", *FILMS):
         with answer.show_progress() as progress:
             _show_motion(found, duct, answer.out, progress)
+    elif answer.out is not None and logged:
+        write_mcap(found, answer.out)
     else:
         answer.write(found.list_columns(), found.plot)
     answer.give({**found.to_dict(), "file": answer.out}, _describe_motion(found))

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from ..continuum import DynamicsOptions
 from ..errors import InputError
 from ..units import parse_quantity
 from .common import (
@@ -24,6 +25,7 @@ from .common import (
     gather,
     gather_once,
     option,
+    options_of,
     run_exit,
     split_setting,
 )
@@ -56,7 +58,7 @@ class FitTable:
         markers = map(parse_marker, self.marker_texts)
         return tuple(gather_once("--marker", ((item.name, item) for item in markers)).values())
 
-    def read(self, path: Path, robot: ContinuumRobot) -> RobotMeasurements:
+    def read(self, path: Path, robot: ContinuumRobot, *, timed: bool) -> RobotMeasurements:
         """Return the measurements in a file; markers of the robot hold unless they are typed."""
         from ..continuum.measured import read_robot_measurements
 
@@ -67,7 +69,12 @@ class FitTable:
                 raise InputError(f"--column names '{old}' more than once: give it once")
             columns[old] = title
         return read_robot_measurements(
-            path, robot=robot, markers=self.list_markers(), columns=columns, blocks=self.blocks
+            path,
+            robot=robot,
+            markers=self.list_markers(),
+            columns=columns,
+            blocks=self.blocks,
+            timed=timed,
         )
 
 
@@ -204,6 +211,8 @@ fit_options = gather(
 )
 @table_options
 @fit_options
+@click.option("--in-time", is_flag=True, help="The rows are of a motion from rest, at 'time [s]'.")
+@options_of(DynamicsOptions, "dynamics")
 @option("--check others FILE", "Measurements to predict, not to fit; can be repeated.",
         INPUT, multiple=True)  # fmt: skip
 @option("--figure FILE", "A picture of the distances over the rows.", OUTPUT)
@@ -215,6 +224,8 @@ def command(
     start: str,
     table: FitTable,
     options: RobotFitOptions,
+    in_time: bool,
+    dynamics: DynamicsOptions,
     others: tuple[Path, ...],
     figure: Path | None,
     answer: Answer,
@@ -229,6 +240,10 @@ def command(
     place of a name * is all with one number and each all with one each; sections.each.tendons.zero
     is one zero offset of displacements for the tendons of each section. Without --free the robot is
     compared as it is.
+
+    With --in-time the table is of a motion that begins at rest under its first command, and
+    motion.damping_time, motion.drag and motion.tip_weight can be free, from where the options of
+    these names begin.
 
     The file of --out has all that was fitted, zeros, scale, backlash and markers too, and the
     model: pose, jacobian and reach heed them, and fit begins with them.
@@ -250,8 +265,12 @@ def command(
     check_target(figure, PICTURES, force=answer.force)
     robot = ContinuumRobot.from_yaml(robot_file)
     setup = RobotSetup.of(robot)
-    data = table.read(data_file, robot)
-    checked = {path: table.read(path, robot) for path in others}
+    if in_time:
+        options = dataclasses.replace(options, dynamics=dynamics)
+    elif dynamics != DynamicsOptions():
+        raise InputError("how the robot moves is given without --in-time")
+    data = table.read(data_file, robot, timed=in_time)
+    checked = {path: table.read(path, robot, timed=in_time) for path in others}
     free = tuple(name for name in names.split(",") if name.strip())
     staged = None
     with answer.show_progress() as progress:

@@ -51,6 +51,8 @@ from .measured import (
 )
 from .model import ContinuumModel
 from .models import CONTINUUM_MODELS
+from .motion_gradients import MotionSensitivity, differentiate_motion
+from .motion_log import write_mcap
 from .prediction_band import PredictionBand
 from .robot import RobotDesign
 from .robot_fit import (
@@ -145,6 +147,7 @@ __all__ = [
     "LinkageModel",
     "Manipulability",
     "MotionCommands",
+    "MotionSensitivity",
     "PackedLoads",
     "ParallelModel",
     "PointLoad",
@@ -166,6 +169,7 @@ __all__ = [
     "bend_vectors",
     "check_displacements",
     "coupling_matrix",
+    "differentiate_motion",
     "displacements_for",
     "insert_robot",
     "jacobian",
@@ -181,6 +185,7 @@ __all__ = [
     "solve_pose",
     "solve_section",
     "solve_tip",
+    "write_mcap",
     "Estimate",
     "RobotCalibration",
     "RobotFit",

@@ -51,7 +51,6 @@ from .kernels import dynamics as kernels
 from .kernels.loads import locate_stations
 from .loads import Load, PointLoad, check_loads, pack_loads
 from .model import choose_stiffness
-from .profile import ROUND_OFF_MM
 from .robot import RobotDesign, Vector, check_robot
 from .walls import Boundary, ContactOptions, Wall, take_boundaries
 from .wire import GRAVITY
@@ -897,7 +896,7 @@ class _Contacts:
         introducer: float = 0.0,
     ) -> None:
         frame, count = rod.robot.base_frame, len(rod.grid.spans) if walls else 0
-        self.introducer, rows = introducer, len(walls) + (introducer > 0.0)
+        self.introducer, rows = introducer, len(walls) + 4 * (introducer > 0.0)
         self.axes = frame[:3, :3]
         self.walls = tuple(dataclasses.replace(wall, origin=frame[:3, 3]) for wall in walls)
         lengths = 0.5 * rod.grid.spans
@@ -952,10 +951,10 @@ class _Contacts:
         if self.introducer > 0.0:
             inside = places[:, 2] < self.introducer
             gaps[:, inside] = math.inf
-            off = places[inside, :2]
-            size = np.maximum(np.sqrt(np.sum(off**2, axis=1)), ROUND_OFF_MM)
-            gaps[-1, inside] = PLAY_MM - size
-            normals[-1, inside, :2] = -off / size[:, None]
+            # Four flat sides: a body that is thrown across finds the one that it comes to.
+            for row, (axis, side) in enumerate(((0, 1.0), (0, -1.0), (1, 1.0), (1, -1.0))):
+                gaps[row - 4, inside] = PLAY_MM - side * places[inside, axis]
+                normals[row - 4, inside, axis] = -side
 
 
 def _number_steps(steps: NDArray[np.int64]) -> tuple[list[int], list[int]]:

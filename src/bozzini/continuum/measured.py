@@ -62,6 +62,8 @@ class RobotMeasurements:
         Where, in the world [mm]; NaN where a point was not seen.
     blocks : ndarray of str, shape (n,)
         Label of each row, for validation; empty texts where the table has none.
+    times : ndarray, shape (n,)
+        Of the rows of a motion [s], growing; none (0,) of rows at rest.
     source : str
         Name of the file.
     notes : tuple of str
@@ -81,6 +83,7 @@ class RobotMeasurements:
     markers: tuple[Marker, ...]
     points: Floats
     blocks: NDArray[np.str_] = field(default_factory=lambda: np.zeros(0, dtype=np.str_))
+    times: Floats = field(default_factory=lambda: np.zeros(0))
     source: str = ""
     notes: tuple[str, ...] = ()
 
@@ -103,10 +106,14 @@ class RobotMeasurements:
         blocks = self.blocks if len(self.blocks) else np.full(rows, "")
         if len(blocks) != rows:
             raise InputError(f"there are {len(blocks)} blocks for {rows} rows: give one for each")
+        times = np.asarray(self.times, dtype=np.float64)
+        if times.size:
+            check_times(times, rows)
         if not np.isfinite(points).all(axis=-1).any():
             raise InputError("no point was seen: the places are all empty")
         object.__setattr__(self, "commands", commands)
         object.__setattr__(self, "points", points)
+        object.__setattr__(self, "times", times)
         object.__setattr__(self, "blocks", np.asarray(blocks, dtype=np.str_))
 
     def __len__(self) -> int:
@@ -144,7 +151,11 @@ class RobotMeasurements:
         for: to keep them there, set their points to NaN instead.
         """
         return dataclasses.replace(
-            self, commands=self.commands[rows], points=self.points[rows], blocks=self.blocks[rows]
+            self,
+            commands=self.commands[rows],
+            points=self.points[rows],
+            blocks=self.blocks[rows],
+            times=self.times[rows] if self.times.size else self.times,
         )
 
     def order_commands(self, robot: RobotDesign) -> Floats:
@@ -169,6 +180,20 @@ class RobotMeasurements:
         return np.stack([columns.get(name, none) for name in robot.tendon_names], axis=-1)
 
 
+def check_times(times: Floats, rows: int) -> None:
+    """Raise `InputError` unless times (n,) are so many, and grow."""
+    if times.shape != (rows,):
+        raise InputError(
+            f"times have shape {times.shape}: they must be ({rows},), one for each row"
+        )
+    wrong = np.flatnonzero(~(np.diff(times) > 0.0))
+    if wrong.size:
+        k = int(wrong[0])
+        raise InputError(
+            f"time {times[k + 1]:g} s of row {k + 2} comes after {times[k]:g} s: times must grow"
+        )
+
+
 def _check_known(names: Sequence[str], robot: RobotDesign) -> None:
     for name in names:
         if name not in robot.tendon_names:
@@ -185,6 +210,7 @@ def read_robot_measurements(
     markers: Sequence[Marker] = (),
     columns: Mapping[str, str] | None = None,
     blocks: str = "",
+    timed: bool = False,
 ) -> RobotMeasurements:
     """Read what was commanded and seen of a robot from a CSV or Parquet file.
 
@@ -208,6 +234,8 @@ def read_robot_measurements(
         Titles to read for titles of the file, such as ``{"tip_x": "tip x [mm]"}``.
     blocks : str
         Title of a column with labels of rows that belong together.
+    timed : bool
+        Whether the rows are of a motion: there must be a column ``time [s]``.
 
     Raises
     ------
@@ -223,7 +251,9 @@ def read_robot_measurements(
     sheet = read_sheet(path) if named else take_frame(table)
     try:
         sheet = _spread_points(sheet)
-        data = _take_sheet(sheet, robot, {item.name: item for item in markers}, columns, blocks)
+        data = _take_sheet(
+            sheet, robot, {item.name: item for item in markers}, columns, (blocks, timed)
+        )
     except InputError as error:
         raise type(error)(f"{path.name}: {error}") from None
     return dataclasses.replace(data, source=path.name if named else "")
@@ -266,13 +296,8 @@ def read_timed_commands(path: str | os.PathLike[str], robot: RobotDesign) -> Tim
         _check_sheet(sheet, titles)
         found, _ = _find_columns(titles, robot, {}, demanded=(), needs_points=False)
         command, places = next(iter(found.items()))
-        timed = [place for place, title in enumerate(titles) if split_title(title)[0] == "time"]
-        if len(timed) != 1:
-            raise FileFormatError(
-                f"there are {len(timed)} columns of times: one must be 'time [s]'; the table has "
-                f"{_quote(titles)}"
-            )
-        kinds = {timed[0]: "time", **dict.fromkeys(places.values(), KINDS[command])}
+        timed = _find_times(titles)
+        kinds = {timed: "time", **dict.fromkeys(places.values(), KINDS[command])}
         values = {
             place: _find_factor(titles[place], kind) * take_numbers(sheet, place)
             for place, kind in kinds.items()
@@ -283,7 +308,18 @@ def read_timed_commands(path: str | os.PathLike[str], robot: RobotDesign) -> Tim
     for name, place in places.items():
         commands[:, robot.tendon_names.index(name)] = values[place]
     kind: Command = "displacement" if command == "displacement" else "tension"
-    return TimedCommands(kind, values[timed[0]], commands)
+    return TimedCommands(kind, values[timed], commands)
+
+
+def _find_times(titles: Sequence[str]) -> int:
+    """Return where the times are."""
+    timed = [place for place, title in enumerate(titles) if split_title(title)[0] == "time"]
+    if len(timed) != 1:
+        raise FileFormatError(
+            f"there are {len(timed)} columns of times: one must be 'time [s]'; the table has "
+            f"{_quote(titles)}"
+        )
+    return timed[0]
 
 
 def _take_sheet(
@@ -291,8 +327,9 @@ def _take_sheet(
     robot: RobotDesign,
     known: dict[str, Marker],
     columns: Mapping[str, str] | None,
-    blocks: str,
+    rest: tuple[str, bool],
 ) -> RobotMeasurements:
+    blocks, timed = rest
     titles = _rename(sheet.titles, columns or {})
     _check_sheet(sheet, titles)
     calibration = robot.calibration if isinstance(robot, ContinuumRobot) else None
@@ -307,6 +344,8 @@ def _take_sheet(
     sheet = dataclasses.replace(sheet, titles=titles)
     kinds = {place: KINDS[command] for place in commands[command].values()}
     kinds |= dict.fromkeys(of_axes, "length")
+    at = _find_times(titles) if timed else -1
+    kinds |= {at: "time"} if timed else {}
     values = {
         place: _find_factor(titles[place], kind)
         * take_numbers(sheet, place, empty=MISSING if place in of_axes else ())
@@ -335,6 +374,7 @@ def _take_sheet(
         markers=tuple(everything[name] for name in seen),
         points=points,
         blocks=np.asarray(words),
+        times=values[at] if timed else np.zeros(0),
         notes=tuple(notes),
     )
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..numeric.arrays import Floats
+from .dynamics import DynamicsOptions, ShapeHistory, simulate
 from .measured import RobotMeasurements
 from .rod import RodModel
 from .shape import Shape
@@ -84,6 +85,34 @@ def place_markers(setup: RobotSetup, shape: Shape) -> Floats:
     return np.asarray(local @ base[:3, :3].T + base[:3, 3])
 
 
+def select_shapes(history: ShapeHistory, rows: NDArray[np.int64]) -> Shape:
+    """Return the shapes of rows of a motion; those it did not come to have NaN and its reason."""
+    there = rows < len(history.time)
+    known, missed = rows[there], (len(rows) - int(there.sum()))
+
+    def take(values: Floats) -> Floats:
+        gap = np.full((missed, *values.shape[1:]), np.nan)
+        return np.concatenate([values[known], gap])
+
+    tensions, displacements = take(history.tensions), take(history.displacements)
+    free = history.rod.find_limits(displacements)
+    return Shape(
+        robot=history.robot,
+        model="motion",
+        arc_length=history.arc_length,
+        frames=take(history.frames),
+        displacements=displacements,
+        tendon_lengths=free + history.rod.compliances * tensions,
+        section_parameters=np.zeros((len(rows), 0, 2)),
+        tensions=tensions,
+        slack=(tensions <= 0.0) & ~history.robot.pushes,
+        residual=np.zeros(len(rows)),
+        iterations=np.append(history.iterations[known], np.zeros(missed, dtype=np.int64)),
+        converged=there,
+        reason=np.where(there, "", history.reason),
+    )
+
+
 @dataclass(frozen=True)
 class Observed:
     """What a setup predicts.
@@ -142,6 +171,8 @@ class Observation:
         commands = setup.convert(self.data.order_commands(setup.robot))
         if pulled:  # noise of a measured tension about 0: a cable does not push
             commands = np.where(setup.robot.pushes, commands, np.maximum(commands, 0.0))
+        if setup.dynamics is not None:
+            return self._move(setup, setup.dynamics, commands)
         model = setup.robot.model(self.model, **self.options)
         if isinstance(model, RodModel) and setup.robot.tendon_friction.any():
             trace = model.trace_tensions if pulled else model.trace_displacements
@@ -149,6 +180,16 @@ class Observation:
         if pulled:
             return model.shape_under_tensions(commands[self.rows])
         return model.find_shape(commands[self.rows])
+
+    def _move(self, setup: RobotSetup, dynamics: DynamicsOptions, commands: Floats) -> Shape:
+        """Return the shapes of the rows of a motion from rest under the first command."""
+        last = int(self.rows[-1]) + 1
+        times, given = self.data.times[: max(last, 2)], commands[: max(last, 2)]
+        if self.data.command == "tension":
+            history = simulate(setup.robot, times, tensions=given, options=dynamics)
+        else:
+            history = simulate(setup.robot, times, displacements=given, options=dynamics)
+        return select_shapes(history, self.rows)
 
     def observe(self, setup: RobotSetup, shape: Shape | None = None) -> Observed:
         """Return what a setup predicts; with `shape`, from shapes that are known."""
@@ -163,6 +204,7 @@ class Observation:
         """Return derivatives (n, m, 3, k) of the points with respect to changes."""
         columns = np.empty((*at.points.shape, len(unknowns)))
         loaded = bool(self.setup.robot.has_line_weight or self.setup.robot.disc_weights.any())
+        loaded = loaded or self.setup.dynamics is not None
         for index, one in enumerate(unknowns):
             fine = one.known.unit == "rad" or one.known.change == "factor"
             step = FACTOR_STEP if fine else STEP_MM

@@ -41,6 +41,7 @@ from ..progress import Progress, no_progress
 from ..results import Json, Result, rows_of, tabulated, take_axes, to_plain
 from .calibration import RobotCalibration
 from .command_baselines import predict_by_commands
+from .dynamics import DynamicsOptions
 from .kinematics import ContinuumRobot
 from .measured import RobotMeasurements
 from .models import CONTINUUM_MODELS
@@ -53,6 +54,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 Split = Literal["blocks", "random", "kinds"]
+
+MOTION = "motion"
+"""What stands for the name of a model where rows are of a motion."""
 
 EVALUATIONS = 60
 """Largest number of evaluations of one search, derivatives apart."""
@@ -101,6 +105,9 @@ class RobotFitOptions:
         Whether fits of fewer constants are tried on the blocks left out.
     jobs : int
         Processes at the same time.
+    dynamics : DynamicsOptions, optional
+        How the robot moves, for rows of a motion from rest under the first command; None of shapes
+        at rest.
     """
 
     model: str = ""
@@ -111,8 +118,15 @@ class RobotFitOptions:
     residual: bool = False
     smaller: bool = True
     jobs: int = 1
+    dynamics: DynamicsOptions | None = None
 
     def __post_init__(self) -> None:
+        if self.dynamics is not None:
+            check_kind("dynamics", self.dynamics, DynamicsOptions)
+            if self.model or self.model_options:
+                raise InputError(
+                    "a model of shapes at rest is given for a fit in time: leave it out"
+                )
         check_word("loss", self.loss, get_args(Loss))
         check_word("split", self.split, get_args(Split))
         check_integer("jobs", self.jobs, low=1)
@@ -453,10 +467,15 @@ class RobotFit(Result):
         )
 
     def _calibrate(self) -> RobotCalibration:
+        model, options = self.model, self.model_options
+        if self.setup.dynamics is not None:  # at rest the same segments are in equilibrium
+            model = "energy"
+            kept = "segment", "between", "tendon_stiffness"
+            options = {name: getattr(self.setup.dynamics, name) for name in kept}
         zeros = dict(zip(self.setup.robot.tendon_names, self.setup.zeros, strict=False))
         plain = {
             name: value
-            for name, value in self.model_options.items()
+            for name, value in options.items()
             if isinstance(value, (float, int, str, bool))
         }
         return RobotCalibration(
@@ -465,7 +484,7 @@ class RobotFit(Result):
             scale=self.setup.scale,
             backlash=self.setup.backlash,
             markers=self.setup.markers,
-            model=self.model,
+            model=model,
             model_options=plain,
             values={one.name: one.value for one in self.estimates},
             rms=self.rms,
@@ -818,12 +837,13 @@ def fit_robot(
     if isinstance(free, str):
         raise InputError(f"free is '{free}': it must be a sequence of names, such as ['{free}']")
     setup = robot if isinstance(robot, RobotSetup) else RobotSetup.of(robot)
-    setup = dataclasses.replace(setup, markers=data.markers)
+    setup = dataclasses.replace(setup, markers=data.markers, dynamics=options.dynamics)
     unknowns = parse_unknowns(free, setup)
     rubs = any(one.field == "friction" for one in unknowns)
-    named = options.model or ("rod" if rubs else "")
+    moves = options.dynamics is not None
+    named = options.model or ("rod" if rubs and not moves else "")
     observation = make_observation(setup, data, named, options.model_options)
-    if rubs and not CONTINUUM_MODELS.choose(observation.model).takes_friction:
+    if rubs and not moves and not CONTINUUM_MODELS.choose(observation.model).takes_friction:
         raise InputError(
             f"the {observation.model} model leaves out the friction of tendons, which is free: "
             "take the rod model"
@@ -880,6 +900,12 @@ def make_observation(
     """Return measurements of a setup by a model, that of its calibration or by default."""
     robot = setup.robot
     check_kind("robot", robot, ContinuumRobot)
+    if setup.dynamics is not None:
+        if not data.times.size:
+            raise InputError(
+                "the measurements have no times: a fit in time needs those of all rows"
+            )
+        return Observation(setup, data, MOTION, {}, data.seen_rows)
     name = model or (robot.calibration or RobotCalibration()).model
     if not name:
         weighs = robot.has_line_weight or robot.disc_weights.any()

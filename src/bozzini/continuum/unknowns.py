@@ -14,10 +14,11 @@ from ..errors import InputError
 from ..numeric.arrays import Floats
 from ..results import Json
 from .calibration import Marker, RobotCalibration, convert_commands
+from .dynamics import DynamicsOptions
 from .kinematics import ContinuumRobot
 from .section import Section, Tendon
 
-Group = Literal["sections", "tendons", "markers", "base", "commands"]
+Group = Literal["sections", "tendons", "markers", "base", "commands", "motion"]
 Change = Literal["factor", "shift"]
 """Whether a number is multiplied or moved; a factor is searched by its logarithm."""
 
@@ -83,6 +84,11 @@ FIELDS: dict[Group, dict[str, Known]] = {
         "scale": _factor("", WIDEST_LENGTH),
         "backlash": Known("shift", "mm", begin=0.02),
     },
+    "motion": {
+        "damping_time": _factor("s", WIDEST),
+        "drag": _factor("N s/mm^2", WIDEST),
+        "tip_weight": _factor("N", WIDEST),
+    },
 }
 """Fields that can be fitted."""
 
@@ -111,6 +117,8 @@ class RobotSetup:
         By what commands are multiplied.
     backlash : float
         Half the play between a command and the tendon [mm].
+    dynamics : DynamicsOptions, optional
+        How it moves; None of a robot whose shapes are at rest.
     """
 
     robot: ContinuumRobot
@@ -118,6 +126,7 @@ class RobotSetup:
     zeros: tuple[float, ...] = ()
     scale: float = 1.0
     backlash: float = 0.0
+    dynamics: DynamicsOptions | None = None
 
     @classmethod
     def of(cls, robot: ContinuumRobot) -> RobotSetup:
@@ -161,7 +170,7 @@ class Unknown:
     @property
     def moves_robot(self) -> bool:
         """Whether the shape depends on it, and not only where it is seen."""
-        return self.group in ("sections", "tendons", "commands")
+        return self.group in ("sections", "tendons", "commands", "motion")
 
     def limit(self, setup: RobotSetup) -> tuple[float, float, float]:
         """Return the bounds of the change, and where a search begins."""
@@ -198,6 +207,8 @@ def _read_field(setup: RobotSetup, group: Group, name: str, index: int) -> objec
         return 0.0 if name.startswith("rotation") else setup.robot.base_position[_axis(name)]
     if group == "commands":
         return getattr(setup, name)
+    if group == "motion":
+        return getattr(setup.dynamics, name)
     if name == "zero":
         return setup.zeros[index] if setup.zeros else 0.0
     if group == "markers":
@@ -225,8 +236,9 @@ def parse_unknowns(names: Sequence[str], setup: RobotSetup) -> tuple[Unknown, ..
     """Return the unknowns that names stand for.
 
     A name is a path as in the robot file: ``sections.2.bending_stiffness``, ``tendons.T1.zero``,
-    ``base.position.x``, ``markers.tip.z``, ``commands.scale``. Sections, tendons and markers go by
-    name or by number from 1; ``*`` is all of them with one number, ``each`` all with one each.
+    ``base.position.x``, ``markers.tip.z``, ``commands.scale``, ``motion.damping_time``. Sections,
+    tendons and markers go by name or by number from 1; ``*`` is all of them with one number,
+    ``each`` all with one each.
     ``sections.2.tendons.zero`` is one number for the tendons that end in section 2, and
     ``sections.each.tendons.zero`` one for those of each section. ``base`` is all of its pose,
     ``base.position`` its three coordinates.
@@ -253,9 +265,12 @@ def _parse(name: str, setup: RobotSetup) -> list[Unknown]:
         if rest and ".".join(rest) not in (*POSES, *FIELDS["base"]):
             raise _refuse(name, (f"base.{field}" for field in ("position", *FIELDS["base"])))
         return [Unknown(f"base.{field}", "base", field) for field in fields]
-    if head == "commands":
-        _check_field(name, "commands", ".".join(rest))
-        return [Unknown(name, "commands", rest[0])]
+    if head == "commands" or (head == "motion" and setup.dynamics is not None):
+        group = cast("Group", head)
+        _check_field(name, group, ".".join(rest))
+        return [Unknown(name, group, rest[0])]
+    if head == "motion":
+        raise InputError(f"'{name}' is of a motion: the shapes are at rest, not in time")
     if head not in ("sections", "tendons", "markers") or len(rest) < 2:
         raise _refuse(name, ("sections.1.bending_stiffness", "tendons.*.stiffness",
                              "sections.each.tendons.zero", "base", "commands.scale"))  # fmt: skip
@@ -323,9 +338,8 @@ def _check_value(one: Unknown, setup: RobotSetup) -> None:
         return
     value = one.read(setup)
     if value is not None and (value == 0.0 or not math.isfinite(value)):
-        raise InputError(
-            f"'{one.name}' is {value:g} in the robot file: give a value from which to start"
-        )
+        where = "" if one.group == "motion" else " in the robot file"
+        raise InputError(f"'{one.name}' is {value:g}{where}: give a value from which to start")
 
 
 # Changes.
@@ -346,9 +360,13 @@ def change_setup(setup: RobotSetup, unknowns: Sequence[Unknown], changes: Floats
         "sections": by_section, "tendons": by_tendon, "markers": by_marker,
     }  # fmt: skip
     base, scale, backlash = np.zeros((2, 3)), setup.scale, setup.backlash
+    dynamics = setup.dynamics
     for one, change in zip(unknowns, np.asarray(changes).tolist(), strict=True):
         if one.group == "base":
             base[POSES.index(one.field.partition(".")[0]), _axis(one.field)] += change
+        elif one.group == "motion" and dynamics is not None:
+            value = getattr(dynamics, one.field) * math.exp(change)
+            dynamics = dataclasses.replace(dynamics, **{one.field: value})
         elif one.field == "scale":
             scale *= math.exp(change)
         elif one.field == "backlash":
@@ -375,7 +393,7 @@ def change_setup(setup: RobotSetup, unknowns: Sequence[Unknown], changes: Floats
         )
     if base.any():
         robot = _move_base(robot, base)
-    return RobotSetup(robot, markers, tuple(zeros), scale, backlash)
+    return RobotSetup(robot, markers, tuple(zeros), scale, backlash, dynamics)
 
 
 def _move_base(robot: ContinuumRobot, base: Floats) -> ContinuumRobot:

@@ -6,6 +6,7 @@ from .options import ExecuteOptions, ScopeOptions, WallOptions
 from .robots import ManoeuvreDrive, PlanDrive, PushDrive, TendonDrive, build_tendon_chain
 from .simulate import Chain, Dynamics, Simulation
 from .study import ExecutionStudy, Scenery, Trials, run_trials, study_execution
+from .tendon_environment import TendonInsertion
 from .walls import LumenWall, build_prisms
 
 __all__ = [
@@ -27,6 +28,7 @@ __all__ = [
     "Step",
     "StepReport",
     "TendonDrive",
+    "TendonInsertion",
     "Trials",
     "WallOptions",
     "build_prisms",

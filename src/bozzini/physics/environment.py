@@ -11,7 +11,7 @@ import math
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import TYPE_CHECKING, Literal, TypeVar, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,6 +82,7 @@ Observe = Literal["clearance", "camera"]
 RenderMode = Literal["rgb_array"]
 Observation = Floats | Json
 Policy = Callable[["Insertion"], Floats]
+Scene = TypeVar("Scene", bound="gymnasium.Env[Observation, Floats]")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -117,6 +118,62 @@ def find_phantom(seed: int) -> Lumen:
 
     plan, duct = plan_phantom(seed, Scope(diameter=DIAMETER, link_length=10.0))
     return Lumen.of_plan(plan, duct)
+
+
+class LumenChoice:
+    """Lumens of which an environment takes one at each reset.
+
+    Parameters
+    ----------
+    phantom : int or sequence of int, optional
+        Seeds of phantoms, of which one is drawn; 0 unless given.
+    lumen : Lumen or (path-like, path-like), optional
+        Any tract, or a plan and the file that it was made from.
+    """
+
+    def __init__(
+        self,
+        phantom: int | Sequence[int] | None,
+        lumen: Lumen | tuple[str | os.PathLike[str], str | os.PathLike[str]] | None,
+    ) -> None:
+        if phantom is not None and lumen is not None:
+            raise InputError(f"phantom is {phantom}: leave it out with a lumen")
+        if not (lumen is None or isinstance(lumen, Lumen)):
+            if not isinstance(lumen, tuple) or len(lumen) != 2:
+                raise InputError(
+                    f"lumen is {lumen!r}: it must be a Lumen, or a plan's file and its tract's"
+                )
+            for path in lumen:
+                check_path("lumen", path)
+        seeds = phantom if isinstance(phantom, Sequence) else (0 if phantom is None else phantom,)
+        if isinstance(phantom, str) or not len(seeds):
+            raise InputError(f"phantom is {phantom!r}: it must be a seed, or one seed or more")
+        self.seeds = tuple(check_integer("phantom", seed, low=0) for seed in seeds)
+        self.given = lumen
+
+    def draw(self, generator: np.random.Generator) -> Lumen:
+        """Return one of them."""
+        if isinstance(self.given, Lumen):
+            return self.given
+        if self.given is not None:
+            plan, tract = self.given
+            return _read_lumen(os.fspath(plan), os.fspath(tract))
+        one = 0 if len(self.seeds) == 1 else int(generator.integers(len(self.seeds)))
+        return find_phantom(self.seeds[one])
+
+
+def aim_ahead(way: Floats, pose: tuple[Floats, Floats], *, before: float, ahead: float) -> Floats:
+    """Return the direction (3,) in the tip's frame to a place on a way that lies ahead [mm].
+
+    `pose` is the tip's axes as columns (3, 3), and its place; `before` is how far along the way it
+    was last.
+    """
+    axes, tip = pose
+    arcs = measure_arc_length(way)
+    place = follow_way(way, arcs, tip, before=before)
+    target = interpolate_polyline(way, arcs, np.array([place + ahead]))[0]
+    local = axes.T @ (target - tip)
+    return np.asarray(local / max(float(np.linalg.norm(local)), 1e-9))
 
 
 class Insertion(gymnasium.Env[Observation, Floats]):
@@ -169,25 +226,12 @@ class Insertion(gymnasium.Env[Observation, Floats]):
     ) -> None:
         check_word("robot", robot, get_args(Robot))
         check_word("observe", observe, get_args(Observe))
-        if phantom is not None and lumen is not None:
-            raise InputError(f"phantom is {phantom}: leave it out with a lumen")
+        self.lumens = LumenChoice(phantom, lumen)
         if render_mode is not None:
             check_word("render_mode", render_mode, get_args(RenderMode))
         wall = WallOptions(stiffness=1.0) if wall is None else wall
         check_kind("wall", wall, WallOptions)
-        if not (lumen is None or isinstance(lumen, Lumen)):
-            if not isinstance(lumen, tuple) or len(lumen) != 2:
-                raise InputError(
-                    f"lumen is {lumen!r}: it must be a Lumen, or a plan's file and its tract's"
-                )
-            for path in lumen:
-                check_path("lumen", path)
-        seeds = phantom if isinstance(phantom, Sequence) else (0 if phantom is None else phantom,)
-        if isinstance(phantom, str) or not len(seeds):
-            raise InputError(f"phantom is {phantom!r}: it must be a seed, or one seed or more")
-        self.seeds = tuple(check_integer("phantom", seed, low=0) for seed in seeds)
         self.robot, self.render_mode, self.options = robot, render_mode, wall
-        self.given = lumen
         self.observe = observe
         self.observation_space = gymnasium.spaces.Box(-100.0, 100.0, (OBSERVED,), np.float64)
         if observe == "camera":
@@ -199,21 +243,12 @@ class Insertion(gymnasium.Env[Observation, Floats]):
         self.lumen: Lumen | None = None
         self._built: tuple[Lumen, Simulation] | None = None
 
-    def _choose(self) -> Lumen:
-        if isinstance(self.given, Lumen):
-            return self.given
-        if self.given is not None:
-            plan, tract = self.given
-            return _read_lumen(os.fspath(plan), os.fspath(tract))
-        one = 0 if len(self.seeds) == 1 else int(self.np_random.integers(len(self.seeds)))
-        return find_phantom(self.seeds[one])
-
     def reset(
         self, *, seed: int | None = None, options: Json | None = None
     ) -> tuple[Observation, Json]:
         """Begin anew: the tip stands at the entry, a little off its axis."""
         super().reset(seed=seed)
-        lumen = self._choose()
+        lumen = self.lumens.draw(self.np_random)
         if self._built is None or self._built[0] is not lumen:
             self._built = lumen, self._build(lumen)
         self.lumen, self.simulation = self._built
@@ -307,12 +342,8 @@ class Insertion(gymnasium.Env[Observation, Floats]):
 
     def aim(self, way: Floats, ahead: float) -> Floats:
         """Return the direction (3,) in the tip's frame to a place on a way that lies ahead [mm]."""
-        arcs = measure_arc_length(way)
-        tip = self.simulation.joints[0]
-        place = follow_way(way, arcs, tip, before=self.progress)
-        target = interpolate_polyline(way, arcs, np.array([place + ahead]))[0]
-        local = self.axes.T @ (target - tip)
-        return np.asarray(local / max(float(np.linalg.norm(local)), 1e-9))
+        pose = self.axes, self.simulation.joints[0]
+        return aim_ahead(way, pose, before=self.progress, ahead=ahead)
 
     @property
     def axes(self) -> Floats:
@@ -428,13 +459,13 @@ POLICIES: dict[str, Policy] = {
 
 
 def rate_policy(
-    env: Insertion, policy: Policy, *, episodes: int, seed: int = 0
+    env: Scene, policy: Callable[[Scene], Floats], *, episodes: int, seed: int = 0
 ) -> dict[str, float]:
     """Return the share of episodes that come through, and means over all of them.
 
     Parameters
     ----------
-    env : Insertion
+    env : Insertion or TendonInsertion
     policy : callable
         Takes the environment, returns an action.
     episodes, seed : int

@@ -1,0 +1,124 @@
+"""Logs of motions as MCAP files of ROS 2 messages, which Foxglove and ``ros2 bag`` play.
+
+Lengths are in metres, as ROS 2 has them (REP 103); times are those of the motion.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..errors import MissingExtraError
+from ..io.files import check_new_file, write_atomically
+
+if TYPE_CHECKING:
+    from .dynamics import ShapeHistory
+
+METRE = 1e-3
+"""Of a millimetre."""
+
+_RULE = "\n" + 80 * "=" + "\n"
+_HEADER = "std_msgs/Header header\n"
+_PARTS = {
+    "std_msgs/Header": "builtin_interfaces/Time stamp\nstring frame_id\n",
+    "builtin_interfaces/Time": "int32 sec\nuint32 nanosec\n",
+    "geometry_msgs/PoseStamped": f"{_HEADER}geometry_msgs/Pose pose\n",
+    "geometry_msgs/Pose": "geometry_msgs/Point position\ngeometry_msgs/Quaternion orientation\n",
+    "geometry_msgs/Point": "float64 x\nfloat64 y\nfloat64 z\n",
+    "geometry_msgs/Quaternion": "float64 x\nfloat64 y\nfloat64 z\nfloat64 w\n",
+}
+"""Messages that those below are made of, as ROS 2 defines them."""
+_STAMP = ("std_msgs/Header", "builtin_interfaces/Time")
+_MESSAGES = {
+    "/shape": ("nav_msgs/msg/Path", f"{_HEADER}geometry_msgs/PoseStamped[] poses\n", tuple(_PARTS)),
+    "/tendons": (
+        "sensor_msgs/msg/JointState",
+        f"{_HEADER}string[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort\n",
+        _STAMP,
+    ),
+    "/wall_force": ("std_msgs/msg/Float64", "float64 data\n", ()),
+}
+"""Type, definition and parts of what stands on each topic."""
+
+
+def check_mcap(path: str | os.PathLike[str]) -> Path:
+    """Return where a log is written.
+
+    Raises
+    ------
+    InputError
+        If it does not end in ``.mcap``, or cannot be written.
+    MissingExtraError
+        If the package that writes it is not installed.
+    """
+    target = Path(path)
+    check_new_file(target, (".mcap",), force=True)
+    try:
+        import mcap_ros2  # noqa: F401
+    except ImportError:
+        raise MissingExtraError("mcap-ros2-support", "mcap") from None
+    return target
+
+
+def write_mcap(history: ShapeHistory, path: str | os.PathLike[str]) -> Path:
+    """Write a motion as an MCAP file of ROS 2 messages, and return its path.
+
+    Topics, at each time: ``/shape``, a ``nav_msgs/Path`` of the cross-sections in the frame
+    ``world``; ``/tendons``, a ``sensor_msgs/JointState`` with displacements as positions [m] and
+    tensions as efforts [N]; ``/wall_force``, the sum of the walls' forces [N].
+
+    Raises
+    ------
+    InputError
+        If it does not end in ``.mcap``, or cannot be written.
+    MissingExtraError
+        If the package that writes it is not installed.
+    """
+    target = check_mcap(path)
+    return write_atomically(target, lambda place: _put_log(history, place))
+
+
+def _put_log(history: ShapeHistory, place: Path) -> None:
+    from mcap_ros2.writer import Writer
+    from scipy.spatial.transform import Rotation
+
+    frames = history.robot.base_frame @ history.frames
+    turns = Rotation.from_matrix(frames[..., :3, :3].reshape(-1, 3, 3)).as_quat()
+    turns = turns.reshape(*frames.shape[:2], 4)
+    with place.open("wb") as file, Writer(file) as writer:
+        schemas = {
+            topic: writer.register_msgdef(
+                kind, text + "".join(f"{_RULE}MSG: {part}\n{_PARTS[part]}" for part in parts)
+            )
+            for topic, (kind, text, parts) in _MESSAGES.items()
+        }
+        for row, time in enumerate(history.time):
+            moment = round(1e9 * (float(time) - float(history.time[0])))
+            stamp = {"sec": moment // 10**9, "nanosec": moment % 10**9}
+            header = {"stamp": stamp, "frame_id": "world"}
+            poses = [
+                {
+                    "header": header,
+                    "pose": {
+                        "position": dict(zip("xyz", point, strict=True)),
+                        "orientation": dict(zip("xyzw", turn, strict=True)),
+                    },
+                }
+                for point, turn in zip(
+                    (METRE * frames[row, :, :3, 3]).tolist(), turns[row].tolist(), strict=True
+                )
+            ]
+            tendons = {
+                "header": header,
+                "name": list(history.robot.tendon_names),
+                "position": (METRE * history.displacements[row]).tolist(),
+                "velocity": [],
+                "effort": history.tensions[row].tolist(),
+            }
+            wall = {"data": float(np.asarray(history.wall_sum)[row])}
+            messages = {"header": header, "poses": poses}, tendons, wall
+            for (topic, schema), message in zip(schemas.items(), messages, strict=True):
+                writer.write_message(topic, schema, message, log_time=moment, publish_time=moment)
