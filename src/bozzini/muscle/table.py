@@ -75,7 +75,8 @@ def read_measurements(
     Parameters
     ----------
     path : path-like
-        A file ending in .csv, .tsv, .txt, .parquet or .pq; Parquet needs the extra ``tables``.
+        A file ending in .csv, .tsv, .txt, .parquet, .pq, .xlsx or .mat; Parquet needs the extra
+        ``tables``.
     muscle : Muscle, optional
         The muscle measured: turns length into contraction, and lengths are checked against its
         strand.

@@ -209,7 +209,7 @@ def read_loop(
     Parameters
     ----------
     path : path-like
-        A file ending in .csv, .tsv, .txt, .parquet or .pq.
+        A table as `bozzini.muscle.read_measurements` takes it.
     kind : str, optional
         The response, where it is not to be chosen so: ``"contraction"`` or ``"force"``.
     held : float, optional
