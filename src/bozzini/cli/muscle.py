@@ -35,7 +35,7 @@ from .common import (
     run_exit,
     split_setting,
 )
-from .hysteresis import command as hysteresis_command
+from .muscle_hysteresis import command as hysteresis_command
 from .muscle_options import (
     FIELDS,
     DataRequest,
