@@ -461,21 +461,9 @@ def _make_row(name: str, fit: Fitted, left: Floats, work: _Work) -> LoopRow:
     )
 
 
-def find_correlation(residual: Floats) -> float:
-    """Return the correlation of residuals with those before them, 0 at least."""
-    away = residual - residual.mean()
-    size = float(away @ away)
-    return min(max(float(away[1:] @ away[:-1]) / size, 0.0), 0.999) if size > 0.0 else 0.0
-
-
 def _find_band(left: Floats) -> float:
-    """Return what 95 % of residuals left out are within, by split conformal prediction.
-
-    Of residuals that go with each other there are fewer: the quantile is that of so many.
-    """
-    share = find_correlation(left)
-    count = max(len(left) * (1.0 - share) / (1.0 + share), 1.0)
-    level = min(math.ceil((count + 1.0) * _COVERED) / count, 1.0)
+    """Return what 95 % of residuals left out are within, by split conformal prediction."""
+    level = min(math.ceil((len(left) + 1.0) * _COVERED) / len(left), 1.0)
     return float(np.quantile(np.abs(left), level))
 
 

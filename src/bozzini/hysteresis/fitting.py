@@ -232,18 +232,17 @@ def fit_plays(
     lone = backlash.law.thresholds[0]
     starts = backlash.starts if before is None else before.starts
     widths, still = _choose_widths(samples, mask, starts, _list_rungs("many", lone, reach), reach)
-    best: tuple[float, Fitted] | None = None
+    best: tuple[float, Fitted] = np.inf, backlash
     for _ in range(_ROUNDS if before is None else 1):
         plays = samples.trace(widths, starts, reach)
         ends = [_fit_weights(samples, mask, widths, plays, sign) for sign in (1.0, -1.0)]
         _, weights = min(ends, key=lambda e: e[0])
         found, cost = _make_law(samples, mask, (widths, weights), starts, 1, reach)
-        if best is not None and cost > best[0] * (1.0 - 1e-6):
+        if cost > best[0] * (1.0 - 1e-6):
             break
         best = cost, replace(found, still=still)
         if before is None:
             starts = settle_starts(found, samples, mask).starts
-    assert best is not None
     return best[1]
 
 
@@ -255,7 +254,7 @@ def _fit_weights(
     columns = plays if sign > 0.0 else np.hstack([inputs, inputs - plays[:, 1:]])
     free = np.hstack([np.ones((len(inputs), 1)), samples.terms])[mask]
     names = [""] * columns.shape[1]
-    best: tuple[float, Floats] | None = None
+    best: tuple[float, Floats] = np.inf, np.zeros(len(widths))
     for turn in (1.0, -1.0):
         target = turn * samples.outputs[mask]
         found = fit_linear(columns[mask], target, names=names, free=free, judge=False)
@@ -267,9 +266,8 @@ def _fit_weights(
         if not total > 0.0:
             weights = np.append(1.0, np.zeros(len(widths) - 1))
             total = 1.0
-        if best is None or cost < best[0]:
+        if cost < best[0]:
             best = cost, weights / total
-    assert best is not None
     return best
 
 
@@ -298,17 +296,16 @@ def fit_generalised(
         weights = np.where(near.any(axis=1), weights, 0.0)
         if not weights.sum() > 0.0:
             continue
-        best: tuple[float, Fitted] | None = None
+        best: tuple[float, Fitted] = np.inf, begin
         for _ in range(_ROUNDS):
             found = _bend_plays(samples, mask, widths, starts, weights, reach)
             left = (samples.outputs - found.predict(samples))[mask]
             cost = float(left @ left)
-            if best is not None and cost > best[0] * (1.0 - 1e-6):
+            if cost > best[0] * (1.0 - 1e-6):
                 break
             best = cost, replace(found, still=still)
             weights = np.array(found.law.weights)
             starts = settle_starts(found, samples, mask).starts
-        assert best is not None
         ends.append(best)
     return min(ends, key=lambda e: e[0])[1]
 
@@ -417,14 +414,13 @@ def fit_bouc_wen(
     begins = [np.array([np.log(w), 0.6, 1.5]) for w in (wide, 2.5 * wide, 0.5)]
     trials = [search(begin, starts, 5) for begin in begins]
     point = min(trials, key=lambda e: e[0])[1]
-    best: tuple[float, Fitted] | None = None
+    best: tuple[float, Fitted] = np.inf, backlash
     for _ in range(_ROUNDS):
         found = solve(point, starts)[0]
         starts = settle_starts(found, samples, mask).starts
         cost, point = search(point, starts, 25)
         found, left = solve(point, starts)
-        if best is not None and float(left @ left) > best[0] * (1.0 - 1e-4):
+        if float(left @ left) > best[0] * (1.0 - 1e-4):
             break
         best = float(left @ left), found
-    assert best is not None
     return best[1]
