@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -25,6 +25,7 @@ from .common import (
     gather,
     gather_once,
     option,
+    parse_columns,
     run_exit,
 )
 
@@ -114,16 +115,6 @@ def _parse_marker(text: str) -> tuple[str, float]:
     if not (name and mark and value):
         raise InputError(f"--marker is '{text}': it must be NAME=ARC, such as m1=20mm")
     return name, parse_quantity(value, "length")
-
-
-def _parse_columns(texts: Sequence[str]) -> dict[str, str]:
-    pairs = []
-    for text in texts:
-        title, mark, old = (part.strip() for part in text.partition("="))
-        if not (title and mark and old):
-            raise InputError(f"--column is '{text}': it must be TITLE=TITLE IN THE FILE")
-        pairs.append((old, title))
-    return gather_once("--column", pairs)
 
 
 def _make_options(
@@ -235,7 +226,7 @@ def make_fit(effector_options: Callable[[Command], Command]) -> click.Command:
         check_target(figure, PICTURES, force=answer.force)
         if answer.out is not None and options.rest and not is_storable(options.rest):
             raise InputError(f"the rest '{options.rest}' cannot be written: leave --out or it out")
-        titles = _parse_columns(columns)
+        titles = parse_columns(columns)
         whole = read_effector_measurements(table, per_volt=per_volt, columns=titles)
         data, checked = whole, {}
         if held := _split(hold):

@@ -31,7 +31,9 @@ from .common import (
     gather,
     json_option,
     option,
+    parse_columns,
     progress_bar,
+    refuse_options,
     run_exit,
     split_setting,
 )
@@ -41,6 +43,7 @@ from .muscle_options import (
     DataRequest,
     Request,
     check_friction,
+    column_option,
     data_options,
     describe_model,
     directed_options,
@@ -594,6 +597,7 @@ def _parse_bounds(
 @command.command("predict")
 @click.argument("file", metavar="FIT.yaml", type=INPUT)
 @click.argument("source", metavar="[TABLE]", type=INPUT, required=False)
+@column_option
 @option("--pressure", "Gauge pressure, without a table.", "pressure")
 @option("--contraction", "Contraction, without a table.", "length")
 @option("--load", "Tension held, without a table.", "force")
@@ -607,6 +611,7 @@ def _parse_bounds(
 def predict_command(
     file: Path,
     source: Path | None,
+    columns: tuple[str, ...],
     pressure: float | None,
     contraction: float | None,
     load: float | None,
@@ -636,8 +641,14 @@ def predict_command(
     if source is not None:
         if given:
             raise InputError(f"{given[0]} has no effect with a table: leave it out")
-        data = read_measurements(source, muscle=muscle, measured=response != "contraction")
+        data = read_measurements(
+            source,
+            muscle=muscle,
+            columns=parse_columns(columns),
+            measured=response != "contraction",
+        )
     else:
+        refuse_options(("columns",), "without a table")
         own = {"force": "--load", "contraction": "--contraction", "pressure": "--pressure"}
         if own.get(response) in given:
             raise InputError(f"{own[response]} is what is predicted: leave it out")

@@ -10,7 +10,15 @@ import numpy as np
 
 from ..checks import check_path
 from ..errors import FileFormatError, InputError, UnitError
-from ..io.sheets import Sheet, read_sheet, show_cell, split_title, take_numbers
+from ..io.sheets import (
+    Sheet,
+    find_title,
+    read_sheet,
+    rename_titles,
+    show_cell,
+    split_title,
+    take_numbers,
+)
 from ..muscle.hysteresis.operator import LIMIT
 from ..muscle.loops.record import find_bins, smooth_input
 from ..numeric.arrays import Floats
@@ -156,9 +164,7 @@ def read_loops(
 def _take(
     sheet: Sheet, titles: LoopTitles, columns: Mapping[str, str], needs_output: bool
 ) -> LoopRuns:
-    shown = [title.strip() for title in sheet.titles]
-    for old in columns:
-        shown[find_title(shown, old)] = columns[old]
+    shown = [title.strip() for title in rename_titles(sheet, columns).titles]
     run = find_title(shown, titles.run) if titles.run else _look_for(shown, ("run", "window"))
     time = find_title(shown, titles.time) if titles.time else _look_for(shown, ("time", "t"))
     given, wanted = titles.input, titles.output
@@ -225,29 +231,6 @@ def _part(words: Sequence[str], times: Floats) -> tuple[tuple[str, ...], tuple[i
         if labels.count(name) > 1:
             labels[k] = f"{name} ({labels[:k].count(name) + 1})"
     return tuple(labels), tuple(first)
-
-
-def find_title(titles: Sequence[str], wanted: str) -> int:
-    """Return the place of a column by its title, or by its name without the unit.
-
-    Raises
-    ------
-    FileFormatError
-        If there is none, or more than one.
-    """
-    forms = (
-        lambda title: title.strip(),
-        lambda title: title.strip().lower(),
-        lambda title: split_title(title)[0].lower(),
-    )
-    for form in forms:
-        found = [k for k, title in enumerate(titles) if form(title) == form(wanted)]
-        if len(found) == 1:
-            return found[0]
-        if found:
-            raise FileFormatError(f"{len(found)} columns are called '{wanted}'")
-    there = ", ".join(f"'{title}'" for title in titles)
-    raise FileFormatError(f"there is no column '{wanted}': the table has {there}")
 
 
 def _has(titles: Sequence[str], wanted: str) -> bool:

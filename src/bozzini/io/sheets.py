@@ -428,6 +428,37 @@ def read_sheet(path: Path) -> Sheet:
     raise FileFormatError(f"{path.name} ends in '{suffix}': a table ends in one of {known}")
 
 
+def find_title(titles: Sequence[str], wanted: str) -> int:
+    """Return the place of a column by its title, or by its name without the unit.
+
+    Raises
+    ------
+    FileFormatError
+        If there is none, or more than one.
+    """
+    forms = (
+        lambda title: title.strip(),
+        lambda title: title.strip().lower(),
+        lambda title: split_title(title)[0].lower(),
+    )
+    for form in forms:
+        found = [k for k, title in enumerate(titles) if form(title) == form(wanted)]
+        if len(found) == 1:
+            return found[0]
+        if found:
+            raise FileFormatError(f"{len(found)} columns are called '{wanted}'")
+    there = ", ".join(f"'{title}'" for title in titles)
+    raise FileFormatError(f"there is no column '{wanted}': the table has {there}")
+
+
+def rename_titles(sheet: Sheet, columns: Mapping[str, str]) -> Sheet:
+    """Return a sheet with other titles in place of some, by these, as `find_title` finds them."""
+    titles = [*sheet.titles]
+    for old, title in columns.items():
+        titles[find_title(sheet.titles, old)] = title
+    return replace(sheet, titles=titles)
+
+
 def show_cell(cell: object) -> str:
     """Return a cell as one short line."""
     text = " ".join(str(cell).split())
