@@ -29,7 +29,7 @@ PLANTS: dict[str, Callable[[Floats], Floats]] = {
 }
 """Outputs along inputs from rest."""
 CONTAINS = {
-    "backlash": ("backlash-cubic", "generalised"),
+    "backlash": ("backlash-cubic", "capstan", "generalised"),
     "plays": ("prandtl-ishlinskii", "generalised"),
     "slips": ("prandtl-ishlinskii", "generalised"),
     "bouc-wen": ("bouc-wen",),

@@ -2,6 +2,7 @@
 
 - ``line``, ``cubic``: of the input, without memory.
 - ``backlash-cubic``: a cubic of one play, whose half width is fitted.
+- ``capstan``: the same with a play that widens in proportion to the distance from an apex.
 - ``prandtl-ishlinskii``: a line over a sum of plays of half widths 0, 0.1 to 0.8 of half the range,
   and that of the backlash, of weights of one sign: they lag, or lead, all alike.
 - ``generalised``: a cubic of such a sum, or of half widths 0, 0.1 and 0.3, whichever predicts
@@ -27,13 +28,14 @@ from ..io.sheets import split_title
 from ..numeric.arrays import Floats
 from ..progress import Progress, no_progress
 from ..results import Json, ReasonedResult, format_rows, rows_of, tabulated, take_axes, to_plain
-from .constants import Constant, judge_constants
+from .constants import Constant, identify_tendon, judge_constants
 from .fitting import (
     Fitted,
     Mask,
     Samples,
     fit_backlash,
     fit_bouc_wen,
+    fit_capstan,
     fit_generalised,
     fit_plays,
     fit_polynomial,
@@ -47,7 +49,7 @@ if TYPE_CHECKING:
 
 BASELINES = ("line", "cubic", "backlash-cubic")
 """Laws that are always compared."""
-LAWS = (*BASELINES, "prandtl-ishlinskii", "generalised", "bouc-wen")
+LAWS = (*BASELINES, "capstan", "prandtl-ishlinskii", "generalised", "bouc-wen")
 """All laws, the simpler first."""
 DRIFTS = ("none", "linear", "log")
 
@@ -329,7 +331,7 @@ def compare_laws(
         band=band,
         coverage=float(np.mean(missed <= band)) if held.any() else math.nan,
         outside=float(np.mean(beyond)) if held.any() else 0.0,
-        constants=judge_constants(chosen, fit, work.few, work.few_fitted),
+        constants=_find_constants(fit, work),
         drift=drift,
         drifted=float(fit.factors @ np.ptp(work.every.terms, axis=0)) if len(fit.factors) else 0.0,
         notes=(),
@@ -447,11 +449,20 @@ def _fit_law(
         return fit_polynomial(samples, mask, 1 if name == "line" else 3)
     if name == "backlash-cubic":
         return fit_backlash(samples, mask, before)
+    if name == "capstan":
+        return fit_capstan(samples, mask, known["backlash-cubic"], before)
     if name == "prandtl-ishlinskii":
         return fit_plays(samples, mask, known["backlash-cubic"], before)
     if name == "generalised":
         return fit_generalised(samples, mask, known, ladder, before)
     return fit_bouc_wen(samples, mask, known["backlash-cubic"], before)
+
+
+def _find_constants(fit: Fitted, work: _Work) -> tuple[Constant, ...]:
+    """Return the constants of a law, and what they say of a tendon."""
+    own = judge_constants(fit, work.few, work.few_fitted)
+    units = {"input_unit": work.runs.input_unit, "output_unit": work.runs.unit}
+    return (*own, *identify_tendon(fit.law, own, **units))
 
 
 def _size(values: Floats) -> float:

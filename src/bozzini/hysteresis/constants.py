@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..errors import UnitError
 from ..numeric.arrays import Floats
 from ..results import Json
+from ..units import parse_unit
 from .fitting import Fitted, Mask, Samples
 from .law import LoopLaw
 
@@ -36,7 +39,7 @@ class Constant:
     is_determined: bool = True
 
 
-def judge_constants(name: str, fit: Fitted, samples: Samples, mask: Mask) -> tuple[Constant, ...]:
+def judge_constants(fit: Fitted, samples: Samples, mask: Mask) -> tuple[Constant, ...]:
     """Return the constants that have a meaning, with intervals by the derivatives at the fit.
 
     The variance is that of the residuals, larger where these go with each other; coefficients,
@@ -50,7 +53,12 @@ def judge_constants(name: str, fit: Fitted, samples: Samples, mask: Mask) -> tup
             _STEP * law.reach,
             lambda item, value: replace(item, thresholds=(value,)),
         )
-    elif len(law.thresholds) > 1:
+    if law.fan:
+        for key in ("fan", "apex"):
+            moves[key] = getattr(law, key), _STEP * (1.0 if key == "fan" else law.reach), (
+                _change_field(key)
+            )  # fmt: skip
+    if len(law.thresholds) > 1:
         for k, (width, weight) in enumerate(zip(law.thresholds, law.weights, strict=True)):
             if weight:
                 moves[f"weight at {width:.4g}"] = (weight, _STEP, _change_weight(k))
@@ -86,12 +94,75 @@ def judge_constants(name: str, fit: Fitted, samples: Samples, mask: Mask) -> tup
     for (label, (value, _, _)), error in zip(moves.items(), errors.tolist(), strict=False):
         side = _SIDE * error
         least = 1.0 if label == "exponent" else 0.0
-        known = side < abs(value - least) or label in ("exponent", "beta fraction")
+        known = side < abs(value - least) or label in ("exponent", "beta fraction", "apex")
         found.append(
             Constant(name=label, value=value, low=value - side, high=value + side,
                      is_determined=bool(known))
         )  # fmt: skip
     return tuple(found)
+
+
+def identify_tendon(
+    law: LoopLaw, known: Sequence[Constant], *, input_unit: str, output_unit: str
+) -> tuple[Constant, ...]:
+    """Return what a capstan's fan says of a tendon in a channel, pulled against a spring.
+
+    The tension falls along the channel by ``exp(-f)``, f the coefficient of friction times the
+    angle of wrap, and the tendon stretches by what it bears. Of tensions over what is moved at the
+    end both edges are lines, ``T exp(-f)`` and ``T exp(f)``: ``f = atanh(fan)``. Of displacements::
+
+        input / output = 1 + q (exp(f) - 1) / f  pulled,  1 + q (1 - exp(-f)) / f  let out
+
+    with q the compliance of the tendon times the stiffness of what it moves: two equations for
+    both, where input and output are lengths. Of an output in another unit only a lower bound of f
+    is known, ``2 atanh(fan)``, that of a tendon much softer than what it moves.
+
+    Parameters
+    ----------
+    law : LoopLaw
+    known : sequence of Constant
+        Its constants, of which the fan's interval is taken.
+    input_unit, output_unit : str
+        As in the titles.
+    """
+    fan = next((item for item in known if item.name == "fan"), None)
+    if fan is None:
+        return ()
+    ends = [min(max(share, 1e-9), 0.95) for share in (fan.value, fan.low, fan.high)]
+    if _is_unit(input_unit, "force"):
+        return (_gather(_WRAP, [math.atanh(share) for share in ends], fan),)
+    if _is_unit(input_unit, "length") and _is_unit(output_unit, "length"):
+        slope = abs(law.coefficients[1]) / law.half
+        slope *= parse_unit(output_unit, "length") / parse_unit(input_unit, "length")
+        if slope * (1.0 + max(ends)) < 1.0:
+            pairs = []
+            for share in ends:
+                pulled, let_out = (1.0 / (slope * (1.0 - s)) - 1.0 for s in (share, -share))
+                wrap = math.log(pulled / let_out)
+                pairs.append((wrap, pulled * wrap / math.expm1(wrap)))
+            wraps, shares = zip(*pairs, strict=True)
+            return _gather(_WRAP, wraps, fan), _gather(_COMPLIANCE, shares, fan)
+    bounds = [2.0 * math.atanh(share) for share in ends]
+    return (_gather(f"{_WRAP}, at least", bounds, fan),)
+
+
+_WRAP = "friction times wrap angle"
+_COMPLIANCE = "compliance times stiffness"
+
+
+def _is_unit(unit: str, kind: str) -> bool:
+    try:
+        parse_unit(unit, kind)
+    except UnitError:
+        return False
+    return bool(unit)
+
+
+def _gather(name: str, ends: Sequence[float], fan: Constant) -> Constant:
+    """Return a constant that follows from the fan: its value, and those at the interval's ends."""
+    return Constant(
+        name=name, value=ends[0], low=min(ends), high=max(ends), is_determined=fan.is_determined
+    )
 
 
 def _change_weight(place: int) -> Callable[[LoopLaw, float], LoopLaw]:

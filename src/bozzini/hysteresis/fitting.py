@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ..muscle.hysteresis.operator import fit_linear
 from ..numeric.arrays import Floats
 from ..numeric.least_squares import LeastSquares
-from .law import LoopLaw, trace_plays, trace_state
+from .law import PARALLEL, Fan, LoopLaw, trace_plays, trace_state
 
 STILL = 0.05
 """Share of the range of the inputs: a play that moves less hardly moves, and gets no weight."""
@@ -51,11 +51,16 @@ class Samples:
         return np.concatenate(self.inputs)
 
     def trace(
-        self, widths: Sequence[float] | Floats, starts: Sequence[float], reach: float
+        self,
+        widths: Sequence[float] | Floats,
+        starts: Sequence[float],
+        reach: float,
+        fan: Fan = PARALLEL,
     ) -> Floats:
         """Return the positions of plays (N, k)."""
         pairs = zip(self.inputs, starts, strict=True)
-        return np.concatenate([trace_plays(u, np.asarray(widths), s, reach) for u, s in pairs])
+        each = np.asarray(widths)
+        return np.concatenate([trace_plays(u, each, s, reach, fan) for u, s in pairs])
 
     def find_reach(self, mask: Mask) -> float:
         """Return half of the range of the inputs of some samples."""
@@ -102,10 +107,11 @@ def _make_law(
     starts: Sequence[float],
     degree: int,
     reach: float,
+    fan: Fan = PARALLEL,
 ) -> tuple[Fitted, float]:
     """Return the best polynomial of a sum of plays, and its sum of squares."""
     widths, weights = plays
-    inner = samples.trace(widths, starts, reach) @ np.asarray(weights)
+    inner = samples.trace(widths, starts, reach, fan) @ np.asarray(weights)
     found, centre, half, factors, cost = _solve(inner, samples.terms, samples.outputs, mask, degree)
     place = (inner[mask] - centre) / half
     law = LoopLaw(
@@ -116,6 +122,8 @@ def _make_law(
         half=half,
         straight=_find_straight(place),
         reach=reach,
+        fan=fan[0],
+        apex=fan[1],
     )
     return Fitted(law, tuple(starts), factors), cost
 
@@ -201,6 +209,57 @@ def fit_backlash(samples: Samples, mask: Mask, before: Fitted | None = None) -> 
     width = _find_least(lambda r: fit(r, starts)[0], low, high)
     ends.append(fit(width, starts))
     return min(ends, key=lambda e: e[0])[1]
+
+
+def fit_capstan(
+    samples: Samples, mask: Mask, backlash: Fitted, before: Fitted | None = None
+) -> Fitted:
+    """Return a cubic of one play that widens away from an apex."""
+    reach, inputs = backlash.law.reach, samples.joined[mask]
+    middle = 0.5 * float(inputs.max() + inputs.min())
+    span = float(np.ptp(samples.outputs[mask])) or 1.0
+
+    def make(point: Floats, starts: Sequence[float]) -> tuple[Fitted, float]:
+        width, share, apex = reach * float(point[0]), float(point[1]), float(point[2])
+        fan = (share, middle + reach * apex) if share else PARALLEL
+        return _make_law(samples, mask, ((width,), (1.0,)), starts, 3, reach, fan)
+
+    def search(point: Floats, starts: Sequence[float], evaluations: int) -> tuple[float, Floats]:
+        def miss(there: Floats) -> Floats:
+            found = make(there, starts)[0]
+            return (found.predict(samples) - samples.outputs)[mask] / span
+
+        end = LeastSquares(
+            misfit=miss,
+            bounds=(np.array([0.0, 0.0, -2.0]), np.array([0.95, 0.9, 2.0])),
+            margin=1e-4, scale=np.array([0.1, 0.1, 0.5]), xtol=1e-6, ftol=1e-6, gtol=1e-12,
+        ).descend(point, evaluations=evaluations)  # fmt: skip
+        return end.cost, end.point
+
+    if before is not None:
+        law = before.law
+        point = np.array([law.thresholds[0] / reach, law.fan, (law.apex - middle) / reach])
+        if not law.fan:
+            return fit_backlash(samples, mask, before)
+        return make(search(point, before.starts, 15)[1], before.starts)[0]
+    lone = backlash.law.thresholds[0] / reach
+    ends: list[tuple[float, Floats, Fitted]] = []
+    for share in (0.05, 0.15, 0.3):
+        for apex in (-1.0, 0.0, 1.0, -middle / reach):
+            point = np.array([max(lone - 0.5 * share, 0.0), share, np.clip(apex, -1.5, 1.5)])
+            found = settle_starts(make(point, backlash.starts)[0], samples, mask)
+            found, cost = make(point, found.starts)
+            ends.append((cost, point, found))
+    ends.sort(key=lambda end: end[0])
+    best = (np.inf, backlash)
+    for _, point, found in ends[:2]:
+        for evaluations in (15, 30):
+            _, point = search(point, found.starts, evaluations)
+            found = settle_starts(make(point, found.starts)[0], samples, mask)
+            found, cost = make(point, found.starts)
+        best = (cost, found) if cost < best[0] else best
+    left = (samples.outputs - backlash.predict(samples))[mask]
+    return best[1] if best[0] < float(left @ left) else backlash
 
 
 def _list_rungs(name: str, lone: float, reach: float) -> Floats:

@@ -12,6 +12,10 @@ from ..muscle.hysteresis.operator import number, numbers, take_fields
 from ..muscle.kernels import hysteresis as kernels
 from ..numeric.arrays import Floats
 
+Fan = tuple[float, float]
+"""Share by which plays widen from an apex, and that [input]."""
+PARALLEL: Fan = (0.0, 0.0)
+"""Of plays as wide everywhere."""
 WHOLE = 2.0
 """All starts: from 0 to here."""
 
@@ -38,7 +42,10 @@ class LoopLaw:
         z = sum of w_j H_j        output = c_0 + c_1 s + c_2 s**2 + c_3 s**3 + height h
         s = (z - centre) / half
 
-    One play of no width and no height is a plain polynomial.
+    One play of no width and no height is a plain polynomial. With a fan plays widen away from an
+    apex, as tendons with the capstan's friction do from where they have no tension::
+
+        H = max(u - r - fan |u - apex|, min(u + r + fan |u - apex|, H before))
 
     What an input did before the first sample is one number, the start: where it turned last. 0 is
     a rise from afar; up to 1 a fall after ever larger rises, 1 from afar; up to 2 a rise again
@@ -58,6 +65,9 @@ class LoopLaw:
         Lowest and highest s, beyond which the curve goes on straight.
     reach : float
         Half of the range of the input [input]: the measure of starts.
+    fan : float
+    apex : float
+        [input]
     height : float
         [output]
     yield_input : float
@@ -73,6 +83,8 @@ class LoopLaw:
     half: float = number(0.0, low_open=True)
     straight: tuple[float, ...] = numbers()
     reach: float = number(0.0, low_open=True)
+    fan: float = number(0.0, 0.95, default=0.0)
+    apex: float = number(default=0.0)
     height: float = number(default=0.0)
     yield_input: float = number(0.0, low_open=True, default=1.0)
     beta_fraction: float = number(0.0, 10.0, default=0.5)
@@ -94,7 +106,8 @@ class LoopLaw:
 
     def run(self, inputs: Floats, start: float | LoopState | None) -> tuple[Floats, LoopState]:
         """Return outputs (n,) along inputs (n,), and the state at their end."""
-        plays = trace_plays(inputs, self.thresholds, start, self.reach)
+        fan = self.fan, self.apex
+        plays = trace_plays(inputs, self.thresholds, start, self.reach, fan)
         output = self.bend(plays @ np.array(self.weights))
         last = 0.0
         if self.height:
@@ -116,13 +129,18 @@ class LoopLaw:
         )
 
 
-def place_plays(first: float, thresholds: Floats, start: float | None, reach: float) -> Floats:
+def place_plays(
+    first: float, thresholds: Floats, start: float | None, reach: float, fan: Fan = PARALLEL
+) -> Floats:
     """Return positions of plays (k,) at the first input, after a start."""
     if start is None:
         return np.full(len(thresholds), first)
+    share, apex = fan
+    turn = tell_turn(first, start, reach)
+    here, there = (thresholds + share * abs(place - apex) for place in (first, turn))
     if start <= 1.0:  # it fell from above
-        return np.minimum(first + thresholds, first + 2.0 * reach * start - thresholds)
-    return np.maximum(first - thresholds, first - 2.0 * reach * (start - 1.0) + thresholds)
+        return np.minimum(first + here, turn - there)
+    return np.maximum(first - here, turn + there)
 
 
 def tell_turn(first: float, start: float, reach: float) -> float:
@@ -135,17 +153,25 @@ def trace_plays(
     thresholds: tuple[float, ...] | Floats,
     start: float | LoopState | None,
     reach: float,
+    fan: Fan = PARALLEL,
 ) -> Floats:
     """Return positions of plays (n, k) along inputs (n,)."""
     widths = np.asarray(thresholds, dtype=np.float64)
-    edges = np.zeros((2, len(widths), 3))
-    edges[:, :, 1] = 1.0
-    edges[0, :, 0], edges[1, :, 0] = -widths, widths
+    share, apex = fan
     if isinstance(start, LoopState):
         memory = np.array([start.plays])
     else:
-        memory = place_plays(float(inputs[0]), widths, start, reach)[None].copy()
-    return np.asarray(kernels.trace_plays(inputs[None], edges[0], edges[1], memory)[0])
+        memory = place_plays(float(inputs[0]), widths, start, reach, fan)[None].copy()
+    # Edges are straight on either side of the apex.
+    cuts = np.flatnonzero(np.diff(inputs >= apex)) + 1 if share else np.empty(0, dtype=np.intp)
+    parts = []
+    for part in np.split(inputs, cuts):
+        slope = share if part[0] >= apex else -share
+        edges = np.zeros((2, len(widths), 3))
+        edges[0, :, 0], edges[1, :, 0] = apex * slope - widths, widths - apex * slope
+        edges[0, :, 1], edges[1, :, 1] = 1.0 - slope, 1.0 + slope
+        parts.append(kernels.trace_plays(part[None], edges[0], edges[1], memory)[0])
+    return np.concatenate(parts)
 
 
 def trace_state(
@@ -172,5 +198,5 @@ def trace_state(
 def count_constants(law: LoopLaw) -> int:
     """Return how many numbers of a law were fitted."""
     plays = sum(weight != 0.0 for weight in law.weights)
-    widths = plays if law.thresholds != (0.0,) else 0
-    return len(law.coefficients) + widths + (4 if law.height else 0)
+    widths = plays if law.thresholds != (0.0,) or law.fan else 0
+    return len(law.coefficients) + widths + (4 if law.height else 0) + (2 if law.fan else 0)

@@ -60,8 +60,10 @@ class LoopFitting(Task):
     ...), of any sign and unit, and perhaps a time and labels of runs. It is text (.csv, .tsv; also
     .gz), .xlsx, .parquet or .mat.
 
-    The laws are a line, a cubic and a cubic of one backlash, the baselines; a sum of plays
-    (prandtl-ishlinskii), a cubic of one (generalised), and a cubic with a Bouc-Wen state. The start
+    The laws are a line, a cubic and a cubic of one backlash, the baselines; a backlash that widens
+    with the tension (capstan), for which friction and compliance of the tendon are told as far as
+    the units allow; a sum of plays (prandtl-ishlinskii), a cubic of one (generalised), and a cubic
+    with a Bouc-Wen state. The start
     of each run is free: where the input turned last before it. The error of rows left out in five
     blocks in turn chooses the law, and gives the band; --hold-out keeps rows back to test both.
 

@@ -10,7 +10,15 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ...checks import check_array, check_integer, check_path, check_range, check_word, name_at
+from ...checks import (
+    add_hint,
+    check_array,
+    check_integer,
+    check_path,
+    check_range,
+    check_word,
+    name_at,
+)
 from ...errors import FileFormatError, InputError
 from ...numeric.arrays import Floats
 from ...results import take_axes
@@ -30,6 +38,7 @@ RESPONSES = {"contraction": "mm", "force": "N"}
 FEWEST = 10
 """Samples that a record must have."""
 
+_ANY = "; 'bozzini hysteresis fit' takes any input and output"
 _REST_SHARE = 0.02  # of the span: so near to the lowest value is there
 _HELD_SHARE = 0.1  # of its largest value: what is held changes by less
 _NOISES = 3.0  # a pressure has turned when it is back by so many times its noise
@@ -99,7 +108,9 @@ class LoopRecord:
         least, most = float(self.pressure.min()), float(self.pressure.max())
         if least == most:
             raise InputError(f"pressure is {most:g} MPa all along: it must change")
-        check_range("pressure", self.pressure, -ZERO_SHARE * max(most, 0.0), PRESSURE_LIMIT, "MPa")
+        with add_hint(_ANY):
+            low = -ZERO_SHARE * max(most, 0.0)
+            check_range("pressure", self.pressure, low, PRESSURE_LIMIT, "MPa")
         if least < 0.0:
             count = int((self.pressure < 0.0).sum())
             object.__setattr__(self, "pressure", np.maximum(self.pressure, 0.0))
@@ -239,7 +250,7 @@ def read_loop(
         for name in ("time", "pressure"):
             if name not in columns:
                 there = ", ".join(columns) or "none of those it needs"
-                raise FileFormatError(f"there is no column {name}: the table has {there}")
+                raise FileFormatError(f"there is no column {name}: the table has {there}{_ANY}")
         answers, said = take_responses(columns)
         known = _choose_response(answers) if kind is None else kind
         check_word("kind", known, RESPONSES)
