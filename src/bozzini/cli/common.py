@@ -457,17 +457,6 @@ def gather_once(option: str, pairs: Iterable[tuple[str, _Value]]) -> dict[str, _
     return found
 
 
-def parse_columns(texts: Iterable[str]) -> dict[str, str]:
-    """Return titles to read in place of some in a file, by these, from ``TITLE=OLD``."""
-    pairs = []
-    for text in texts:
-        title, mark, old = (part.strip() for part in text.partition("="))
-        if not (title and mark and old):
-            raise InputError(f"--column is '{text}': it must be TITLE=TITLE IN THE FILE")
-        pairs.append((old, title))
-    return gather_once("--column", pairs)
-
-
 # Options that arrive together, as one object: those of a dataclass, and where the answer goes.
 
 

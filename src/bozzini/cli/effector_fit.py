@@ -25,7 +25,6 @@ from .common import (
     gather,
     gather_once,
     option,
-    parse_columns,
     run_exit,
 )
 
@@ -222,6 +221,7 @@ def make_fit(effector_options: Callable[[Command], Command]) -> click.Command:
         from ..effector.fit import check_measurements, fit_effector, format_errors
         from ..effector.measured import read_effector_measurements
         from ..effector.rest import is_storable
+        from ..io.sheets import parse_columns
 
         check_target(figure, PICTURES, force=answer.force)
         if answer.out is not None and options.rest and not is_storable(options.rest):

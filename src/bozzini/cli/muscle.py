@@ -31,7 +31,6 @@ from .common import (
     gather,
     json_option,
     option,
-    parse_columns,
     progress_bar,
     refuse_options,
     run_exit,
@@ -631,6 +630,7 @@ def predict_command(
     """
     import numpy as np
 
+    from ..io.sheets import parse_columns
     from ..muscle import Measurements, predict, read_measurements, read_muscle
 
     fitted = read_muscle(file)

@@ -22,7 +22,6 @@ from .common import (
     gather_once,
     make_option,
     option,
-    parse_columns,
     split_setting,
 )
 
@@ -443,6 +442,7 @@ class DataRequest:
 
     def read(self, asked: Request) -> Measurements:
         """Return the measurements of a muscle, which has to be named if the table has its size."""
+        from ..io.sheets import parse_columns
         from ..muscle.data import describe_field
         from ..muscle.table import read_measurements
 

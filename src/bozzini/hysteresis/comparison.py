@@ -288,7 +288,7 @@ def compare_laws(
     law : str
         One of `LAWS`, or ``"best"``: that which the result carries.
     drift : str
-        Beside all laws, over the time of the table: one of `DRIFTS`.
+        Beside all laws, over the time t of the table, of length T: none, t, or log(1 + 9 t / T).
     hold_out : float or tuple of str
         Last share of all rows that is not fitted, or the runs that are not.
     samples : int

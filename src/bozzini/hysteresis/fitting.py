@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.polynomial import polynomial
@@ -67,6 +68,14 @@ class Samples:
         return 0.5 * float(np.ptp(self.joined[mask]))
 
 
+class PlayForm(NamedTuple):
+    """Half widths of plays, their weights, and how they widen."""
+
+    widths: Sequence[float]
+    weights: Sequence[float] | Floats
+    fan: Fan = PARALLEL
+
+
 @dataclass(frozen=True, eq=False)
 class Fitted:
     """A law, the start of each run, the factors of the terms, and half widths left out."""
@@ -103,14 +112,13 @@ def _find_straight(place: Floats) -> tuple[float, float]:
 def _make_law(
     samples: Samples,
     mask: Mask,
-    plays: tuple[Sequence[float], Sequence[float] | Floats],
+    plays: PlayForm,
     starts: Sequence[float],
     degree: int,
     reach: float,
-    fan: Fan = PARALLEL,
 ) -> tuple[Fitted, float]:
     """Return the best polynomial of a sum of plays, and its sum of squares."""
-    widths, weights = plays
+    widths, weights, fan = plays
     inner = samples.trace(widths, starts, reach, fan) @ np.asarray(weights)
     found, centre, half, factors, cost = _solve(inner, samples.terms, samples.outputs, mask, degree)
     place = (inner[mask] - centre) / half
@@ -177,7 +185,7 @@ def fit_polynomial(samples: Samples, mask: Mask, degree: int) -> Fitted:
     """Return a polynomial of the input, without memory."""
     starts = (0.0,) * len(samples.inputs)
     reach = samples.find_reach(mask)
-    return _make_law(samples, mask, ((0.0,), (1.0,)), starts, degree, reach)[0]
+    return _make_law(samples, mask, PlayForm((0.0,), (1.0,)), starts, degree, reach)[0]
 
 
 def fit_backlash(samples: Samples, mask: Mask, before: Fitted | None = None) -> Fitted:
@@ -185,12 +193,14 @@ def fit_backlash(samples: Samples, mask: Mask, before: Fitted | None = None) -> 
     reach = samples.find_reach(mask) if before is None else before.law.reach
 
     def fit(width: float, starts: Sequence[float]) -> tuple[float, Fitted]:
-        found, cost = _make_law(samples, mask, ((width,), (1.0,)), starts, 3, reach)
+        found, cost = _make_law(samples, mask, PlayForm((width,), (1.0,)), starts, 3, reach)
         for _ in range(_ROUNDS if before is None and width else 0):
             settled = settle_starts(found, samples, mask)
             if settled.starts == found.starts:
                 break
-            found, cost = _make_law(samples, mask, ((width,), (1.0,)), settled.starts, 3, reach)
+            found, cost = _make_law(
+                samples, mask, PlayForm((width,), (1.0,)), settled.starts, 3, reach
+            )
         return cost, found
 
     if before is not None:
@@ -222,7 +232,7 @@ def fit_capstan(
     def make(point: Floats, starts: Sequence[float]) -> tuple[Fitted, float]:
         width, share, apex = reach * float(point[0]), float(point[1]), float(point[2])
         fan = (share, middle + reach * apex) if share else PARALLEL
-        return _make_law(samples, mask, ((width,), (1.0,)), starts, 3, reach, fan)
+        return _make_law(samples, mask, PlayForm((width,), (1.0,), fan), starts, 3, reach)
 
     def search(point: Floats, starts: Sequence[float], evaluations: int) -> tuple[float, Floats]:
         def miss(there: Floats) -> Floats:
@@ -296,7 +306,7 @@ def fit_plays(
         plays = samples.trace(widths, starts, reach)
         ends = [_fit_weights(samples, mask, widths, plays, sign) for sign in (1.0, -1.0)]
         _, weights = min(ends, key=lambda e: e[0])
-        found, cost = _make_law(samples, mask, (widths, weights), starts, 1, reach)
+        found, cost = _make_law(samples, mask, PlayForm(widths, weights), starts, 1, reach)
         if cost > best[0] * (1.0 - 1e-6):
             break
         best = cost, replace(found, still=still)
@@ -380,7 +390,7 @@ def _bend_plays(
     """Fit weights and a cubic together, from weights on; they keep their sign."""
     plays = samples.trace(widths, starts, reach)[mask]
     weights = weights / weights.sum()
-    begin, _ = _make_law(samples, mask, (widths, weights), starts, 3, reach)
+    begin, _ = _make_law(samples, mask, PlayForm(widths, weights), starts, 3, reach)
     law = begin.law
     terms, target = samples.terms[mask], samples.outputs[mask]
     span = float(np.ptp(target)) or 1.0
@@ -418,8 +428,8 @@ def _bend_plays(
     point[:count] /= point[:count].sum()
     own, _, _ = split(search.descend(point, evaluations=40).point)
     own = np.where(np.abs(own) > 1e-6, own, 0.0)
-    found, cost = _make_law(samples, mask, (widths, own / own.sum()), starts, 3, reach)
-    first, before = _make_law(samples, mask, (widths, weights), starts, 3, reach)
+    found, cost = _make_law(samples, mask, PlayForm(widths, own / own.sum()), starts, 3, reach)
+    first, before = _make_law(samples, mask, PlayForm(widths, weights), starts, 3, reach)
     return found if cost < before else first
 
 

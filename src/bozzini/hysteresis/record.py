@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -165,8 +166,8 @@ def _take(
     sheet: Sheet, titles: LoopTitles, columns: Mapping[str, str], needs_output: bool
 ) -> LoopRuns:
     shown = [title.strip() for title in rename_titles(sheet, columns).titles]
-    run = find_title(shown, titles.run) if titles.run else _look_for(shown, ("run", "window"))
-    time = find_title(shown, titles.time) if titles.time else _look_for(shown, ("time", "t"))
+    run = _look_for(shown, titles.run, ("run", "window"))
+    time = _look_for(shown, titles.time, ("time", "t", "timestamp"))
     given, wanted = titles.input, titles.output
     if not given or (needs_output and not wanted):
         others = [k for k in range(len(shown)) if k not in (run, time)]
@@ -199,8 +200,9 @@ def _take(
         kept &= np.isfinite(numbers[1])
     inputs, outputs, times = (values[kept] for values in numbers)
     words = [word for word, keep in zip(words, kept, strict=True) if keep]
-    if len(inputs) < (FEWEST if needs_output else 1):
-        raise FileFormatError(f"{len(inputs)} rows have all numbers: {FEWEST} are needed")
+    least = FEWEST if needs_output else 1
+    if len(inputs) < least:
+        raise FileFormatError(f"{len(inputs)} rows have all numbers: {least} are needed")
     for name, values in (("input", inputs), ("output", outputs)):
         if np.abs(values[np.isfinite(values)]).max(initial=0.0) > LIMIT:
             raise FileFormatError(f"the {name} has a number beyond {LIMIT:g}")
@@ -220,10 +222,14 @@ def _take(
 
 
 def _part(words: Sequence[str], times: Floats) -> tuple[tuple[str, ...], tuple[int, ...]]:
-    """Return labels and first rows of runs: where the label changes, or time goes back."""
+    """Return labels and first rows of runs: where the label changes, or time goes back.
+
+    By less than ten steps it is jitter.
+    """
+    jitter = 10.0 * float(np.median(np.abs(np.diff(times)))) if len(times) > 1 else 0.0
     first = [0]
     for row in range(1, len(words)):
-        if words[row] != words[row - 1] or times[row] < times[row - 1]:
+        if words[row] != words[row - 1] or times[row] < times[row - 1] - jitter:
             first.append(row)
     names = [words[row] for row in first]
     labels = [name or f"{k + 1}" for k, name in enumerate(names)]
@@ -243,11 +249,14 @@ def _has(titles: Sequence[str], wanted: str) -> bool:
     return True
 
 
-def _look_for(titles: Sequence[str], names: Sequence[str]) -> int | None:
-    """Return the place of a column with one of some names, if there is one."""
+def _look_for(titles: Sequence[str], wanted: str, names: Sequence[str]) -> int | None:
+    """Return the place of the column that is wanted, or of one with one of some names, if any."""
+    if wanted:
+        return find_title(titles, wanted)
     for name in names:
-        if _has(titles, name):
-            return find_title(titles, name)
+        for k, title in enumerate(titles):
+            if re.fullmatch(rf"{name}(_m?s)?", split_title(title)[0], re.IGNORECASE):
+                return k
     return None
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 from ..checks import quantity
-from ..errors import InputError
+from ..io.sheets import parse_columns
 from ..progress import Progress, no_progress
 from ..task import Task
 from .comparison import DRIFTS, LAWS, LoopComparison, compare_laws
@@ -19,12 +19,17 @@ from .record import LoopRuns, LoopTitles, read_loops
 class LoopTable:
     """How a table of loops is read."""
 
-    input: str = quantity("text", "Title of the input; without units it will do.", default="")
-    output: str = quantity("text", "Title of the output.", default="")
-    time: str = quantity("text", "Title of the time (default: time, if there is one).", default="")
-    run_title: str = quantity(
-        "text", "Title of labels of runs (default: run or window, if there is one).", default="",
-        option="run",
+    input: str | None = quantity(
+        "text", "Title of the input, with or without its unit.", default=None, example="wheel"
+    )
+    output: str | None = quantity("text", "Title of the output.", default=None, example="probe")
+    time: str | None = quantity(
+        "text", "Title of the time (default: time, if there is one).", default=None,
+        example="time [s]",
+    )  # fmt: skip
+    run_title: str | None = quantity(
+        "text", "Title of labels of runs (default: run or window, if there is one).",
+        default=None, option="run", example="run",
     )  # fmt: skip
     column: tuple[str, ...] = quantity(
         "text",
@@ -37,17 +42,12 @@ class LoopTable:
         self, path: str, *, needs_output: bool = True, like: LoopTitles | None = None
     ) -> LoopRuns:
         """Return the runs in a file; titles that are not given are those of `like`."""
-        columns: dict[str, str] = {}
-        for text in self.column:
-            title, mark, old = (part.strip() for part in text.partition("="))
-            if not (title and mark and old) or old in columns:
-                raise InputError(f"column is '{text}': it must be TITLE=OLD, each OLD once")
-            columns[old] = title
+        columns = parse_columns(self.column)
         titles = LoopTitles(
             input=self.input or (like.input if like else ""),
             output=self.output or (like.output if like else ""),
-            time=self.time,
-            run=self.run_title,
+            time=self.time or "",
+            run=self.run_title or "",
         )
         return read_loops(path, titles, columns=columns, needs_output=needs_output)
 
@@ -94,11 +94,12 @@ class LoopFitting(Task):
 
     def run(self, progress: Progress = no_progress) -> LoopComparison:
         """Return the comparison."""
+        runs = self.reading.read(self.table)
         return compare_laws(
-            self.reading.read(self.table),
+            runs,
             law=self.law,
             drift=self.drift,
-            hold_out=_take_share(self.hold_out),
+            hold_out=_take_share(self.hold_out, runs.labels),
             samples=self.samples,
             progress=progress,
         )
@@ -170,12 +171,15 @@ class LoopPredicting(Task):
         return "\n".join([*lines, *_tell(found.notes, found.reason)])
 
 
-def _take_share(text: str) -> float | tuple[str, ...]:
-    """Return a share of rows, or labels of runs."""
+def _take_share(text: str, labels: Sequence[str]) -> float | tuple[str, ...]:
+    """Return labels of runs, or a share of rows; 0 is none, whatever the labels are."""
+    names = tuple(part.strip() for part in text.split(",") if part.strip())
+    if text != "0" and set(names) <= set(labels):
+        return names
     try:
         return float(text)
     except ValueError:
-        return tuple(part.strip() for part in text.split(",") if part.strip())
+        return names
 
 
 def _tell(notes: Sequence[str], reason: str) -> list[str]:

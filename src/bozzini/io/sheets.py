@@ -10,7 +10,7 @@ import os
 import re
 import zipfile
 import zlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..checks import check_path
-from ..errors import FileFormatError
+from ..errors import FileFormatError, InputError
 from ..results import make_frame
 from ..units import drop_in, is_unit
 from .files import check_parquet, write_parquet, write_text
@@ -449,6 +449,19 @@ def find_title(titles: Sequence[str], wanted: str) -> int:
             raise FileFormatError(f"{len(found)} columns are called '{wanted}'")
     there = ", ".join(f"'{title}'" for title in titles)
     raise FileFormatError(f"there is no column '{wanted}': the table has {there}")
+
+
+def parse_columns(texts: Iterable[str]) -> dict[str, str]:
+    """Return titles to read in place of some in a file, by these, from ``TITLE=OLD``."""
+    columns: dict[str, str] = {}
+    for text in texts:
+        title, mark, old = (part.strip() for part in text.partition("="))
+        if not (title and mark and old):
+            raise InputError(f"--column is '{text}': it must be TITLE=TITLE IN THE FILE")
+        if old in columns:
+            raise InputError(f"--column names '{old}' more than once: give it once")
+        columns[old] = title
+    return columns
 
 
 def rename_titles(sheet: Sheet, columns: Mapping[str, str]) -> Sheet:
