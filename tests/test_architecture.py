@@ -35,6 +35,7 @@ MAY_IMPORT = {
     "continuum": set(),
     "motion": {"anatomy", "duct", "continuum"},
     "muscle": set(),
+    "hysteresis": {"muscle"},
     "effector": {"muscle"},
     "rig": {"continuum", "duct", "effector", "motion", "muscle", "vision"},
     "vision": {"effector", "muscle"},

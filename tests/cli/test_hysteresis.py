@@ -9,7 +9,7 @@ import json
 import numpy as np
 import pytest
 
-from bozzini.cli import hysteresis
+from bozzini.cli import muscle_hysteresis
 from bozzini.cli.main import main
 from bozzini.muscle.loops import OPERATORS, load_loop_model
 from tests.muscle.loops.plants import Plant, drift, make_record, make_relays
@@ -112,7 +112,7 @@ def test_out_of_reach_is_said_with_the_bound(run, record, tmp_path):
 
 
 def test_operators_are_those_of_the_library():
-    assert tuple(OPERATORS) == hysteresis.OPERATORS
+    assert tuple(OPERATORS) == muscle_hysteresis.OPERATORS
 
 
 GOOD = "time [s],pressure [kPa],contraction [mm]\n" + "".join(

@@ -66,6 +66,7 @@ FILES = {
     "pairs": ("pairs.csv",),
     "loop": ("loop.csv",),
     "fitted loop": ("loop.yaml",),
+    "law": ("law.yaml",),
     "fitted muscle": ("fit.yaml",),
     "elastic": ("elastic.yaml",),
     "drives": ("drives.csv",),
@@ -116,6 +117,8 @@ LEGAL: dict[str, tuple[int, str]] = {
     "muscle hysteresis fit": (4, "<loop --samples 100 --out >.yaml"),
     "muscle hysteresis trace": (2, "<fitted_loop <loop"),
     "muscle hysteresis invert": (3, "<fitted_loop <loop"),
+    "hysteresis fit": (4, "<loop --input pressure --output contraction --samples 100 --out >.yaml"),
+    "hysteresis predict": (3, "<law <loop --out >.csv"),
     "rig identify": (5, "<curve --check <curve"),
     "effector pose": (3, "--pressure R=300kPa,G=200kPa"),
     "effector curve": (2, "--points 5"),
@@ -375,6 +378,7 @@ def make_originals(folder: Path) -> None:
     np.savetxt(folder / "loop.csv", loop, delimiter=",", header=header, comments="", fmt="%.6g")
     fitted = fit_loop(read_loop(folder / "loop.csv"), "prandtl-ishlinskii")
     save_loop_model(folder / "loop.yaml", fitted.model)
+    main(["hysteresis", "fit", str(folder / "loop.csv"), "--out", str(folder / "law.yaml")])
     pair = PairLayout(size=(640, 400)).make_cameras()
     cameras = CameraSet(names=("left", "right"), cameras=pair, resamples=(pair, pair))
     for suffix in ("yaml", "json"):

@@ -7,6 +7,7 @@ import math
 import pandas
 import pytest
 
+from bozzini.cli.main import main
 from bozzini.errors import BozziniError, FileFormatError, UnitError
 from bozzini.muscle import MODELS, Muscle, calibrate, read_measurements, take_measurements
 from bozzini.muscle.loops import read_loop
@@ -48,6 +49,8 @@ READ = [
     ("Pressure [kPa],Contraction,Force", ",[mm],[N]", 1.0),
     ("Pressure (kPa gauge),Contraction [mm],Force [N]", "", 1.0),
     ("Pressure [KPA],Contraction [MM],Force [newtons]", "", 1.0),
+    ("P [kPa],Stroke [mm],Force [N]", "", 1.0),
+    ("p_kPa,displacement_mm,force_N", "", 1.0),
 ]
 
 
@@ -57,6 +60,31 @@ def test_a_title_means_its_unit(tmp_path, titles, units, scale) -> None:
     data = read_measurements(path, muscle=MUSCLE)
     assert data.pressure == pytest.approx([1e-3 * p for p in PRESSURES_KPA for _ in PERCENTS])
     assert data.contraction == pytest.approx([x for _ in PRESSURES_KPA for x in PERCENTS], rel=1e-5)
+
+
+def test_titles_of_the_user_s_own_are_mapped(tmp_path) -> None:
+    path = write(tmp_path, "channel 3,LVDT (mm),cell")
+    columns = {"channel 3": "pressure [kPa]", "lvdt": "contraction [mm]", "cell": "load [N]"}
+    data = read_measurements(path, muscle=MUSCLE, columns=columns)
+    plain = read_measurements(write(tmp_path, READ[-2][0]), muscle=MUSCLE)
+    for name in ("pressure", "contraction", "load"):
+        assert getattr(data, name).tolist() == getattr(plain, name).tolist()
+    with pytest.raises(FileFormatError, match=r"data\.csv: there is no column 'cell 2'"):
+        read_measurements(path, columns={"cell 2": "load [N]"})
+
+
+def test_the_commands_map_titles(tmp_path, capsys) -> None:
+    path = write(tmp_path, "channel 3,LVDT,cell")
+    maps = ("pressure [kPa]=channel 3", "contraction [mm]=LVDT", "load [N]=cell")
+    given = [word for text in maps for word in ("--column", text)]
+    muscle = ["--length", "100mm", "--outer-radius", "5mm", "--braid-angle", "25deg"]
+    fit = ["muscle", "fit", str(path), *muscle, "--model", "tondu-lopez", "--free", "kappa1,kappa2"]
+    assert main([*fit, *given, "--out", str(tmp_path / "fit.yaml")]) in (0, 1)
+    predict = ["muscle", "predict", str(tmp_path / "fit.yaml")]
+    assert main([*predict, str(path), *given]) == 0
+    assert main([*predict, "--pressure", "0.3", "--contraction", "5", *given]) == 2
+    assert "--column has no effect without a table" in capsys.readouterr().err
+    assert main([*fit, "--column", "cell"]) == 2
 
 
 @pytest.mark.parametrize(("titles", "units", "scale"), READ[:4] + READ[6:7])

@@ -15,7 +15,7 @@ from bozzini.errors import BozziniError, InputError
 from bozzini.rig import ATMOSPHERE, Chamber, Orifice, Plant, PlantDesign
 from bozzini.rig.curves import PressureCurve, read_curve, take_curve
 from bozzini.rig.identify import Identification, identify_fill, identify_leak, regulated_flow
-from bozzini.rig.matlab import read_matrices
+from bozzini.io.matlab import read_matrices
 
 START, SUPPLY = 0.015, 0.63
 WHOLE = SUPPLY + ATMOSPHERE

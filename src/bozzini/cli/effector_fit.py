@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -116,16 +116,6 @@ def _parse_marker(text: str) -> tuple[str, float]:
     return name, parse_quantity(value, "length")
 
 
-def _parse_columns(texts: Sequence[str]) -> dict[str, str]:
-    pairs = []
-    for text in texts:
-        title, mark, old = (part.strip() for part in text.partition("="))
-        if not (title and mark and old):
-            raise InputError(f"--column is '{text}': it must be TITLE=TITLE IN THE FILE")
-        pairs.append((old, title))
-    return gather_once("--column", pairs)
-
-
 def _make_options(
     *, loss: Loss, starts: int, together: bool, rest: str | None
 ) -> EffectorFitOptions:
@@ -231,11 +221,12 @@ def make_fit(effector_options: Callable[[Command], Command]) -> click.Command:
         from ..effector.fit import check_measurements, fit_effector, format_errors
         from ..effector.measured import read_effector_measurements
         from ..effector.rest import is_storable
+        from ..io.sheets import parse_columns
 
         check_target(figure, PICTURES, force=answer.force)
         if answer.out is not None and options.rest and not is_storable(options.rest):
             raise InputError(f"the rest '{options.rest}' cannot be written: leave --out or it out")
-        titles = _parse_columns(columns)
+        titles = parse_columns(columns)
         whole = read_effector_measurements(table, per_volt=per_volt, columns=titles)
         data, checked = whole, {}
         if held := _split(hold):

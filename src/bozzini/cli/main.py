@@ -50,6 +50,7 @@ COMMANDS = {
     "segment": "Find the gas-filled lumen in a CT without labels.",
     "data": "List and fetch public anatomy.",
     "duct": "Fit shapes to a tract, show them, find the longest link.",
+    "hysteresis": "Fit laws with memory to loops of any input and output.",
     "muscle": "Solve a pneumatic muscle, compare models with data, fit them.",
     "continuum": "Bend a tendon robot: pose, reach, compare models, workspace.",
     "rig": "Drive the pneumatic rig, emulated or on the bench.",

@@ -32,15 +32,17 @@ from .common import (
     json_option,
     option,
     progress_bar,
+    refuse_options,
     run_exit,
     split_setting,
 )
-from .hysteresis import command as hysteresis_command
+from .muscle_hysteresis import command as hysteresis_command
 from .muscle_options import (
     FIELDS,
     DataRequest,
     Request,
     check_friction,
+    column_option,
     data_options,
     describe_model,
     directed_options,
@@ -594,6 +596,7 @@ def _parse_bounds(
 @command.command("predict")
 @click.argument("file", metavar="FIT.yaml", type=INPUT)
 @click.argument("source", metavar="[TABLE]", type=INPUT, required=False)
+@column_option
 @option("--pressure", "Gauge pressure, without a table.", "pressure")
 @option("--contraction", "Contraction, without a table.", "length")
 @option("--load", "Tension held, without a table.", "force")
@@ -607,6 +610,7 @@ def _parse_bounds(
 def predict_command(
     file: Path,
     source: Path | None,
+    columns: tuple[str, ...],
     pressure: float | None,
     contraction: float | None,
     load: float | None,
@@ -626,6 +630,7 @@ def predict_command(
     """
     import numpy as np
 
+    from ..io.sheets import parse_columns
     from ..muscle import Measurements, predict, read_measurements, read_muscle
 
     fitted = read_muscle(file)
@@ -636,8 +641,14 @@ def predict_command(
     if source is not None:
         if given:
             raise InputError(f"{given[0]} has no effect with a table: leave it out")
-        data = read_measurements(source, muscle=muscle, measured=response != "contraction")
+        data = read_measurements(
+            source,
+            muscle=muscle,
+            columns=parse_columns(columns),
+            measured=response != "contraction",
+        )
     else:
+        refuse_options(("columns",), "without a table")
         own = {"force": "--load", "contraction": "--contraction", "pressure": "--pressure"}
         if own.get(response) in given:
             raise InputError(f"{own[response]} is what is predicted: leave it out")

@@ -437,17 +437,20 @@ class DataRequest:
 
     source: Path
     units: tuple[str, ...]
+    columns: tuple[str, ...]
     take_mean: bool
 
     def read(self, asked: Request) -> Measurements:
         """Return the measurements of a muscle, which has to be named if the table has its size."""
+        from ..io.sheets import parse_columns
         from ..muscle.data import describe_field
         from ..muscle.table import read_measurements
 
         form = "COLUMN=UNIT, such as pressure=kPa"
         pairs = (split_setting("--unit", item, form) for item in self.units)
         table = gather_once("--unit", pairs)
-        data = read_measurements(self.source, muscle=asked.muscle, units=table)
+        titles = parse_columns(self.columns)
+        data = read_measurements(self.source, muscle=asked.muscle, units=table, columns=titles)
         if data.geometry and not asked.is_named:
             columns = ", ".join(map(describe_field, data.geometry))
             raise InputError(
@@ -457,6 +460,11 @@ class DataRequest:
         return data.mean_of_directions() if self.take_mean else data
 
 
+column_option = option(
+    "--column columns TITLE=OLD",
+    "A title to read in place of one in the file, such as 'load [N]=cell 1'; can be repeated.",
+    multiple=True,
+)
 data_options = gather(
     "table",
     DataRequest,
@@ -466,6 +474,7 @@ data_options = gather(
         "Unit of a column that states none, e.g. pressure=kPa; can be repeated.",
         multiple=True,
     ),
+    column_option,
     option("--mean take_mean", "Take the mean of inflation and deflation.", is_flag=True),
 )
 request_options = gather("asked", Request.take, set_option, design_options, model_options)

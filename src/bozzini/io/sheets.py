@@ -1,4 +1,4 @@
-"""Tables as text: sheets of a CSV or Parquet file or of pandas, and the numbers in their cells."""
+"""Tables as text: sheets of text, Parquet, Excel or MATLAB files or of pandas, and numbers."""
 
 from __future__ import annotations
 
@@ -8,21 +8,24 @@ import itertools
 import math
 import os
 import re
+import zipfile
 import zlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
+from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..checks import check_path
-from ..errors import FileFormatError
+from ..errors import FileFormatError, InputError
 from ..results import make_frame
 from ..units import drop_in, is_unit
 from .files import check_parquet, write_parquet, write_text
 from .inputs import note_input
+from .matlab import Matrix, read_matrices
 
 if TYPE_CHECKING:
     import pandas
@@ -36,9 +39,12 @@ _BEGINS_WITH_NUMBER = re.compile(r"[\s\"']*[-+]?[.,]?[0-9]")
 DECIMAL_COMMA = re.compile(r"[-+]?[0-9]*,[0-9]+(?:[eE][-+]?[0-9]+)?")
 TEXT_SUFFIXES = (".csv", ".tsv", ".txt")
 PARQUET_SUFFIXES = (".parquet", ".pq")
+OTHER_SUFFIXES = (".xlsx", ".mat")
 PACKED_SUFFIXES = (".gz", ".bz2", ".xz")
 _LARGEST = 2**30
 """Most bytes of a text that was packed."""
+_MOST_COLUMNS = 1000
+"""Of a workbook: what is left out in a row takes memory."""
 
 
 @dataclass(frozen=True)
@@ -243,7 +249,11 @@ def _read_text(path: Path) -> Sheet:
     kept = [i for i, row in enumerate(cells) if i and any(map(str.strip, row))]
     titles = [show_cell(title) for title in cells[0]]
     rows = [cells[i] for i in kept]
-    sheet = Sheet(titles, rows, [numbers[i] for i in kept], records.mark != ",")
+    return _name_file(path, Sheet(titles, rows, [numbers[i] for i in kept], records.mark != ","))
+
+
+def _name_file(path: Path, sheet: Sheet) -> Sheet:
+    """Return a tidy sheet; an error names the file."""
     try:
         return _tidy(sheet)
     except FileFormatError as error:
@@ -300,10 +310,103 @@ def _read_parquet(path: Path) -> Sheet:
     return take_frame(table.to_pandas())
 
 
-def read_sheet(path: Path) -> Sheet:
-    """Return the table in a file ending in .csv, .tsv, .txt, .parquet or .pq.
+_XML = "{http://schemas.openxmlformats.org/spreadsheetml/2006/main}"
+_LINK = "{http://schemas.openxmlformats.org/officeDocument/2006/relationships}id"
 
-    A text may be packed, and end in .gz, .bz2 or .xz after that.
+
+def _read_excel(path: Path) -> Sheet:
+    """Return the first sheet of a workbook; of a formula its last value."""
+    try:
+        with zipfile.ZipFile(io.BytesIO(_read_bytes(path))) as book:
+            if sum(item.file_size for item in book.infolist()) > _LARGEST:
+                raise FileFormatError(f"{path.name} has more than {_LARGEST} bytes unpacked")
+            sheets = _read_xml(book, "xl/workbook.xml").iter(f"{_XML}sheet")
+            link = next(sheets).get(_LINK)
+            links = {item.get("Id"): item.get("Target", "") for item in
+                     _read_xml(book, "xl/_rels/workbook.xml.rels")}  # fmt: skip
+            place = links[link]
+            place = place.lstrip("/") if place.startswith("/") else f"xl/{place}"
+            shared: list[str] = []
+            if "xl/sharedStrings.xml" in book.namelist():
+                strings = _read_xml(book, "xl/sharedStrings.xml").iter(f"{_XML}si")
+                shared = [_join_text(item) for item in strings]
+            rows = [
+                (int(row.get("r") or k), _list_cells(row, shared))
+                for k, row in enumerate(_read_xml(book, place).iter(f"{_XML}row"), start=1)
+            ]
+    except FileFormatError:
+        raise
+    except (zipfile.BadZipFile, ElementTree.ParseError, KeyError, ValueError, IndexError,
+            StopIteration, NotImplementedError, RuntimeError, zlib.error, EOFError):  # fmt: skip
+        raise FileFormatError(f"{path.name} is not a workbook of Excel (.xlsx)") from None
+    rows = [(number, cells) for number, cells in rows if any(map(str.strip, cells))]
+    if not rows:
+        raise FileFormatError(f"{path.name} is empty: a table has a header and rows")
+    width = max(len(cells) for _, cells in rows)
+    (_, titles), *kept = ((n, cells + [""] * (width - len(cells))) for n, cells in rows)
+    sheet = Sheet(list(map(show_cell, titles)), [c for _, c in kept], [n for n, _ in kept])
+    return _name_file(path, sheet)
+
+
+def _read_xml(book: zipfile.ZipFile, name: str) -> ElementTree.Element:
+    return ElementTree.fromstring(book.read(name))
+
+
+def _join_text(item: ElementTree.Element) -> str:
+    return "".join(part.text or "" for part in item.iter(f"{_XML}t"))
+
+
+def _list_cells(row: ElementTree.Element, shared: Sequence[str]) -> list[str]:
+    """Return the cells of a row as text, those left out as empty ones."""
+    cells: list[str] = []
+    for cell in row.iter(f"{_XML}c"):
+        letters = re.match(r"[A-Z]{1,3}", cell.get("r", ""))
+        if letters:
+            column = 0
+            for letter in letters[0]:
+                column = 26 * column + ord(letter) - ord("A") + 1
+            if column > _MOST_COLUMNS:
+                raise FileFormatError(
+                    f"there is a cell in column {letters[0]}: {_MOST_COLUMNS} columns are read"
+                )
+            cells += [""] * (column - 1 - len(cells))
+        value = cell.find(f"{_XML}v")
+        text = "" if value is None else value.text or ""
+        kind = cell.get("t")
+        cells.append(shared[int(text)] if kind == "s" else _join_text(cell) if kind == "inlineStr"
+                     else text)  # fmt: skip
+    return cells
+
+
+def _read_matlab(path: Path) -> Sheet:
+    """Return the variables as columns: vectors by their names, those of a matrix with a number.
+
+    They are those that are as long as the longest.
+    """
+    note_input(path)
+    found = {name: item for name, item in read_matrices(path).items() if item is not None}
+    columns: dict[str, Matrix] = {}
+    for name, item in found.items():
+        if item.ndim == 2 and item.size:
+            tall = item if item.shape[0] >= item.shape[1] else item.T
+            count = tall.shape[1]
+            names = [name] if count == 1 else [f"{name} {k + 1}" for k in range(count)]
+            columns |= dict(zip(names, tall.T, strict=True))
+    if not columns:
+        raise FileFormatError(f"{path.name} has no vector or matrix of numbers")
+    longest = max(map(len, columns.values()))
+    columns = {name: values for name, values in columns.items() if len(values) == longest}
+    rows = np.stack([values.astype(np.float64) for values in columns.values()], axis=-1)
+    cells = [["" if cell != cell else cell for cell in row] for row in rows.tolist()]
+    return Sheet(list(columns), cells, range(1, longest + 1))
+
+
+def read_sheet(path: Path) -> Sheet:
+    """Return the table in a file ending in .csv, .tsv, .txt, .parquet, .pq, .xlsx or .mat.
+
+    A text may be packed, and end in .gz, .bz2 or .xz after that. Of a workbook it is the first
+    sheet; of a MATLAB file the vectors by their names, and the columns of its matrices, such as
+    ``data 1``.
 
     Raises
     ------
@@ -315,10 +418,58 @@ def read_sheet(path: Path) -> Sheet:
     suffix = path.suffix.lower()
     if suffix in PARQUET_SUFFIXES:
         return _read_parquet(path)
+    if suffix == ".xlsx":
+        return _read_excel(path)
+    if suffix == ".mat":
+        return _read_matlab(path)
     if find_suffix(path) in TEXT_SUFFIXES:
         return _read_text(path)
-    known = ", ".join(TEXT_SUFFIXES + PARQUET_SUFFIXES)
+    known = ", ".join(TEXT_SUFFIXES + PARQUET_SUFFIXES + OTHER_SUFFIXES)
     raise FileFormatError(f"{path.name} ends in '{suffix}': a table ends in one of {known}")
+
+
+def find_title(titles: Sequence[str], wanted: str) -> int:
+    """Return the place of a column by its title, or by its name without the unit.
+
+    Raises
+    ------
+    FileFormatError
+        If there is none, or more than one.
+    """
+    forms = (
+        lambda title: title.strip(),
+        lambda title: title.strip().lower(),
+        lambda title: split_title(title)[0].lower(),
+    )
+    for form in forms:
+        found = [k for k, title in enumerate(titles) if form(title) == form(wanted)]
+        if len(found) == 1:
+            return found[0]
+        if found:
+            raise FileFormatError(f"{len(found)} columns are called '{wanted}'")
+    there = ", ".join(f"'{title}'" for title in titles)
+    raise FileFormatError(f"there is no column '{wanted}': the table has {there}")
+
+
+def parse_columns(texts: Iterable[str]) -> dict[str, str]:
+    """Return titles to read in place of some in a file, by these, from ``TITLE=OLD``."""
+    columns: dict[str, str] = {}
+    for text in texts:
+        title, mark, old = (part.strip() for part in text.partition("="))
+        if not (title and mark and old):
+            raise InputError(f"--column is '{text}': it must be TITLE=TITLE IN THE FILE")
+        if old in columns:
+            raise InputError(f"--column names '{old}' more than once: give it once")
+        columns[old] = title
+    return columns
+
+
+def rename_titles(sheet: Sheet, columns: Mapping[str, str]) -> Sheet:
+    """Return a sheet with other titles in place of some, by these, as `find_title` finds them."""
+    titles = [*sheet.titles]
+    for old, title in columns.items():
+        titles[find_title(sheet.titles, old)] = title
+    return replace(sheet, titles=titles)
 
 
 def show_cell(cell: object) -> str:

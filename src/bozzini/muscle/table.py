@@ -23,6 +23,7 @@ from ..io.sheets import (
     Sheet,
     format_table,
     read_sheet,
+    rename_titles,
     show_cell,
     split_title,
     take_frame,
@@ -53,6 +54,7 @@ def read_measurements(
     *,
     muscle: Muscle | None = None,
     units: Mapping[str, str] | None = None,
+    columns: Mapping[str, str] | None = None,
     measured: bool = True,
 ) -> Measurements:
     """Read measurements from a CSV or Parquet file.
@@ -75,12 +77,15 @@ def read_measurements(
     Parameters
     ----------
     path : path-like
-        A file ending in .csv, .tsv, .txt, .parquet or .pq; Parquet needs the extra ``tables``.
+        A file ending in .csv, .tsv, .txt, .parquet, .pq, .xlsx or .mat; Parquet needs the extra
+        ``tables``.
     muscle : Muscle, optional
         The muscle measured: turns length into contraction, and lengths are checked against its
         strand.
     units : mapping, optional
         Unit of a column whose name has none, such as ``{"pressure": "kPa"}``.
+    columns : mapping, optional
+        Titles to read in place of those in the file, by these.
     measured : bool
         Of states whose contraction is to be predicted it need not be known: it is 0 then.
 
@@ -99,6 +104,7 @@ def read_measurements(
     path = check_path("path", path)
     sheet = read_sheet(path)
     try:
+        sheet = rename_titles(sheet, columns or {})
         data = _take_sheet(sheet, muscle, units or {}, measured=measured)
     except InputError as error:
         raise type(error)(f"{path.name}: {error}") from None
@@ -212,7 +218,8 @@ WORDS = ("direction", "specimen")
 """The columns that hold text."""
 SYNONYMS = {
     **dict.fromkeys(("force", "tension", "weight", "mass"), "load"),
-    **dict.fromkeys(("displacement", "strain", "contraction ratio"), "contraction"),
+    **dict.fromkeys(("displacement", "stroke", "strain", "contraction ratio"), "contraction"),
+    "p": "pressure",
     "force error": "load error",
     "length error": "contraction error",
     "free length": "rest length",
@@ -477,7 +484,7 @@ def _describe_reading(column: _Column, word: str, unit: str) -> list[str]:
     """Return what to say of a column that is taken for something else than it is called."""
     if is_mass(unit) and _find_name(word).startswith("load"):
         return [f"'{column.title}' is taken as weight: 1 kg is 9.80665 N"]
-    if word in ("displacement", "strain"):
+    if word in ("displacement", "stroke", "strain"):
         what = "contraction over rest length" if column.is_ratio else "contraction"
         return [f"'{column.title}' is taken as {what}: positive where the muscle is shorter"]
     return []

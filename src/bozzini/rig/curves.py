@@ -14,11 +14,11 @@ import numpy as np
 
 from ..checks import check_array, check_number, check_range
 from ..errors import FileFormatError, InputError
+from ..io.matlab import Matrix, read_matrices
 from ..io.sheets import Sheet, find_suffix, read_sheet, split_title, take_frame, take_numbers
 from ..numeric.arrays import Floats
 from ..results import ClosedForm, measured, take_axes
 from ..units import parse_unit
-from .matlab import Matrix, read_matrices
 from .pneumatics import PRESSURE_LIMIT
 
 if TYPE_CHECKING:

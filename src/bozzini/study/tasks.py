@@ -24,6 +24,7 @@ def _find_own() -> dict[str, type[Task]]:
     from ..head.anchor import HeadReaching
     from ..head.check import HeadChecking, HeadShow, HeadViewing
     from ..head.operate import HeadComparing
+    from ..hysteresis.tasks import LoopFitting, LoopPredicting
     from ..motion.chain_task import ChainTask
     from ..vision.planning import SetupPlanning
     from .reaching import TreeListing, TreeReaching
@@ -32,7 +33,7 @@ def _find_own() -> dict[str, type[Task]]:
         SetupPlanning, EffectorSimulation, EffectorTracking, ChainTask,
         ContinuumTracking,
         HeadShow, HeadChecking, HeadViewing, HeadReaching, HeadComparing, TreeListing,
-        TreeReaching,
+        TreeReaching, LoopFitting, LoopPredicting,
     )  # fmt: skip
     return {kind.key: kind for kind in kinds}
 

@@ -8,8 +8,17 @@ from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ...checks import check_array, check_integer, check_path, check_range, check_word, name_at
+from ...checks import (
+    add_hint,
+    check_array,
+    check_integer,
+    check_path,
+    check_range,
+    check_word,
+    name_at,
+)
 from ...errors import FileFormatError, InputError
 from ...numeric.arrays import Floats
 from ...results import take_axes
@@ -29,6 +38,7 @@ RESPONSES = {"contraction": "mm", "force": "N"}
 FEWEST = 10
 """Samples that a record must have."""
 
+_ANY = "; 'bozzini hysteresis fit' takes any input and output"
 _REST_SHARE = 0.02  # of the span: so near to the lowest value is there
 _HELD_SHARE = 0.1  # of its largest value: what is held changes by less
 _NOISES = 3.0  # a pressure has turned when it is back by so many times its noise
@@ -98,7 +108,9 @@ class LoopRecord:
         least, most = float(self.pressure.min()), float(self.pressure.max())
         if least == most:
             raise InputError(f"pressure is {most:g} MPa all along: it must change")
-        check_range("pressure", self.pressure, -ZERO_SHARE * max(most, 0.0), PRESSURE_LIMIT, "MPa")
+        with add_hint(_ANY):
+            low = -ZERO_SHARE * max(most, 0.0)
+            check_range("pressure", self.pressure, low, PRESSURE_LIMIT, "MPa")
         if least < 0.0:
             count = int((self.pressure < 0.0).sum())
             object.__setattr__(self, "pressure", np.maximum(self.pressure, 0.0))
@@ -135,36 +147,45 @@ class LoopRecord:
             If the count is not 20 to 100,000.
         """
         count = check_integer("samples", count, low=20, high=100_000)
-        steady = self._smooth()
-        steps = np.abs(np.diff(steady, prepend=steady[0]))
-        ways = np.sign(np.diff(steady, prepend=steady[0]))
-        held = np.maximum.accumulate(np.where(ways != 0.0, np.arange(len(ways)), 0))
-        ways = ways[held]
-        span = self.time[-1] - self.time[0]
-        way = np.cumsum(steps) / steps.sum()
-        place = _WAY_SHARE * way + (1.0 - _WAY_SHARE) * (self.time - self.time[0]) / span
-        bins = np.floor(count * place)
-        first = np.flatnonzero(np.diff(bins, prepend=-1.0) + np.abs(np.diff(ways, prepend=0.0)))
-        sizes = np.diff(first, append=len(bins))
-        moved = np.add.reduceat(steps, first) > _STILL * _WAY_SHARE * steps.sum() / count
+        first, ways = find_bins(self.time, smooth_input(self.pressure), count)
+        sizes = np.diff(first, append=len(self.time))
         columns = (self.time, self.pressure, self.response)
         time, pressure, response = (np.add.reduceat(column, first) / sizes for column in columns)
-        return LoopSamples(time, pressure, response, np.where(moved, ways[first], 0.0))
-
-    def _smooth(self) -> Floats:
-        """Return the pressure behind a play that is as wide as its noise."""
-        changes = np.diff(self.pressure, 2)
-        noise = float(np.median(np.abs(changes))) / 0.6745 / np.sqrt(6.0)
-        width = max(_NOISES * noise, _SMALLEST_TURN * float(np.ptp(self.pressure)))
-        away = self.pressure - self.pressure[0]
-        steady = trace_symmetric_plays(away[None], [0.5 * width])[0, :, 0]
-        return np.asarray(steady if np.ptp(steady) > 0.0 else away)
+        return LoopSamples(time, pressure, response, ways)
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the response over the pressure, and return the axes."""
         axes = take_axes(ax, x="pressure [kPa]", y=f"{self.kind} [{self.unit}]")
         axes.plot(1e3 * self.pressure, self.response, lw=0.8)
         return axes
+
+
+def smooth_input(inputs: Floats) -> Floats:
+    """Return how far an input (n,) is from its first value, behind a play as wide as its noise."""
+    changes = np.diff(inputs, 2)
+    noise = float(np.median(np.abs(changes))) / 0.6745 / np.sqrt(6.0)
+    width = max(_NOISES * noise, _SMALLEST_TURN * float(np.ptp(inputs)))
+    away = inputs - inputs[0]
+    steady = trace_symmetric_plays(away[None], [0.5 * width])[0, :, 0]
+    return np.asarray(steady if np.ptp(steady) > 0.0 else away)
+
+
+def find_bins(time: Floats, steady: Floats, count: int) -> tuple[NDArray[np.intp], Floats]:
+    """Return the first samples of about `count` groups, and the way of each: see `resample`.
+
+    The way is 1 up, -1 down and 0 at rest; `steady` is the input without its noise (n,).
+    """
+    steps = np.abs(np.diff(steady, prepend=steady[0]))
+    ways = np.sign(np.diff(steady, prepend=steady[0]))
+    held = np.maximum.accumulate(np.where(ways != 0.0, np.arange(len(ways)), 0))
+    ways = ways[held]
+    span = time[-1] - time[0]
+    way = np.cumsum(steps) / steps.sum()
+    place = _WAY_SHARE * way + (1.0 - _WAY_SHARE) * (time - time[0]) / span
+    bins = np.floor(count * place)
+    first = np.flatnonzero(np.diff(bins, prepend=-1.0) + np.abs(np.diff(ways, prepend=0.0)))
+    moved = np.add.reduceat(steps, first) > _STILL * _WAY_SHARE * steps.sum() / count
+    return first, np.where(moved, ways[first], 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,7 +230,7 @@ def read_loop(
     Parameters
     ----------
     path : path-like
-        A file ending in .csv, .tsv, .txt, .parquet or .pq.
+        A table as `bozzini.muscle.read_measurements` takes it.
     kind : str, optional
         The response, where it is not to be chosen so: ``"contraction"`` or ``"force"``.
     held : float, optional
@@ -229,7 +250,7 @@ def read_loop(
         for name in ("time", "pressure"):
             if name not in columns:
                 there = ", ".join(columns) or "none of those it needs"
-                raise FileFormatError(f"there is no column {name}: the table has {there}")
+                raise FileFormatError(f"there is no column {name}: the table has {there}{_ANY}")
         answers, said = take_responses(columns)
         known = _choose_response(answers) if kind is None else kind
         check_word("kind", known, RESPONSES)

@@ -1,0 +1,270 @@
+"""Tables of loops: an input and an output of any quantity, in runs."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..checks import check_path
+from ..errors import FileFormatError, InputError, UnitError
+from ..io.sheets import (
+    Sheet,
+    find_title,
+    read_sheet,
+    rename_titles,
+    show_cell,
+    split_title,
+    take_numbers,
+)
+from ..muscle.hysteresis.operator import LIMIT
+from ..muscle.loops.record import find_bins, smooth_input
+from ..numeric.arrays import Floats
+
+FEWEST = 20
+"""Rows that a table of loops must have."""
+_NOT_SEEN = ("", "nan", "na", "-")
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoopTitles:
+    """Which columns of a table are taken, by their titles, with or without their units.
+
+    Without an input and an output there must be two columns of numbers beside time and run: the
+    first is the input. `run` labels the rows of each run; a time that goes back begins one, too.
+    """
+
+    input: str = ""
+    output: str = ""
+    time: str = ""
+    run: str = ""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LoopRuns:
+    """Rows of inputs and outputs in the order of time, run after run.
+
+    Parameters
+    ----------
+    input : ndarray, shape (n,)
+    output : ndarray, shape (n,)
+        NaN where there is none.
+    time : ndarray, shape (n,)
+        [s, or the unit of the table]; numbers of rows where there is no time.
+    labels : tuple of str
+        Of the runs.
+    first : ndarray of int, shape (r,)
+        First row of each.
+    input_title, output_title, time_title : str
+        As in the table, with units; the last is empty without a time.
+    source : str
+    notes : tuple of str
+        What was left out.
+    """
+
+    input: Floats
+    output: Floats
+    time: Floats
+    labels: tuple[str, ...]
+    first: tuple[int, ...]
+    input_title: str
+    output_title: str = ""
+    time_title: str = ""
+    source: str = ""
+    notes: tuple[str, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.input)
+
+    @property
+    def slices(self) -> list[slice]:
+        """The rows of each run."""
+        ends = [*self.first[1:], len(self)]
+        return [slice(a, b) for a, b in zip(self.first, ends, strict=True)]
+
+    @property
+    def unit(self) -> str:
+        """Unit of the output, empty for none."""
+        return split_title(self.output_title)[1]
+
+    @property
+    def input_unit(self) -> str:
+        """Unit of the input, empty for none."""
+        return split_title(self.input_title)[1]
+
+    def list_labels(self) -> list[str]:
+        """Return the label of the run of each row."""
+        return [
+            label
+            for label, place in zip(self.labels, self.slices, strict=True)
+            for _ in range(place.stop - place.start)
+        ]
+
+    def thin(self, count: int) -> tuple[LoopRuns, Floats]:
+        """Return about `count` means of rows that follow each other, and the first row of each.
+
+        They are spread as by `LoopRecord.resample`. With fewer rows all are kept.
+        """
+        if len(self) <= count:
+            return self, np.arange(len(self), dtype=np.float64)
+        parts, begins, first = [], [], [0]
+        for place in self.slices:
+            time, input_ = self.time[place], self.input[place]
+            time = time if np.ptp(time) > 0.0 else np.arange(len(time), dtype=np.float64)
+            share = max(int(count * len(time) / len(self)), 10)
+            if len(time) <= share or not np.ptp(input_) > 0.0:
+                bins = np.arange(len(time))
+            else:
+                bins, _ = find_bins(time, smooth_input(input_), share)
+            sizes = np.diff(bins, append=len(time))
+            columns = (input_, self.output[place], self.time[place])
+            parts.append([np.add.reduceat(column, bins) / sizes for column in columns])
+            begins.append(place.start + bins)
+            first.append(first[-1] + len(bins))
+        inputs, outputs, times = (np.concatenate(part) for part in zip(*parts, strict=True))
+        thinned = replace(self, input=inputs, output=outputs, time=times, first=tuple(first[:-1]))
+        return thinned, np.concatenate(begins).astype(np.float64)
+
+
+def read_loops(
+    path: str | os.PathLike[str],
+    titles: LoopTitles,
+    *,
+    columns: Mapping[str, str] | None = None,
+    needs_output: bool = True,
+) -> LoopRuns:
+    """Read a table of loops.
+
+    Parameters
+    ----------
+    path : path-like
+        A file that `bozzini.io.sheets.read_sheet` reads: text, packed or not, Parquet, Excel or
+        MATLAB.
+    titles : LoopTitles
+    columns : mapping, optional
+        Titles to read in place of those in the file, by these.
+    needs_output : bool
+        Whether the table must have an output.
+
+    Raises
+    ------
+    FileFormatError, MissingExtraError
+        If it is no such table; one line names the file.
+    """
+    path = check_path("path", path)
+    sheet = read_sheet(path)
+    try:
+        return replace(_take(sheet, titles, columns or {}, needs_output), source=path.name)
+    except InputError as error:
+        raise type(error)(f"{path.name}: {error}") from None
+
+
+def _take(
+    sheet: Sheet, titles: LoopTitles, columns: Mapping[str, str], needs_output: bool
+) -> LoopRuns:
+    shown = [title.strip() for title in rename_titles(sheet, columns).titles]
+    run = _look_for(shown, titles.run, ("run", "window"))
+    time = _look_for(shown, titles.time, ("time", "t", "timestamp"))
+    given, wanted = titles.input, titles.output
+    if not given or (needs_output and not wanted):
+        others = [k for k in range(len(shown)) if k not in (run, time)]
+        if len(others) != 2:
+            names = ", ".join(f"'{shown[k]}'" for k in others) or "none"
+            raise FileFormatError(
+                f"input and output must be named: the table has the columns {names}"
+            )
+        given, wanted = given or shown[others[0]], wanted or shown[others[1]]
+    place = find_title(shown, given)
+    answer = find_title(shown, wanted) if needs_output or _has(shown, wanted) else None
+    if place == answer:
+        raise FileFormatError(f"'{shown[place]}' is both input and output")
+    numbers = [take_numbers(sheet, place, empty=_NOT_SEEN)]
+    numbers.append(
+        np.full(len(numbers[0]), np.nan)
+        if answer is None
+        else take_numbers(sheet, answer, empty=_NOT_SEEN)
+    )
+    numbers.append(
+        np.arange(len(numbers[0]), dtype=np.float64)
+        if time is None
+        else take_numbers(sheet, time, empty=_NOT_SEEN)
+    )
+    words = [""] * len(numbers[0])
+    if run is not None:
+        words = [show_cell(row[run]) for row in sheet.rows]
+    kept = np.isfinite(numbers[0]) & np.isfinite(numbers[2])
+    if needs_output:
+        kept &= np.isfinite(numbers[1])
+    inputs, outputs, times = (values[kept] for values in numbers)
+    words = [word for word, keep in zip(words, kept, strict=True) if keep]
+    least = FEWEST if needs_output else 1
+    if len(inputs) < least:
+        raise FileFormatError(f"{len(inputs)} rows have all numbers: {least} are needed")
+    for name, values in (("input", inputs), ("output", outputs)):
+        if np.abs(values[np.isfinite(values)]).max(initial=0.0) > LIMIT:
+            raise FileFormatError(f"the {name} has a number beyond {LIMIT:g}")
+    labels, first = _part(words, times)
+    missing = int(np.count_nonzero(~kept))
+    return LoopRuns(
+        input=inputs,
+        output=outputs,
+        time=times,
+        labels=labels,
+        first=first,
+        input_title=shown[place],
+        output_title="" if answer is None else shown[answer],
+        time_title="" if time is None else shown[time],
+        notes=(f"{missing} rows with an empty cell are left out",) if missing else (),
+    )
+
+
+def _part(words: Sequence[str], times: Floats) -> tuple[tuple[str, ...], tuple[int, ...]]:
+    """Return labels and first rows of runs: where the label changes, or time goes back.
+
+    By less than ten steps it is jitter.
+    """
+    jitter = 10.0 * float(np.median(np.abs(np.diff(times)))) if len(times) > 1 else 0.0
+    first = [0]
+    for row in range(1, len(words)):
+        if words[row] != words[row - 1] or times[row] < times[row - 1] - jitter:
+            first.append(row)
+    names = [words[row] for row in first]
+    labels = [name or f"{k + 1}" for k, name in enumerate(names)]
+    for k, name in enumerate(labels):
+        if labels.count(name) > 1:
+            labels[k] = f"{name} ({labels[:k].count(name) + 1})"
+    return tuple(labels), tuple(first)
+
+
+def _has(titles: Sequence[str], wanted: str) -> bool:
+    if not wanted:
+        return False
+    try:
+        find_title(titles, wanted)
+    except FileFormatError:
+        return False
+    return True
+
+
+def _look_for(titles: Sequence[str], wanted: str, names: Sequence[str]) -> int | None:
+    """Return the place of the column that is wanted, or of one with one of some names, if any."""
+    if wanted:
+        return find_title(titles, wanted)
+    for name in names:
+        for k, title in enumerate(titles):
+            if re.fullmatch(rf"{name}(_m?s)?", split_title(title)[0], re.IGNORECASE):
+                return k
+    return None
+
+
+def check_units(runs: LoopRuns, *, input_title: str, output_title: str) -> None:
+    """Raise `UnitError` if a table has other units than those of a fit."""
+    for own, known in ((runs.input_title, input_title), (runs.output_title, output_title)):
+        one, two = split_title(own)[1], split_title(known)[1]
+        if own and one and two and one != two:
+            raise UnitError(
+                f"{runs.source}: '{own}' has another unit than the fit, which has '{known}'"
+            )
