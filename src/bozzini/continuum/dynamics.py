@@ -51,6 +51,7 @@ from .kernels import dynamics as kernels
 from .kernels.loads import locate_stations
 from .loads import Load, PointLoad, check_loads, pack_loads
 from .model import choose_stiffness
+from .profile import ROUND_OFF_MM
 from .robot import RobotDesign, Vector, check_robot
 from .walls import Boundary, ContactOptions, Wall, take_boundaries
 from .wire import GRAVITY
