@@ -27,6 +27,7 @@ from .dynamics import (
 )
 from .elastic import ElasticModel
 from .energy import EnergyModel
+from .estimation import ModelError, ShapeEstimator, UnknownLoad
 from .friction import FrictionState
 from .gradients import ShapeJacobian
 from .history import TendonHistory
@@ -63,7 +64,17 @@ from .robot_fit import (
 )
 from .rod import RodModel
 from .section import Helix, Section, Tendon
+from .sensors import (
+    BodySensor,
+    CurvatureSensor,
+    PlaceSensor,
+    PoseSensor,
+    SightSensor,
+    StrainSensor,
+    TensionSensor,
+)
 from .shape import Shape
+from .shape_estimate import EstimatedLoad, EstimatorState, ShapeEstimate
 from .tracking import (
     TENDON_CONTROLLERS,
     ContinuumTracking,
@@ -187,4 +198,17 @@ __all__ = [
     "RobotSetup",
     "Unknown",
     "parse_unknowns",
+    "ModelError",
+    "ShapeEstimator",
+    "UnknownLoad",
+    "BodySensor",
+    "CurvatureSensor",
+    "PlaceSensor",
+    "PoseSensor",
+    "SightSensor",
+    "StrainSensor",
+    "TensionSensor",
+    "EstimatedLoad",
+    "EstimatorState",
+    "ShapeEstimate",
 ]
