@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import math
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from bozzini.cli.main import main
 from bozzini.continuum import (
     BodySensor,
     ContinuumRobot,
@@ -19,14 +21,18 @@ from bozzini.continuum import (
     PointLoad,
     PoseSensor,
     Section,
+    SensorRecord,
     ShapeEstimator,
     SightSensor,
     StrainSensor,
     Tendon,
     TensionSensor,
     UnknownLoad,
+    fit_model_error,
+    follow_record,
+    read_sensor_table,
 )
-from bozzini.errors import InputError
+from bozzini.errors import BozziniError, InputError
 from bozzini.vision import aim_camera
 
 PULLED = np.array([2.5, -1.0, -1.5, 0.8, -0.5, -0.3])
@@ -153,7 +159,7 @@ def test_intervals_hold_the_truth_as_often_as_they_say():
     random = np.random.default_rng(2)
     estimator = ShapeEstimator(model=MODEL, sensors=SENSORS[:4], error=WRONG)
     inside, closer = [], []
-    for _ in range(60):
+    for _ in range(40):
         truth = draw_truth(estimator, random)
         found = estimator.estimate(PULLED, read_sensors(truth, estimator.sensors, random))
         assert found.converged
@@ -268,3 +274,104 @@ def test_illegal_readings_are_refused():
         estimator.estimate(PULLED, {"marker": (1.0,)})
     with pytest.raises(InputError, match="no force and no moment"):
         UnknownLoad(force=0.0)
+
+
+def record_drift(rows: int) -> tuple[SensorRecord, SensorRecord]:
+    """Return a recording of a robot of which a zero drifts, for a fit and for a check."""
+    random = np.random.default_rng(5)
+    estimator = ShapeEstimator(model=MODEL, sensors=SENSORS[1:2])
+    first = estimator.names.index("zero of 00 [mm]")
+    state, zero, tips, commands = estimator.begin(), 0.5, [], []
+    for row in range(rows):
+        zero = 0.9 * zero + 0.4 * math.sqrt(1.0 - 0.9**2) * random.standard_normal()
+        mean = 0.0 * state.mean
+        mean[first] = zero
+        commands.append(PULLED * (1.0 + 0.3 * math.sin(0.3 * row)))
+        truth = estimator.estimate(commands[-1], state=dataclasses.replace(state, mean=mean))
+        tips.append(truth.tip + 0.1 * random.standard_normal(3))
+    whole = SensorRecord(
+        times=np.arange(float(rows)), commands=np.array(commands), readings={"tip": np.array(tips)}
+    )
+    half = np.arange(rows) < rows // 2
+    return whole.select(half), whole.select(~half)
+
+
+def test_sizes_of_errors_are_found_and_predict():
+    fitted, checked = record_drift(120)
+    tip = (PlaceSensor(name="tip", deviation=0.1),)
+    error = ModelError(curvature=1e-4, stiffness=0.0, twist=0.0, zero=0.1, memory=3.0)
+    estimator = ShapeEstimator(model=MODEL, sensors=tip, error=error)
+    found = fit_model_error(estimator, fitted, ahead=(1,), most=40)
+    assert found.error.zero > 0.1
+    assert 3.0 < found.error.memory < 40.0
+    assert 0.7 < found.widenings[1] < 1.4
+    history = follow_record(
+        dataclasses.replace(estimator, error=found.error), checked, ahead=(1, 10)
+    )
+    assert history.converged
+    near, far = history.predictions
+    alone = [
+        np.linalg.norm(reading - one.commanded[-1])
+        for reading, one in zip(checked.readings["tip"], history.estimates, strict=True)
+    ]
+    assert near.rms < 0.8 * math.sqrt(np.mean(np.square(alone)))
+    assert near.rms < far.rms
+    assert 0.9 < near.measure_coverage() < 0.99
+    assert near.measure_coverage(near.find_widening()) == pytest.approx(0.95, abs=0.02)
+    assert len(history.list_columns()["tip_x_mm"]) == len(checked)
+    assert history.to_dict()["predictions"][0]["ahead"] == 1
+    assert history.plot().get_xlabel() == "time [s]"
+
+
+def write_table(path, rows: int = 3) -> np.ndarray:
+    """Write a table of commands and readings of the model alone; return its last tip."""
+    shapes = MODEL.shape(np.outer(np.linspace(0.2, 1.0, rows), PULLED))
+    names = MODEL.robot.tendon_names
+    axes = [f"tip {axis} [mm]" for axis in "xyz"]
+    bends = ["curvature at 50 mm x [rad/m]", "curvature at 50 mm y [rad/m]"]
+    titles = ["time [s]", *(f"{name} displacement [mm]" for name in names), *axes, *bends]
+    lines = [",".join([*titles, f"{names[0]} tension [N]"])]
+    for row, tip in enumerate(shapes.world_points[:, -1]):
+        step = np.linalg.inv(shapes.frames[row, 2]) @ shapes.frames[row, 3]
+        bend = Rotation.from_matrix(step[:3, :3]).as_rotvec()[:2] / 20.0 * 1e3
+        numbers = [row, *shapes.displacements[row], *(tip if row != 1 else [math.nan] * 3)]
+        cells = [f"{value:.9g}" for value in [*numbers, *bend, shapes.tensions[row, 0]]]
+        lines.append(",".join(cells).replace("nan", ""))
+    path.write_text("\n".join(lines) + "\n")
+    return shapes.world_points[-1, -1]
+
+
+def test_a_table_is_estimated(tmp_path, capsys):
+    tip = write_table(tmp_path / "table.csv")
+    robot = MODEL.robot.to_yaml(tmp_path / "robot.yaml")
+    out = tmp_path / "out.csv"
+    line = (
+        f"continuum estimate {robot} {tmp_path / 'table.csv'} --ahead 1 --load --json --out {out}"
+    )
+    assert main(line.split()) == 0
+    told = json.loads(capsys.readouterr().out)
+    np.testing.assert_allclose(told["last"]["tip_mm"], tip, atol=0.05)
+    assert told["last"]["loads"][0]["force_N"] < 0.05
+    assert told["predictions"][0]["rms"] < 0.1
+    assert len(out.read_text().splitlines()) == 4
+    table = read_sensor_table(tmp_path / "table.csv", MODEL.robot)
+    assert [type(one).__name__ for one in table.sensors] == [
+        "PlaceSensor", "CurvatureSensor", "TensionSensor",
+    ]  # fmt: skip
+    assert np.isnan(table.record.readings["tip"][1]).all()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("00 displacement", "09 displacement", "is of no tendon"),
+        ("tip z [mm]", "other [mm]", "place 'tip' has no column of its axis z"),
+        ("time [s]", "time [mm]", "time"),
+    ],
+)
+def test_wrong_columns_are_refused(tmp_path, old, new, words):
+    write_table(tmp_path / "table.csv")
+    text = (tmp_path / "table.csv").read_text()
+    (tmp_path / "table.csv").write_text(text.replace(old, new, 1))
+    with pytest.raises(BozziniError, match=words):
+        read_sensor_table(tmp_path / "table.csv", MODEL.robot)

@@ -18,6 +18,7 @@ import click
 
 from ..checks import show_apart, spell_option
 from ..continuum import CONTINUUM_MODELS, ContactOptions, DynamicsOptions, ElasticModel
+from ..continuum.estimating import ContinuumEstimating
 from ..continuum.kinematics import LOADS
 from ..continuum.tracking import ContinuumTracking
 from ..errors import GeometryError, InputError, PluginError
@@ -1249,3 +1250,4 @@ command.add_command(contact_command)
 command.add_command(insert_command)
 command.add_command(fit_command)
 command.add_command(make_command(ContinuumTracking))
+command.add_command(make_command(ContinuumEstimating))

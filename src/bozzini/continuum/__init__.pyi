@@ -27,6 +27,15 @@ from .dynamics import (
 )
 from .elastic import ElasticModel
 from .energy import EnergyModel
+from .error_fit import (
+    AheadPrediction,
+    ErrorFit,
+    EstimateHistory,
+    SensorRecord,
+    fit_model_error,
+    follow_record,
+)
+from .estimating import ContinuumEstimating, SensorNoise, SensorTable, read_sensor_table
 from .estimation import ModelError, ShapeEstimator, UnknownLoad
 from .friction import FrictionState
 from .gradients import ShapeJacobian
@@ -211,4 +220,14 @@ __all__ = [
     "EstimatedLoad",
     "EstimatorState",
     "ShapeEstimate",
+    "AheadPrediction",
+    "ErrorFit",
+    "EstimateHistory",
+    "SensorRecord",
+    "fit_model_error",
+    "follow_record",
+    "ContinuumEstimating",
+    "SensorNoise",
+    "SensorTable",
+    "read_sensor_table",
 ]

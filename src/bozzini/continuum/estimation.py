@@ -51,7 +51,7 @@ MOST_STEPS = 50
 """Steps of Gauss and Newton."""
 SETTLED = 1e-3
 """Step that ends the search, in standard deviations."""
-ROUND_OFF = 1e-12
+ROUND_OFF = 1e-10
 """Share of a variance that keeps the covariance positive."""
 MOST_TRIES, DAMPED_MORE, DAMPED_LESS, MOST_DAMPING = 25, 4.0, 0.125, 1e3
 """Tries of one step, by what its damping grows and falls, and that at which it says nothing."""
@@ -87,9 +87,9 @@ class ModelError:
         Of how far each tendon acts on each, itself too, as a share of its displacement.
     position, rotation : float
         Of the base, along and about each axis [mm], [rad].
-    memory : float
+    memory : float, optional
         Time after which curvature, zeros, and the position of the base have forgotten 63 % of what
-        they were [s]; the others are constants.
+        they were [s]; never unless given. The others are constants.
     drift : float
         How far constants move in a second, by their standard deviation.
     """
@@ -103,14 +103,17 @@ class ModelError:
     coupling: float = quantity(help="Of a tendon on another.", low=0.0, default=0.0)
     position: float = quantity("length", "Of the base.", low=0.0, default=0.0)
     rotation: float = quantity("angle", "Of the base.", low=0.0, default=0.0)
-    memory: float = quantity(
-        "time", "After which errors are forgotten.", low=0.0, low_open=True, default=math.inf
+    memory: float | None = quantity(
+        "time",
+        "After which errors are forgotten (default: never).",
+        low=0.0,
+        low_open=True,
+        default=None,
     )
     drift: float = quantity(help="Of constants, in a second.", low=0.0, default=0.0)
 
     def __post_init__(self) -> None:
-        skip = ("memory",) if self.memory == math.inf else ()
-        check_fields(self, "model error ", skip=skip)
+        check_fields(self, "model error ")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -186,7 +189,7 @@ class _Fit(NamedTuple):
     body: _Body
     missed: Floats
     slopes: Floats
-    scale: float = 0.0
+    noises: tuple[Floats, ...] = ()
     cost: float = math.inf
     steps: int = 0
     settled: bool = False
@@ -267,7 +270,8 @@ class ShapeEstimator:
     def wait(self, state: EstimatorState, elapsed: float = 1.0) -> EstimatorState:
         """Return what is known of it later, after so many seconds without a reading."""
         spread, error = self._deviations, self.error
-        kept = np.where(self._forgets, math.exp(-elapsed / error.memory), 1.0)
+        share = 1.0 if error.memory is None else math.exp(-elapsed / error.memory)
+        kept = np.where(self._forgets, share, 1.0)
         grown = np.where(self._forgets, 1.0 - kept**2, error.drift**2 * elapsed) * spread**2
         covariance = kept[:, None] * state.covariance * kept + np.diag(grown)
         return dataclasses.replace(state, mean=kept * state.mean, covariance=covariance)
@@ -309,6 +313,54 @@ class ShapeEstimator:
                     other = self._search(asked, read, before, short, start=trial)
                     best = other if other.cost < best.cost else best
         return self._describe(read, before, best, alone)
+
+    def miss(
+        self, commands: ArrayLike, readings: Mapping[str, ArrayLike], *, state: EstimatorState
+    ) -> tuple[Floats, Floats]:
+        """Return what readings miss of a prediction, and the standard deviations expected of it.
+
+        All numbers of all sensors, in their units; NaN where one read nothing. Of a sight it is
+        the distance across the ray, two numbers, the rest NaN.
+        """
+        asked, read = self._take_commands(commands), self._take_readings(readings)
+        start = state.rotation_vectors, state.lengths
+        alone = self._solve(asked, 0.0 * state.mean, start, None)
+        short = self.model.natural_lengths - alone.lengths
+        fit = self._evaluate(asked, read, state.mean, start=start, short=short)
+        counts = [sensor.count for sensor in self.sensors]
+        both = np.full((2, sum(counts)), np.nan)
+        spread = np.einsum("ki,ij,kj->k", fit.slopes, state.covariance, fit.slopes) + 1.0
+        first, ends = 0, np.cumsum(counts)
+        for k, noise in zip(read, fit.noises, strict=False):  # none without a shape
+            to = ends[k] - counts[k] + np.arange(len(noise))
+            own = slice(first, first + len(noise))
+            both[:, to] = fit.missed[own] * noise, np.sqrt(spread[own]) * noise
+            first += len(noise)
+        return both[0], both[1]
+
+    def linearise(
+        self, commands: ArrayLike, readings: Mapping[str, ArrayLike], state: EstimatorState
+    ) -> tuple[Floats, Floats, EstimatorState]:
+        """Return what readings miss of the model alone and slopes by the state, by their noise.
+
+        And the state, to begin the next one from.
+        """
+        asked, read = self._take_commands(commands), self._take_readings(readings)
+        none, start = 0.0 * state.mean, (state.rotation_vectors, state.lengths)
+        alone = self._solve(asked, none, start, None)
+        near = alone.rotation_vectors, alone.lengths
+        short = self.model.natural_lengths - alone.lengths
+        fit = self._evaluate(asked, read, none, start=near, short=short)
+        after = dataclasses.replace(state, rotation_vectors=near[0], lengths=near[1])
+        return fit.missed, fit.slopes, after if alone.found else state
+
+    def measure_scale(self, other: ShapeEstimator) -> Floats:
+        """Return by what slopes by this one's state are to be multiplied for that of another."""
+        scale = np.ones(len(self._deviations))
+        own = self._slices["curvature"]
+        sizes = [np.linalg.norm(one._modes, axis=0) for one in (self, other)]
+        scale[own] = sizes[1] / sizes[0]
+        return scale
 
     # What the state is made of.
 
@@ -426,8 +478,8 @@ class ShapeEstimator:
         moved = moved + self._read("coupling", mean).reshape(tendons, tendons) @ acting
         command = self.model.make_command(moved, "tensions" if pulled else "displacements")
         stiffness = grid.stiffness * np.exp(self._read("stiffness", mean))[grid.sections][:, None]
-        spans, _, *others = grid.packed
-        packed: _Packed = (spans, stiffness, *others)
+        spans, _, paths, guides, counts, segment = grid.packed
+        packed = spans, stiffness, paths, guides, counts, segment
         bent = rod.rest + (self._modes @ mean[self._slices["curvature"]]).reshape(-1, 3)
         lumped, held, never = self._load(mean), command.held, np.zeros(tendons, dtype=np.bool_)
         loads = lumped.places, (lumped.forces, lumped.moments, lumped.follows)
@@ -584,7 +636,7 @@ class ShapeEstimator:
         curvatures = weights @ (body.rotation_vectors / spans)
         bends = body.turned.reshape(*body.rotation_vectors.shape, -1) / spans[..., None]
         biases, biased = self._read("sensors", mean), self._parts["sensors"].inside.tolist()
-        missed, slope_rows, scale = [], [], 0.0
+        missed, slope_rows, noises = [], [], []
         for k, reading in read.items():
             sensor = self.sensors[k]
             seen = Sensed(
@@ -603,10 +655,10 @@ class ShapeEstimator:
                 own[:, self._slices["sensors"].start + biased.index(k)] += 1.0
             missed.append(miss.values / miss.deviations)
             slope_rows.append(own / miss.deviations[:, None])
-            scale += float(np.log(miss.deviations).sum())
+            noises.append(miss.deviations)
         if not missed:
             return _Fit(mean, body, np.empty(0), np.empty((0, len(mean))))
-        return _Fit(mean, body, np.concatenate(missed), np.concatenate(slope_rows), scale)
+        return _Fit(mean, body, np.concatenate(missed), np.concatenate(slope_rows), tuple(noises))
 
     # Search.
 
@@ -658,8 +710,10 @@ class ShapeEstimator:
 
     def _find_root(self, before: EstimatorState) -> Floats:
         """Return the lower Cholesky factor of the covariance."""
-        regular = before.covariance + np.diag(ROUND_OFF * self._deviations**2)
-        return np.asarray(np.linalg.cholesky(regular))
+        spread = self._deviations
+        scaled = before.covariance / np.outer(spread, spread)
+        regular = 0.5 * (scaled + scaled.T) + ROUND_OFF * np.eye(len(spread))
+        return np.asarray(spread[:, None] * np.linalg.cholesky(regular))
 
     def _limit(self, mean: Floats) -> Floats:
         """Return a state with the places of loads on the robot."""
@@ -716,10 +770,12 @@ class ShapeEstimator:
         if body.found and len(fit.missed):
             crossed = fit.slopes @ covariance
             inner = crossed @ fit.slopes.T + np.eye(len(crossed))
+            root = _whiten(np.asarray(np.linalg.cholesky(inner)), crossed)
+            covariance = covariance - root.T @ root
             off = fit.missed + fit.slopes @ (fit.mean - before.mean)
-            covariance = covariance - crossed.T @ np.linalg.solve(inner, crossed)
             likelihood = float(off @ np.linalg.solve(inner, off) + np.linalg.slogdet(inner)[1])
-            likelihood = -0.5 * (likelihood + len(off) * math.log(2.0 * math.pi)) - fit.scale
+            likelihood = -0.5 * (likelihood + len(off) * math.log(2.0 * math.pi))
+            likelihood -= float(np.log(np.concatenate(fit.noises)).sum())
         frames, spread = nominal, np.zeros((len(nominal), 6, 6))
         pulled = np.zeros((len(self.robot.tendons), count))
         if body.found:
