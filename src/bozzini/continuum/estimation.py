@@ -49,7 +49,7 @@ MODES_LEFT = 1e-4
 """Share of the variance of the unknown curvature that modes may leave out."""
 MOST_STEPS = 50
 """Steps of Gauss and Newton."""
-SETTLED = 1e-3
+SETTLED = 1e-2
 """Step that ends the search, in standard deviations."""
 ROUND_OFF = 1e-10
 """Share of a variance that keeps the covariance positive."""
@@ -543,28 +543,30 @@ class ShapeEstimator:
         stiffer = (stiffness * (bent - turned))[:, :, None] * own[:, None]
         on_segments[:, slices["stiffness"]] = stiffer.reshape(turned.size, -1)
         for index in range(len(self.loads)):
-            place, load = self._place_load(index, mean), self._read(f"load {index}", mean)
-            pushed = self._lever(packed, turned, place)
+            place, length = self._place_load(index, mean), self.robot.length
+            ends = max(place - PLACE_STEP, 0.0), min(place + PLACE_STEP, length)
+            here, less, more = self._find_levers(packed, turned, [place, *ends])
             inside = self._parts[f"load {index}"].inside
-            on_segments[:, slices[f"load {index}"]] = pushed[:, inside]
-            if self.loads[index].arc_length is None:
-                ends = [min(max(place + step, 0.0), self.robot.length)
-                        for step in (-PLACE_STEP, PLACE_STEP)]  # fmt: skip
-                less, more = (self._lever(packed, turned, end) for end in ends)
-                change = (more - less) @ load / (ends[1] - ends[0])
-                on_segments[:, slices[f"place {index}"]] = change[:, None]
+            on_segments[:, slices[f"load {index}"]] = here[:, inside]
+            change = (more - less) @ self._read(f"load {index}", mean) / (ends[1] - ends[0])
+            known = self.loads[index].arc_length is not None
+            on_segments[:, slices[f"place {index}"]] = change[:, None][:, known:]
         on_commands = np.zeros((tendons, len(mean)))
         on_commands[:, slices["zero"]] = np.eye(tendons)[:, self._parts["zero"].inside]
         if self.error.coupling:
             on_commands[:, slices["coupling"]] = np.kron(np.eye(tendons), acting)
         return on_segments, on_commands
 
-    def _lever(self, packed: _Packed, turned: Floats, place: float) -> Floats:
-        """Return what a force and a moment in the body's axes do to the segments, (3 n, 6)."""
-        stations = find_stations(self.model.rod.grid.arc_length, [place])
-        _, rotations, moved = _locate(packed, turned, stations)
-        own = rotations[0]
-        return np.concatenate([moved[0, 3:].T @ own, moved[0, :3].T @ own], axis=1)
+    def _find_levers(self, packed: _Packed, turned: Floats, places: Sequence[float]) -> Floats:
+        """Return what a force and a moment in the body's axes do to the segments, (p, 3 n, 6)."""
+        stations = find_stations(self.model.rod.grid.arc_length, places)
+        _, axes, moved = _locate(packed, turned, stations)
+        turning, moving = moved[:, :3].swapaxes(1, 2), moved[:, 3:].swapaxes(1, 2)
+        return np.concatenate([moving @ axes, turning @ axes], axis=2)
+
+    @cached_property
+    def _base(self) -> Floats:
+        return self.robot.base_frame
 
     # Readings.
 
@@ -603,19 +605,20 @@ class ShapeEstimator:
         places, rotations, moved = _locate(
             self.model.rod.grid.packed, body.rotation_vectors, stations
         )
-        base, slices = self.robot.base_frame, self._slices
-        turn, shift = self._read("rotation", mean), self._read("position", mean)
-        rotation = Rotation.from_rotvec(turn).as_matrix()
-        left = apply_screw(turn, np.eye(3)).T
-        axes = base[:3, :3] @ rotation
-        arms = places @ axes.T
+        base, slices = self._base, self._slices
+        axes, shift = base[:3, :3], self._read("position", mean)
         slopes = moved @ body.turned
+        if self.error.rotation:
+            turn = self._read("rotation", mean)
+            axes = axes @ Rotation.from_rotvec(turn).as_matrix()
+            left = base[:3, :3] @ apply_screw(turn, np.eye(3)).T
+        arms = places @ axes.T
         slopes = np.concatenate([axes @ slopes[:, :3], axes @ slopes[:, 3:]], axis=1)
-        around = (base[:3, :3] @ left)[:, self._parts["rotation"].inside]
-        slopes[:, :3, slices["rotation"]] = around
-        swung = np.cross(around.T[None], arms[:, None]).swapaxes(1, 2)
-        slopes[:, 3:, slices["rotation"]] = swung
-        slopes[:, 3:, slices["position"]] = base[:3, :3][:, self._parts["position"].inside]
+        if self.error.rotation:
+            slopes[:, :3, slices["rotation"]] = left
+            slopes[:, 3:, slices["rotation"]] = np.cross(left.T, arms[:, None]).swapaxes(1, 2)
+        if self.error.position:
+            slopes[:, 3:, slices["position"]] = base[:3, :3]
         return arms + base[:3, 3] + base[:3, :3] @ shift, axes @ rotations, slopes
 
     def _evaluate(
@@ -632,9 +635,11 @@ class ShapeEstimator:
         if not body.found:
             return _Fit(mean, body, np.empty(0), np.empty((0, len(mean))))
         places, rotations, slopes = self._place(mean, body, self._stations)
-        spans, weights = self.model.rod.grid.spans[:, None], self._weights
-        curvatures = weights @ (body.rotation_vectors / spans)
-        bends = body.turned.reshape(*body.rotation_vectors.shape, -1) / spans[..., None]
+        spans = self.model.rod.grid.spans
+        weights = self._weights / spans
+        curvatures = weights @ body.rotation_vectors
+        curved = weights @ body.turned.reshape(len(spans), 3 * len(mean))
+        curved = curved.reshape(len(weights), 3, len(mean))
         biases, biased = self._read("sensors", mean), self._parts["sensors"].inside.tolist()
         missed, slope_rows, noises = [], [], []
         for k, reading in read.items():
@@ -644,7 +649,7 @@ class ShapeEstimator:
                 rotations[k],
                 slopes[k],
                 curvatures[k],
-                np.tensordot(weights[k], bends, 1),
+                curved[k],
                 body.tensions,
                 body.pulled,
                 self.robot.tendon_names,
@@ -766,7 +771,7 @@ class ShapeEstimator:
     ) -> ShapeEstimate:
         grid, count = self.model.rod.grid, len(before.mean)
         covariance, likelihood, body = before.covariance, 0.0, fit.body
-        nominal = self.robot.base_frame @ grid.place_frames(alone.rotation_vectors[None])[0]
+        nominal = self._base @ grid.place_frames(alone.rotation_vectors[None])[0]
         if body.found and len(fit.missed):
             crossed = fit.slopes @ covariance
             inner = crossed @ fit.slopes.T + np.eye(len(crossed))
