@@ -30,6 +30,7 @@ from bozzini.continuum import (
     UnknownLoad,
     fit_model_error,
     follow_record,
+    plan_sensors,
     read_sensor_table,
 )
 from bozzini.errors import BozziniError, InputError
@@ -375,3 +376,34 @@ def test_wrong_columns_are_refused(tmp_path, old, new, words):
     (tmp_path / "table.csv").write_text(text.replace(old, new, 1))
     with pytest.raises(BozziniError, match=words):
         read_sensor_table(tmp_path / "table.csv", MODEL.robot)
+
+
+def test_a_sensor_is_planned_where_it_leaves_least():
+    estimator = ShapeEstimator(model=MODEL)
+    places = [20.0 * k for k in range(1, 9)]
+    candidates = [PlaceSensor(name=f"{place}", arc_length=place) for place in places]
+    plan = plan_sensors(estimator, candidates, PULLED, count=3, aim="shape")
+    greedy, exact = ([getattr(one, name) for one in plan.choices] for name in ("greedy", "exact"))
+    assert np.all(np.diff(greedy) < 0.0)
+    assert np.all(np.array(exact) <= np.array(greedy) + 1e-12)
+    assert exact[1] == greedy[1]
+    chosen = [one for one in candidates if one.arc_length in plan.best.places]
+    after = ShapeEstimator(model=MODEL, sensors=chosen)
+    readings = read_sensors(after.estimate(PULLED), chosen)
+    spread = after.estimate(PULLED, readings).covariance[1:, 3:, 3:]
+    worst = math.sqrt(np.linalg.eigvalsh(spread).max())
+    assert plan.best.exact == pytest.approx(worst, rel=0.02)
+    there = dataclasses.replace(estimator, sensors=tuple(chosen[:1]))
+    others = [one for one in candidates if one is not chosen[0]]
+    assert plan_sensors(there, others, PULLED, count=1).choices[0].exact < exact[0]
+
+
+def test_sensors_are_planned_by_a_command(tmp_path, capsys):
+    robot = MODEL.robot.to_yaml(tmp_path / "robot.yaml")
+    line = f"continuum sensors {robot} --kind curvature --count 2 --candidates 4 --json"
+    assert main(line.split()) == 0
+    told = json.loads(capsys.readouterr().out)["choices"]
+    assert [one["sensors"] for one in told] == [0, 1, 2]
+    assert told[2]["exact"] < told[1]["exact"] < told[0]["exact"]
+    assert main(f"continuum sensors {robot} --count 5 --candidates 4".split()) == 2
+    assert "it must be at most 4" in capsys.readouterr().err

@@ -73,6 +73,7 @@ from .robot_fit import (
 )
 from .rod import RodModel
 from .section import Helix, Section, Tendon
+from .sensing import SensorChoice, SensorPlan, SensorPlanning, plan_sensors
 from .sensors import (
     BodySensor,
     CurvatureSensor,
@@ -230,4 +231,8 @@ __all__ = [
     "SensorNoise",
     "SensorTable",
     "read_sensor_table",
+    "SensorChoice",
+    "SensorPlan",
+    "SensorPlanning",
+    "plan_sensors",
 ]

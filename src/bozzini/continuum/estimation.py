@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_fields, check_kind, check_word, quantity
-from ..errors import InputError
+from ..errors import GeometryError, InputError
 from ..numeric.arrays import Floats
 from .calibration import Command
 from .checks import check_items
@@ -61,6 +61,7 @@ TAUT_OVER, MOST_SLACK = 0.001, 30.0
 """Length over which a cable becomes taut, by its offset; that counts as slack, by this length."""
 TAUT_STEPS, TAUT_SHARE, TAUT_LEAST = 30, 1e-6, 1e-7
 """Steps to the tensions of cables, and their error, as a share of the largest and [N]."""
+NO_SHAPE = "the model has no shape under these commands"
 PLACE_STEP = 1e-3
 """Step for the derivative by the place of a load [mm]."""
 TRIED_PLACES, BEST_PLACES = 24, 3
@@ -354,6 +355,33 @@ class ShapeEstimator:
         after = dataclasses.replace(state, rotation_vectors=near[0], lengths=near[1])
         return fit.missed, fit.slopes, after if alone.found else state
 
+    def find_slopes(self, commands: ArrayLike) -> tuple[list[Floats], Floats]:
+        """Return how readings and shape depend on the state, where the model makes no error.
+
+        Of each sensor by its noise, (k, q); and rotation and place of the stations, (n, 6, q).
+
+        Raises
+        ------
+        GeometryError
+            If the model has no shape under these commands.
+        """
+        asked, state = self._take_commands(commands), self.begin()
+        none, start = 0.0 * state.mean, (state.rotation_vectors, state.lengths)
+        alone = self._solve(asked, none, start, None)
+        near = alone.rotation_vectors, alone.lengths
+        body = self._solve(asked, none, near, self.model.natural_lengths - alone.lengths)
+        if not body.found:
+            raise GeometryError(NO_SHAPE)
+        slopes, biased = [], self._parts["sensors"].inside.tolist()
+        for k, (sensor, seen) in enumerate(zip(self.sensors, self._sense(none, body), strict=True)):
+            miss = sensor.compare(sensor.predict(seen), seen)
+            own = miss.slopes.copy()
+            if k in biased:
+                own[:, self._slices["sensors"].start + biased.index(k)] += 1.0
+            slopes.append(own / miss.deviations[:, None])
+        arc = self.model.rod.grid.arc_length
+        return slopes, self._place(none, body, find_stations(arc, arc))[2]
+
     def measure_scale(self, other: ShapeEstimator) -> Floats:
         """Return by what slopes by this one's state are to be multiplied for that of another."""
         scale = np.ones(len(self._deviations))
@@ -621,6 +649,18 @@ class ShapeEstimator:
             slopes[:, 3:, slices["position"]] = base[:3, :3]
         return arms + base[:3, 3] + base[:3, :3] @ shift, axes @ rotations, slopes
 
+    def _sense(self, mean: Floats, body: _Body) -> list[Sensed]:
+        """Return the body where each sensor sits."""
+        places, rotations, slopes = self._place(mean, body, self._stations)
+        spans = self.model.rod.grid.spans
+        weights = self._weights / spans
+        curvatures = weights @ body.rotation_vectors
+        curved = weights @ body.turned.reshape(len(spans), 3 * len(mean))
+        curved = curved.reshape(len(weights), 3, len(mean))
+        names = self.robot.tendon_names
+        each = zip(places, rotations, slopes, curvatures, curved, strict=True)
+        return [Sensed(*one, body.tensions, body.pulled, names) for one in each]
+
     def _evaluate(
         self,
         asked: Floats,
@@ -634,27 +674,12 @@ class ShapeEstimator:
         body = self._solve(asked, mean, start, short)
         if not body.found:
             return _Fit(mean, body, np.empty(0), np.empty((0, len(mean))))
-        places, rotations, slopes = self._place(mean, body, self._stations)
-        spans = self.model.rod.grid.spans
-        weights = self._weights / spans
-        curvatures = weights @ body.rotation_vectors
-        curved = weights @ body.turned.reshape(len(spans), 3 * len(mean))
-        curved = curved.reshape(len(weights), 3, len(mean))
+        seen = self._sense(mean, body)
         biases, biased = self._read("sensors", mean), self._parts["sensors"].inside.tolist()
         missed, slope_rows, noises = [], [], []
         for k, reading in read.items():
             sensor = self.sensors[k]
-            seen = Sensed(
-                places[k],
-                rotations[k],
-                slopes[k],
-                curvatures[k],
-                curved[k],
-                body.tensions,
-                body.pulled,
-                self.robot.tendon_names,
-            )
-            miss = sensor.compare(reading - biases[k], seen)
+            miss = sensor.compare(reading - biases[k], seen[k])
             own = miss.slopes.copy()
             if k in biased:
                 own[:, self._slices["sensors"].start + biased.index(k)] += 1.0
@@ -784,10 +809,8 @@ class ShapeEstimator:
         frames, spread = nominal, np.zeros((len(nominal), 6, 6))
         pulled = np.zeros((len(self.robot.tendons), count))
         if body.found:
-            arc = grid.arc_length[1:]
-            places, axes, slopes = self._place(
-                fit.mean, body, find_stations(arc=grid.arc_length, places=np.append(0.0, arc))
-            )
+            stations = find_stations(grid.arc_length, grid.arc_length)
+            places, axes, slopes = self._place(fit.mean, body, stations)
             frames = np.tile(np.eye(4), (len(places), 1, 1))
             frames[:, :3, :3], frames[:, :3, 3] = axes, places
             spread = slopes @ covariance @ slopes.swapaxes(1, 2)
@@ -796,7 +819,7 @@ class ShapeEstimator:
         missed = math.sqrt(float(np.mean(fit.missed**2))) if len(fit.missed) else 0.0
         reason = ""
         if not body.found:
-            reason = "the model has no shape under these commands"
+            reason = NO_SHAPE
         elif not fit.settled:
             reason = f"the search did not settle within {MOST_STEPS} steps"
         return ShapeEstimate(

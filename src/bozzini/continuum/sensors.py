@@ -9,6 +9,7 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 
 from ..checks import check_fields, quantity
+from ..errors import InputError
 from ..numeric.arrays import Floats
 from .checks import check_name
 from .observation import solve_screw
@@ -96,6 +97,16 @@ class BodySensor(ABC):
         """Its place in the frame of the cross-section [mm]."""
         return (0.0, 0.0, 0.0)
 
+    def predict(self, seen: Sensed) -> Floats:
+        """Return what it reads without noise, (count,).
+
+        Raises
+        ------
+        InputError
+            If that depends on more than the body.
+        """
+        raise InputError(f"what '{self.name}' reads depends on where the camera is")
+
     @abstractmethod
     def compare(self, reading: Floats, seen: Sensed) -> Miss:
         """Return what a reading (count,) misses of what the body predicts."""
@@ -124,6 +135,10 @@ class PlaceSensor(BodySensor):
         """Its place in the frame of the cross-section [mm]."""
         return self.offset
 
+    def predict(self, seen: Sensed) -> Floats:
+        """Return the place."""
+        return seen.place
+
     def compare(self, reading: Floats, seen: Sensed) -> Miss:
         """Return the miss of a place (3,)."""
         return Miss(reading - seen.place, seen.moved[3:], np.full(3, self.deviation))
@@ -142,6 +157,12 @@ class PoseSensor(PlaceSensor):
     rotation_deviation: float = quantity("angle", "Noise.", low=0.0, low_open=True, default=0.01)
 
     count = 6
+
+    def predict(self, seen: Sensed) -> Floats:
+        """Return place and rotation vector."""
+        from scipy.spatial.transform import Rotation
+
+        return np.append(seen.place, Rotation.from_matrix(seen.rotation).as_rotvec())
 
     def compare(self, reading: Floats, seen: Sensed) -> Miss:
         """Return the miss of a pose (6,)."""
@@ -171,6 +192,10 @@ class SightSensor(PlaceSensor):
 
     count = 6
 
+    def predict(self, seen: Sensed) -> Floats:
+        """Refuse: the centre of the camera is part of the reading."""
+        return BodySensor.predict(self, seen)
+
     def compare(self, reading: Floats, seen: Sensed) -> Miss:
         """Return how far a point is beside a ray (6,), across it."""
         way = reading[3:] / np.linalg.norm(reading[3:])
@@ -198,6 +223,10 @@ class CurvatureSensor(BodySensor):
     count = 2
     unit = "1/mm"
 
+    def predict(self, seen: Sensed) -> Floats:
+        """Return the curvature."""
+        return seen.curvature[:2]
+
     def compare(self, reading: Floats, seen: Sensed) -> Miss:
         """Return the miss of a curvature (2,)."""
         noise = np.hypot(self.deviation, self.share * np.hypot(*reading))
@@ -222,11 +251,19 @@ class StrainSensor(BodySensor):
     count = 1
     unit = ""
 
+    @property
+    def lever(self) -> Floats:
+        """Strain by curvature, (1, 3) [mm]."""
+        return np.array([[self.offset[1], -self.offset[0], 0.0]])
+
+    def predict(self, seen: Sensed) -> Floats:
+        """Return the strain."""
+        return np.asarray(self.lever @ seen.curvature)
+
     def compare(self, reading: Floats, seen: Sensed) -> Miss:
         """Return the miss of a strain (1,)."""
-        lever = np.array([[self.offset[1], -self.offset[0], 0.0]])
-        values = reading - lever @ seen.curvature
-        return Miss(values, lever @ seen.curved, np.array([self.deviation]))
+        values = reading - self.predict(seen)
+        return Miss(values, self.lever @ seen.curved, np.array([self.deviation]))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -243,6 +280,10 @@ class TensionSensor(BodySensor):
 
     count = 1
     unit = "N"
+
+    def predict(self, seen: Sensed) -> Floats:
+        """Return the tension."""
+        return seen.tensions[[seen.names.index(self.name)]]
 
     def compare(self, reading: Floats, seen: Sensed) -> Miss:
         """Return the miss of a tension (1,)."""
