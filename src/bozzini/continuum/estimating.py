@@ -237,7 +237,13 @@ class ContinuumEstimating(Task):
         """Return the estimates of all rows."""
         robot = ContinuumRobot.from_yaml(self.robot)
         table = read_sensor_table(self.table, robot, noise=self.noise)
-        commands = RobotSetup.of(robot).convert(table.record.commands)
+        if table.command == "tension":
+            # Noise of a measured tension about 0: a cable does not push.
+            measured = table.record.commands
+            pulls = np.where(robot.pushes, measured, np.maximum(measured, 0.0))
+            commands = robot.to_tensions(pulls)
+        else:
+            commands = robot.to_displacements(table.record.commands, in_time=True)
         record = SensorRecord(
             times=table.record.times, commands=commands, readings=table.record.readings
         )
