@@ -315,6 +315,31 @@ class ShapeEstimator:
                     best = other if other.cost < best.cost else best
         return self._describe(read, before, best, alone)
 
+    def predict(
+        self, commands: ArrayLike, *, state: EstimatorState | None = None
+    ) -> dict[str, Floats]:
+        """Return what sensors read of a state without noise, by name; of none, the model alone.
+
+        Raises
+        ------
+        InputError
+            If a command is not legal, or a sensor's reading depends on more than the body.
+        GeometryError
+            If there is no shape.
+        """
+        asked, own = self._take_commands(commands), self.begin() if state is None else state
+        start = own.rotation_vectors, own.lengths
+        alone = self._solve(asked, 0.0 * own.mean, start, None)
+        near = alone.rotation_vectors, alone.lengths
+        body = self._solve(asked, own.mean, near, self.model.natural_lengths - alone.lengths)
+        if not body.found:
+            raise GeometryError(NO_SHAPE)
+        biases, seen = self._read("sensors", own.mean), self._sense(own.mean, body)
+        return {
+            sensor.name: sensor.predict(one) + bias
+            for sensor, one, bias in zip(self.sensors, seen, biases, strict=True)
+        }
+
     def miss(
         self, commands: ArrayLike, readings: Mapping[str, ArrayLike], *, state: EstimatorState
     ) -> tuple[Floats, Floats]:
