@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from estimates import Seen, see_markers
+from numpy.typing import NDArray
 from section import Bound, Section, draw_axes, format_rows
 
 from bozzini.continuum import (
     ContinuumRobot,
     Marker,
+    ModelError,
     RobotFit,
     RobotFitOptions,
     RobotMeasurements,
@@ -46,6 +50,8 @@ COLUMNS = {f"tension_{k} [N]": f"T{k} tension [N]" for k in (1, 2)}
 HANGING: Any = ((0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, -1.0))
 """Axes of the base in the world, a column each: z down, y along world x."""
 
+BEGIN = ModelError(twist=2e-4, reach=80.0, stiffness=0.1, position=2.0, rotation=0.02, memory=1.0)
+"""Where sizes of the model's errors begin."""
 FORMS = (
     ("sections.*.modulus",),
     ("sections.*.modulus", "commands.scale"),
@@ -118,6 +124,7 @@ def validate(folder: Path, images: Path) -> Section:
     best = found[CHOSEN]
     assert best.validation is not None
     draw_errors(best, images)
+    seen = see_others(data, robot)
     return Section(
         title="Tapered tentacle, shape under tensions",
         source="tud-phi/soromox, commit 4f03054.",
@@ -128,6 +135,8 @@ def validate(folder: Path, images: Path) -> Section:
             *format_rows(("fitted", "constants", "left out", "in the fit"), rows),
             "",
             describe_limits(data, best, found[CHOSEN[:2]]),
+            "",
+            describe_estimates(seen),
         ),
         bounds=(
             Bound(f"all markers, {len(best.estimates)} constants", best.rms, 12.5, "mm"),
@@ -139,6 +148,17 @@ def validate(folder: Path, images: Path) -> Section:
                 1.0,
                 "times",
             ),
+            *(
+                Bound(
+                    f"{name}, by the error of the model alone", one.rms / one.alone, most, "times"
+                )
+                for name, one, most in zip(
+                    ("middle markers from the tip", "tip from the others"),
+                    seen,
+                    (0.9, 0.6),
+                    strict=True,
+                )
+            ),
         ),
     )
 
@@ -149,8 +169,8 @@ def describe(data: RobotMeasurements, best: RobotFit) -> list[str]:
     return [
         f"{len(data)} static poses of a cone of silicone that hangs under its weight, bent by the "
         "tensions of two converging tendons; four markers on short arms. The rod shears and "
-        "stretches; its sizes, density and Poisson's ratio are the source's, and one of its steps "
-        "ends where the tendons end. Fitted are all markers; poses are left out in four blocks. "
+        "stretches; its sizes, density and Poisson's ratio are the source's. "
+        "Fitted are all markers; poses are left out in four blocks. "
         "Errors are root mean square distances [mm]. The source's own model: 36.8 mm with nothing "
         "fitted, 15.8 mm with three constants, 6.1 to 6.4 mm with a network for the rest.",
         "",
@@ -171,9 +191,37 @@ def describe_limits(data: RobotMeasurements, best: RobotFit, two: RobotFit) -> s
         f"{np.nanmax(best.prediction.distances[:, 3]):.0f} mm. The first marker, near the "
         "base where little bends, is missed by "
         f"{two.prediction.rms_by_marker['marker_1']:.0f} mm with two constants, of which "
-        f"{mean:.0f} mm are the same in all poses: so the third constant moves it. A wrong arm, or "
-        f"a base that gives way, would do the same to the data. {len(data)} poses are too few to "
-        "choose between forms by their errors on the same poses."
+        f"{mean:.0f} mm are the same in all poses: so the third constant moves it. {len(data)} "
+        "poses are too few to choose between forms by their errors on the same poses."
+    )
+
+
+def see_others(data: RobotMeasurements, robot: ContinuumRobot) -> list[Seen]:
+    """Return the middle markers from that at the tip, and that from those, of poses left out."""
+    options = RobotFitOptions(
+        model="energy", model_options={"segment": "channel"}, loss="linear", smaller=False, folds=0
+    )
+
+    def fit(rows: NDArray[np.bool_]) -> RobotSetup:
+        points = np.where(rows[:, None, None], data.points, np.nan)
+        kept = dataclasses.replace(data, points=points)
+        return fit_robot(robot, kept, free=CHOSEN, options=options).setup
+
+    free = ("curvature", "twist", "stiffness", "pull", "position", "rotation", "noise")
+    return see_markers(data, fit, ((0, 1, 2), (3,)), error=BEGIN, free=free, blocks=4)
+
+
+def describe_estimates(seen: list[Seen]) -> str:
+    """Return how well markers are known from others."""
+    parts = [
+        f"{name} by {one.rms:.1f} mm (model alone {one.alone:.1f}), {100.0 * one.coverage:.0f} %"
+        for name, one in zip(
+            ("the middle ones from the tip's", "the tip's from those"), seen, strict=True
+        )
+    ]
+    return (
+        "Of poses left out, markers are missed from others (`ShapeEstimator`, no shear): "
+        f"{'; '.join(parts)} in 95 % intervals."
     )
 
 

@@ -157,6 +157,8 @@ LEGAL: dict[str, tuple[int, str]] = {
     "continuum fabricate": (2, "<robot --out >"),
     "effector fit": (3, "<deflections --free muscles.*.modulus,offset --out >.yaml"),
     "continuum track": (3, "<mover --radius 5mm --frequency 5Hz --max-step 5ms --out >.csv"),
+    "continuum estimate": (3, "<two_sections <rows --out >.csv"),
+    "continuum sensors": (1, "<two_sections --count 2 --candidates 4 --out >.csv"),
     "continuum simulate": (3, "<mover <pulls --max-step 5ms --out >.csv"),
     "effector simulate": (3, "<arm <commands --out >.csv"),
     "effector track": (3, "<arm --radius 4mm --frequency 2Hz --plants 1 --out >.png"),

@@ -18,7 +18,9 @@ import click
 
 from ..checks import show_apart, spell_option
 from ..continuum import CONTINUUM_MODELS, ContactOptions, DynamicsOptions, ElasticModel
+from ..continuum.estimating import ContinuumEstimating
 from ..continuum.kinematics import LOADS
+from ..continuum.sensing import SensorPlanning
 from ..continuum.tracking import ContinuumTracking
 from ..errors import GeometryError, InputError, PluginError
 from ..fabricate import BodyOptions
@@ -1255,3 +1257,5 @@ command.add_command(contact_command)
 command.add_command(insert_command)
 command.add_command(fit_command)
 command.add_command(make_command(ContinuumTracking))
+command.add_command(make_command(ContinuumEstimating))
+command.add_command(make_command(SensorPlanning))

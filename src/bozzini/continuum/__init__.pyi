@@ -27,6 +27,16 @@ from .dynamics import (
 )
 from .elastic import ElasticModel
 from .energy import EnergyModel
+from .error_fit import (
+    AheadPrediction,
+    ErrorFit,
+    EstimateHistory,
+    SensorRecord,
+    fit_model_error,
+    follow_record,
+)
+from .estimating import ContinuumEstimating, SensorNoise, SensorTable, read_sensor_table
+from .estimation import ModelError, ShapeEstimator, UnknownLoad
 from .friction import FrictionState
 from .gradients import ShapeJacobian
 from .history import TendonHistory
@@ -68,7 +78,18 @@ from .robot_fit import (
 from .rod import RodModel
 from .section import Helix, Section, Tendon
 from .section_residual import SectionResidual
+from .sensing import SensorChoice, SensorPlan, SensorPlanning, plan_sensors
+from .sensors import (
+    BodySensor,
+    CurvatureSensor,
+    PlaceSensor,
+    PoseSensor,
+    SightSensor,
+    StrainSensor,
+    TensionSensor,
+)
 from .shape import Shape
+from .shape_estimate import EstimatedLoad, EstimatorState, ShapeEstimate
 from .staged_fit import FitStage, StagedFit, fit_in_stages
 from .tracking import (
     TENDON_CONTROLLERS,
@@ -202,4 +223,31 @@ __all__ = [
     "RobotSetup",
     "Unknown",
     "parse_unknowns",
+    "ModelError",
+    "ShapeEstimator",
+    "UnknownLoad",
+    "BodySensor",
+    "CurvatureSensor",
+    "PlaceSensor",
+    "PoseSensor",
+    "SightSensor",
+    "StrainSensor",
+    "TensionSensor",
+    "EstimatedLoad",
+    "EstimatorState",
+    "ShapeEstimate",
+    "AheadPrediction",
+    "ErrorFit",
+    "EstimateHistory",
+    "SensorRecord",
+    "fit_model_error",
+    "follow_record",
+    "ContinuumEstimating",
+    "SensorNoise",
+    "SensorTable",
+    "read_sensor_table",
+    "SensorChoice",
+    "SensorPlan",
+    "SensorPlanning",
+    "plan_sensors",
 ]

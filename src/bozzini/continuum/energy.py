@@ -413,7 +413,7 @@ class EnergyModel(ElasticModel):
         flat = np.ascontiguousarray(commands.reshape(-1, commands.shape[-1]))
         held = ~np.isnan(flat)
         if given == "tensions" or self._is_loaded or initial is not None or not held.all():
-            todo = [self._command(row, given) for row in flat]
+            todo = [self.make_command(row, given) for row in flat]
             return self._shape_loaded(commands, todo, self._take_starts(initial, commands))
         stretched = flat + self._pretension_stretches
         found = self._solve_unloaded(stretched)
@@ -421,7 +421,7 @@ class EnergyModel(ElasticModel):
         slack = ~self.robot.pushes & (found.lengths < followed - self.tolerance)
         stability = found.stability
         for index in np.flatnonzero((found.codes == CONVERGED) & (stability < 0.0)):
-            command = self._command(flat[index], given)
+            command = self.make_command(flat[index], given)
             stability[index] = self._measure_stability(found, int(index), command)
             if stability[index] < -ZERO_MODE:
                 found.codes[index] = UNSTABLE
@@ -450,7 +450,7 @@ class EnergyModel(ElasticModel):
         self, commands: Floats, todo: Sequence[TendonCommand], starts: Sequence[Start | None]
     ) -> Shape:
         """Shapes of commands (..., t), one by one, under the loads."""
-        rod, natural = self._rod, self.natural_lengths
+        rod, natural = self.rod, self.natural_lengths
         solved: list[Equilibrium] = []
         stability, words = np.zeros(len(todo)), np.full(len(todo), "", dtype=object)
         for index, (command, start) in enumerate(zip(todo, starts, strict=True)):
@@ -556,15 +556,15 @@ class EnergyModel(ElasticModel):
         )
         if flat.ndim != 1:
             raise InputError(f"command has shape {flat.shape}: it must be ({flat.shape[-1]},)")
-        whole = self._command(flat, given)
-        tracer = Tracer(self._rod, whole, varied, (low, high))
-        first = self._rod.start_path(
+        whole = self.make_command(flat, given)
+        tracer = Tracer(self.rod, whole, varied, (low, high))
+        first = self.rod.start_path(
             whole, tracer.factors(low), initial=self._take_starts(initial, flat)[0]
         )
         if not first.found:
             raise GeometryError(f"at the factor {low:g}: {self._explain_loaded(whole, first)}")
         points, limits, reason = tracer.trace(first, most)
-        stability = np.asarray([self._rod.measure_stability(whole, p.found) for p in points])
+        stability = np.asarray([self.rod.measure_stability(whole, p.found) for p in points])
         stability[np.abs(stability) < ZERO_MODE] = 0.0  # a rotation that costs nothing
         turned = [p.tangent[-1] for p in points]
         branches = [
@@ -578,7 +578,7 @@ class EnergyModel(ElasticModel):
             shapes=self._make_path(tracer, points, stability),
             factors=np.asarray([p.factor for p in points]),
             varied=varied,
-            energy=np.asarray([self._rod.measure_energy(p.found) for p in points]),
+            energy=np.asarray([self.rod.measure_energy(p.found) for p in points]),
             limit_points=tuple(limits),
             branch_points=tuple(branches),
             reason=reason,
@@ -612,7 +612,7 @@ class EnergyModel(ElasticModel):
             measure_rotation_vectors(shape.frames[index]),
             shape.tensions[index],
         )
-        rod, grid = self._rod, self._grid
+        rod, grid = self.rod, self._grid
         found = rod.measure(WHOLE, rotation_vectors, tensions)
         size, tendons, stations = rotation_vectors.size, len(tensions), len(grid.spans)
         slopes = found.length_gradients.reshape(tendons, size)
@@ -652,7 +652,8 @@ class EnergyModel(ElasticModel):
         return LumpedLoads.place(self.robot, self.arc_length, self._world_loads)
 
     @cached_property
-    def _rod(self) -> LoadedRod:
+    def rod(self) -> LoadedRod:
+        """The discrete rod with its loads."""
         return LoadedRod(
             grid=self._grid,
             lumped_loads=LumpedLoads.place(self.robot, self.arc_length, self._packed_loads),
@@ -662,8 +663,8 @@ class EnergyModel(ElasticModel):
             tolerance=self.tolerance,
         )
 
-    def _command(self, command: Floats, given: Held) -> TendonCommand:
-        """What displacements or tensions (t,) ask of the tendons."""
+    def make_command(self, command: Floats, given: Held) -> TendonCommand:
+        """Return what displacements or tensions (t,), checked, ask of the tendons."""
         pulled = given == "tensions"
         moved = 0.0 if pulled else np.nan_to_num(command) + self._pretension_stretches
         return TendonCommand(
@@ -690,8 +691,8 @@ class EnergyModel(ElasticModel):
     def _measure_stability(self, found: Answers, index: int, command: TendonCommand) -> float:
         """Stability of one answer of the unloaded rod."""
         start = found.rotation_vectors[index], found.tensions[index]
-        same = self._rod.solve(command, WHOLE, start)
-        return self._rod.measure_stability(command, same)
+        same = self.rod.solve(command, WHOLE, start)
+        return self.rod.measure_stability(command, same)
 
     def _resolve_redundancy(self, command: TendonCommand, found: Equilibrium) -> Floats:
         """Least tensions that hold the rod as it is, where the lengths leave them open."""
@@ -803,7 +804,7 @@ class EnergyModel(ElasticModel):
         soft = np.maximum(self._compliances, STIFF * self._grid.flexibility)
         rigid = command.held & (self._compliances < FEWER * soft)
         if np.count_nonzero(rigid) > 1:
-            if dataclasses.replace(self._rod, compliances=soft).follow(command)[-1].found:
+            if dataclasses.replace(self.rod, compliances=soft).follow(command)[-1].found:
                 stiffness = float((self.natural_lengths[rigid] / soft[rigid]).min())
                 return (
                     f"{followed} only: tendons that hardly stretch lock the backbone beyond it; "
@@ -823,7 +824,7 @@ class EnergyModel(ElasticModel):
             return ""
         loose = np.where(command.held, self.tolerance, 0.0)
         looser = dataclasses.replace(command, free_lengths=command.free_lengths + loose)
-        other = self._rod.solve(looser, WHOLE, (found.rotation_vectors, found.tensions))
+        other = self.rod.solve(looser, WHOLE, (found.rotation_vectors, found.tensions))
         tips = self._grid.place_frames(np.stack([other.rotation_vectors, found.rotation_vectors]))[
             :, -1, :3, 3
         ]
@@ -833,7 +834,7 @@ class EnergyModel(ElasticModel):
 
     def _explain_unstable(self, load_factor: float) -> str:
         """From which part of the loads on the robot is not stable."""
-        force = np.linalg.norm(self._rod.lumped_loads.forces.sum(axis=0))
+        force = np.linalg.norm(self.rod.lumped_loads.forces.sum(axis=0))
         loads = f" of the load, {load_factor * force:.3g} N" if force > 0.0 else " of the command"
         return (
             f"unstable: it buckles at {load_factor:.3g}{loads}; the robot snaps away from the "

@@ -293,13 +293,13 @@ def read_timed_commands(path: str | os.PathLike[str], robot: RobotDesign) -> Tim
     try:
         sheet = read_sheet(file)
         titles = [title.strip() for title in sheet.titles]
-        _check_sheet(sheet, titles)
+        check_sheet(sheet, titles)
         found, _ = _find_columns(titles, robot, {}, demanded=(), needs_points=False)
         command, places = next(iter(found.items()))
         timed = _find_times(titles)
         kinds = {timed: "time", **dict.fromkeys(places.values(), KINDS[command])}
         values = {
-            place: _find_factor(titles[place], kind) * take_numbers(sheet, place)
+            place: find_factor(titles[place], kind) * take_numbers(sheet, place)
             for place, kind in kinds.items()
         }
     except InputError as error:
@@ -331,7 +331,7 @@ def _take_sheet(
 ) -> RobotMeasurements:
     blocks, timed = rest
     titles = _rename(sheet.titles, columns or {})
-    _check_sheet(sheet, titles)
+    check_sheet(sheet, titles)
     calibration = robot.calibration if isinstance(robot, ContinuumRobot) else None
     own = {item.name: item for item in (calibration.markers if calibration else ())}
     everything = {TIP: Marker(name=TIP)} | own | known
@@ -347,7 +347,7 @@ def _take_sheet(
     at = _find_times(titles) if timed else -1
     kinds |= {at: "time"} if timed else {}
     values = {
-        place: _find_factor(titles[place], kind)
+        place: find_factor(titles[place], kind)
         * take_numbers(sheet, place, empty=MISSING if place in of_axes else ())
         for place, kind in kinds.items()
     }
@@ -388,7 +388,7 @@ def _spread_points(sheet: Sheet) -> Sheet:
     titles = [title.strip() for title in sheet.titles]
     if not set(TRACKED) <= set(titles):
         return sheet
-    _check_sheet(sheet, titles)
+    check_sheet(sheet, titles)
     row, marker, *axes = (titles.index(name) for name in TRACKED)
     copied = [place for place in range(marker) if place != row]
     points: dict[str, dict[str, Sequence[object]]] = {}
@@ -425,7 +425,8 @@ def _quote(titles: Sequence[str]) -> str:
     return ", ".join(f"'{title}'" for title in titles)
 
 
-def _check_sheet(sheet: Sheet, titles: Sequence[str]) -> None:
+def check_sheet(sheet: Sheet, titles: Sequence[str]) -> None:
+    """Raise `FileFormatError` if there are no rows, or one has not a cell for each title."""
     if not sheet.rows:
         raise FileFormatError("the table has a header and no rows")
     for number, row in zip(sheet.numbers, sheet.rows, strict=True):
@@ -482,7 +483,7 @@ def _find_columns(
     return commands, {name: [axes[axis] for axis in "xyz"] for name, axes in seen.items()}
 
 
-def _find_factor(title: str, kind: str) -> float:
+def find_factor(title: str, kind: str) -> float:
     """Return the value of one unit of a column."""
     unit = split_title(title)[1]
     if not unit:

@@ -41,12 +41,12 @@ def interpolate_frames(shape: Shape, places: Floats) -> Floats:
     step = np.einsum("...ij,...j->...i", turns, last[..., :3, 3] - first[..., :3, 3])
     turn = Rotation.from_matrix((turns @ last[..., :3, :3]).reshape(-1, 3, 3)).as_rotvec()
     turn = turn.reshape(*batch, 3)
-    velocity = _solve_screw(turn, step)
+    velocity = solve_screw(turn, step)
     moved = turn * part[:, None]
     frames = np.zeros((*batch, 4, 4))
     own = Rotation.from_rotvec(moved.reshape(-1, 3)).as_matrix().reshape(*batch, 3, 3)
     frames[..., :3, :3] = first[..., :3, :3] @ own
-    along = _apply_screw(moved, velocity * part[:, None])
+    along = apply_screw(moved, velocity * part[:, None])
     frames[..., :3, 3] = first[..., :3, 3] + np.einsum(
         "...ij,...j->...i", first[..., :3, :3], along
     )
@@ -54,7 +54,7 @@ def interpolate_frames(shape: Shape, places: Floats) -> Floats:
     return frames
 
 
-def _apply_screw(turn: Floats, velocity: Floats) -> Floats:
+def apply_screw(turn: Floats, velocity: Floats) -> Floats:
     """Return where a screw goes: the left Jacobian of SO(3) times its velocity (Barfoot 2017)."""
     angle = np.linalg.norm(turn, axis=-1)[..., None]
     square = np.maximum(angle, 1e-4) ** 2
@@ -65,8 +65,8 @@ def _apply_screw(turn: Floats, velocity: Floats) -> Floats:
     return np.asarray(velocity + first * once + second * np.cross(turn, once))
 
 
-def _solve_screw(turn: Floats, step: Floats) -> Floats:
-    """Return the velocity of the screw that goes so far: the inverse of `_apply_screw`."""
+def solve_screw(turn: Floats, step: Floats) -> Floats:
+    """Return the velocity of the screw that goes so far: the inverse of `apply_screw`."""
     angle = np.linalg.norm(turn, axis=-1)[..., None]
     half = 0.5 * np.maximum(angle, 1e-4)
     share = np.where(angle < 1e-4, 1.0 / 12.0, (1.0 - half / np.tan(half)) / (2.0 * half) ** 2)

@@ -18,6 +18,8 @@ from .jobs import JOBS, FunctionJob, Job, RowJob, check_keywords, find_function
 
 
 def _find_own() -> dict[str, type[Task]]:
+    from ..continuum.estimating import ContinuumEstimating
+    from ..continuum.sensing import SensorPlanning
     from ..continuum.tracking import ContinuumTracking
     from ..effector.runs import EffectorSimulation
     from ..effector.tracking import EffectorTracking
@@ -31,7 +33,7 @@ def _find_own() -> dict[str, type[Task]]:
 
     kinds: tuple[type[Task], ...] = (
         SetupPlanning, EffectorSimulation, EffectorTracking, ChainTask,
-        ContinuumTracking,
+        ContinuumTracking, ContinuumEstimating, SensorPlanning,
         HeadShow, HeadChecking, HeadViewing, HeadReaching, HeadComparing, TreeListing,
         TreeReaching, LoopFitting, LoopPredicting,
     )  # fmt: skip

@@ -1,0 +1,195 @@
+"""What an estimate of a robot's shape answers: shape, loads and errors with their intervals."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..numeric.arrays import Floats
+from ..results import Json, Result, list_row, rows_of, tabulated, take_axes, to_plain
+from .robot import RobotDesign
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+LIMIT = 1.959963985
+"""Half of a 95 % interval, in standard deviations."""
+HIDDEN = ("curvature", "coupling")
+"""So begin the names of numbers that mean nothing one by one."""
+
+
+@dataclass(frozen=True, eq=False)
+class EstimatorState:
+    """What is known of all that the model does not know.
+
+    Parameters
+    ----------
+    mean : (q,) ndarray
+    covariance : (q, q) ndarray
+    rotation_vectors, lengths : ndarray
+        Of the segments and tendons, from which the next shape is searched.
+    """
+
+    mean: Floats
+    covariance: Floats
+    rotation_vectors: Floats
+    lengths: Floats
+
+
+@dataclass(frozen=True)
+class EstimatedLoad:
+    """A load that was found.
+
+    Parameters
+    ----------
+    place, place_low, place_high : float
+        Where, with its 95 % interval [mm].
+    force, force_low, force_high : float
+        How large, likewise [N].
+    moment, moment_low, moment_high : float
+        Likewise [N mm].
+    vector : tuple of float
+        The force in the world [N].
+    """
+
+    place: float = tabulated("mm")
+    place_low: float = tabulated("mm")
+    place_high: float = tabulated("mm")
+    force: float = tabulated("N")
+    force_low: float = tabulated("N")
+    force_high: float = tabulated("N")
+    moment: float = tabulated("N mm")
+    moment_low: float = tabulated("N mm")
+    moment_high: float = tabulated("N mm")
+    vector: tuple[float, ...] = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ShapeEstimate(Result):
+    """The shape of a robot in the world, and how well it is known.
+
+    Parameters
+    ----------
+    robot : RobotDesign
+    arc_length : (k,) ndarray
+        Stations [mm].
+    frames : (k, 4, 4) ndarray
+        Frames there in the world [mm].
+    covariance : (k, 6, 6) ndarray
+        Of rotation [rad] and place [mm] in the axes of the world.
+    commanded : (k, 3) ndarray
+        Where the model alone has the stations [mm].
+    tensions, tension_deviations : (t,) ndarray
+        Of the tendons [N].
+    loads : tuple of EstimatedLoad
+    names : tuple of str
+        Of the numbers of the state.
+    state : EstimatorState
+        All that was estimated beside the shape.
+    residual : float
+        Root mean square of what readings miss after they were taken in, by their noise.
+    log_likelihood : float
+        Of the readings, by the linearised model.
+    steps : int
+        Of the search.
+    converged : bool
+    reason : str
+    """
+
+    robot: RobotDesign
+    arc_length: Floats
+    frames: Floats
+    covariance: Floats
+    commanded: Floats
+    tensions: Floats
+    tension_deviations: Floats
+    loads: tuple[EstimatedLoad, ...] = rows_of(EstimatedLoad)
+    names: tuple[str, ...]
+    state: EstimatorState
+    residual: float
+    log_likelihood: float
+    steps: int
+    converged: bool
+    reason: str
+
+    @property
+    def points(self) -> Floats:
+        """Places of the stations in the world, (k, 3) [mm]."""
+        return np.asarray(self.frames[:, :3, 3])
+
+    @property
+    def deviations(self) -> Floats:
+        """Standard deviation of each coordinate of the stations, (k, 3) [mm]."""
+        return np.asarray(np.sqrt(np.einsum("kii->ki", self.covariance[:, 3:, 3:])))
+
+    @property
+    def tip(self) -> Floats:
+        """Where the robot ends, in the world, (3,) [mm]."""
+        return np.asarray(self.points[-1])
+
+    @property
+    def tip_covariance(self) -> Floats:
+        """Of the place of the tip, (3, 3) [mm^2]."""
+        return np.asarray(self.covariance[-1, 3:, 3:])
+
+    def to_dict(self) -> Json:
+        """Return the estimate as plain values, units in the names."""
+        spread = np.sqrt(np.maximum(np.diag(self.state.covariance), 0.0))
+        values: Json = {
+            "converged": self.converged,
+            "reason": self.reason,
+            "residual": self.residual,
+            "tip_mm": self.tip,
+            "tip_covariance_mm2": self.tip_covariance,
+            "tip_direction": self.frames[-1, :3, 2],
+            "arc_length_mm": self.arc_length,
+            "backbone_mm": self.points,
+            "deviation_mm": self.deviations,
+            "tensions_N": dict(zip(self.robot.tendon_names, self.tensions, strict=True)),
+            "loads": [list_row(load) for load in self.loads],
+            "state": {
+                name: {"value": value, "standard_deviation": deviation}
+                for name, value, deviation in zip(self.names, self.state.mean, spread, strict=True)
+                if not name.startswith(HIDDEN)
+            },
+            "log_likelihood": self.log_likelihood,
+            "steps": self.steps,
+        }
+        return {name: to_plain(value) for name, value in values.items()}
+
+    def list_columns(self) -> dict[str, Floats]:
+        """Return the columns of `to_frame`, a row for each station."""
+        columns: dict[str, Floats] = {"arc_length_mm": self.arc_length}
+        for k, axis in enumerate("xyz"):
+            columns[f"{axis}_mm"] = self.points[:, k]
+            columns[f"{axis}_deviation_mm"] = self.deviations[:, k]
+        return columns
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the shape from the side with its 95 % band, and the model alone; return the axes."""
+        frame = self.robot.base_frame
+        local = (self.points - frame[:3, 3]) @ frame[:3, :3]
+        alone = (self.commanded - frame[:3, 3]) @ frame[:3, :3]
+        angle = float(np.arctan2(local[-1, 1], local[-1, 0]))
+        side = np.array([math.cos(angle), math.sin(angle), 0.0])
+        axes = take_axes(ax, x="along the base's axis [mm]",
+                         y=f"towards {np.degrees(angle):z.0f}° [mm]", equal=True)  # fmt: skip
+        turned = frame[:3, :3].T @ self.covariance[:, 3:, 3:] @ frame[:3, :3]
+        view = np.stack([np.array([0.0, 0.0, 1.0]), side])
+        flat, cov = local @ view.T, view @ turned @ view.T
+        ways = self.frames[:, :3, 2] @ frame[:3, :3] @ view.T
+        across = np.stack([-ways[:, 1], ways[:, 0]], axis=-1)
+        across /= np.maximum(np.linalg.norm(across, axis=-1, keepdims=True), 1e-9)
+        half = LIMIT * np.sqrt(np.einsum("ki,kij,kj->k", across, cov, across))[:, None]
+        band = np.concatenate([flat + half * across, (flat - half * across)[::-1]])
+        axes.fill(*band.T, alpha=0.3, label="95 %")
+        axes.plot(*(alone @ view.T).T, "0.6", linestyle="--", label="model alone")
+        axes.plot(*flat.T, "k", label="estimate")
+        for load in self.loads:
+            at = [np.interp(load.place, self.arc_length, column) for column in flat.T]
+            axes.plot(*at, "rv", label=f"{load.force:.3g} N")
+        axes.legend(fontsize="small")
+        return axes
