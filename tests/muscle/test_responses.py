@@ -450,6 +450,10 @@ def test_bands_of_a_specimen_of_the_fit_are_narrower_than_those_of_another():
     known = found.predict(parts[2])
     other = found.predict(dataclasses.replace(parts[2], specimen="d"))
     assert known.residual < 1.2 and known.covered > 0.85
+    every = found.predict(join(*parts))
+    shares = [every.residual_by_specimen[name] ** 2 for name in "abc"]
+    assert every.residual**2 == pytest.approx(np.mean(shares))
+    assert shares[2] == pytest.approx(known.residual**2)
     assert np.all(known.confidence < other.confidence / 5.0)
     # Three specimens give what they have of their own two degrees of freedom, not that of all rows.
     wide, narrow = (

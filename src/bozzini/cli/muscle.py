@@ -624,7 +624,7 @@ def predict_command(
     FIT.yaml is written by 'bozzini muscle fit --out'. The states are those of a TABLE, as 'bozzini
     muscle compare' takes them, or one that the options give. 'confidence' is half the width of the
     band of the mean, 'prediction' that of a single reading. Of a table that was measured, the error
-    of the prediction is given as well.
+    of the prediction is given as well, and that of each specimen.
 
     Exit code 0: predicted; 1: the model has no answer for some rows; 2: bad input.
     """
@@ -679,6 +679,9 @@ def predict_command(
             f"rms {found.residual:.3g} {unit} against the table; {100.0 * found.covered:.0f} % of "
             f"its rows lie in the band of {100.0 * level:g} %"
         )
+        apart = found.residual_by_specimen
+        result[f"rms_by_specimen_{unit}"] = apart
+        lines += [f"  {name}: {rms:.3g} {unit}" for name, rms in apart.items() if len(apart) > 1]
     lines += [found.reason] if found.reason else []
     answer.give({**result, "out": answer.out}, "\n".join(lines))
     if not found.converged:

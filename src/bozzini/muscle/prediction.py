@@ -88,8 +88,20 @@ class Prediction(Result):
     @property
     def residual(self) -> float:
         """Root mean square of measured less predicted response, if the states were measured."""
-        miss = np.where(self.answered, self.predicted - self.task.measured, self.task.worst)
-        return float(np.sqrt(np.mean(miss**2)))
+        return float(np.sqrt(np.mean(self._miss**2)))
+
+    @property
+    def _miss(self) -> Floats:
+        return np.where(self.answered, self.predicted - self.task.measured, self.task.worst)
+
+    @property
+    def residual_by_specimen(self) -> dict[str, float]:
+        """The same of each specimen."""
+        data = self.task.data
+        return {
+            name: float(np.sqrt(np.mean(self._miss[data.specimen == name] ** 2)))
+            for name in data.list_specimens()
+        }
 
     @property
     def covered(self) -> float:

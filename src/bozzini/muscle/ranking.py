@@ -690,7 +690,10 @@ class Ranking(ScoredModels):
             words = [f"as {entry.same_as}" if entry.same_as else "", entry.doubt]
             lines.append("  ".join([line, *(word for word in words if word)]))
         lines += self.notes
-        lines += [f"{name}: not fitted: {reason}" for name, reason in self.refusals.items()]
+        reasons: dict[str, list[str]] = {}
+        for name, reason in self.refusals.items():
+            reasons.setdefault(reason, []).append(name)
+        lines += [f"not fitted: {', '.join(names)}: {why}" for why, names in reasons.items()]
         return "\n".join(lines)
 
     def to_dict(self) -> Json:
