@@ -270,7 +270,7 @@ def test_chain_solves_the_dense_problem() -> None:
     blocks = pull[4], np.empty((0, 3, 3))
     kernels.factor_chain(rod.packed, vectors, scale, 1.0, True, blocks, work[0], work[1], work[2])
     out = np.empty_like(right)
-    kernels.solve_chain(work[2], right, out)
+    kernels.solve_chain(work[2], right, out, np.empty((0, 3)))
     dense = scale**2 * found.mass + scale * found.damping + found.stiffness
     np.testing.assert_allclose(out.ravel(), np.linalg.solve(dense, right.ravel()), rtol=1e-7)
 
@@ -413,6 +413,68 @@ def test_loads_that_turn_with_the_body_do_the_work_that_moves_it() -> None:
     assert moved.residual < 5e-3 * np.ptp(moved.energy.work)
     with pytest.raises(InputError, match="axes of the body"):
         linearise(make_arm(), loads=FOLLOWING)
+
+
+FREE_FREE = 4.7300407449**2 / (2.0 * math.pi * LENGTH**2) * math.sqrt(BENDING / LINE_MASS)
+"""First frequency of a rod that nothing holds [Hz]."""
+
+
+def measure_momentum(moved):
+    """Momentum of a wire by the velocities of its stations, and that about the origin, (k, 3)."""
+    mass = LINE_MASS * np.diff(moved.arc_length)[:, None]
+    speeds = 0.5 * (moved.velocities[:, 1:] + moved.velocities[:, :-1])
+    places = 0.5 * (moved.points[:, 1:] + moved.points[:, :-1])
+    return (mass * speeds).sum(axis=1), np.cross(places, mass * speeds).sum(axis=1)
+
+
+def test_momentum_of_a_free_rod_is_kept() -> None:
+    # It is hit at a place beside its middle, and flies on, turning.
+    times = np.concatenate([[0.0, 0.01], np.linspace(0.02, 0.5, 49)])
+    hit = [PointLoad(arc_length=150.0, force=(0.05, 0.02, 0.03))]
+    factors = np.zeros((len(times), 1))
+    factors[1] = 1.0
+    options = dataclasses.replace(FREE, max_step=5e-4)
+    known = {"loads": hit, "load_factors": factors, "options": options}
+    moved = simulate(make_wire(), times, free=True, **known)
+    assert moved.converged
+    linear, about = measure_momentum(moved)
+    impulse = 0.01 * np.array(hit[0].force)
+    np.testing.assert_allclose(linear[2:], np.tile(impulse, (49, 1)), rtol=2e-3)
+    np.testing.assert_allclose(about[2:], np.tile(about[2], (49, 1)), atol=2e-3 * 0.075)
+    np.testing.assert_allclose(moved.state.ground[6], impulse, rtol=1e-12)
+    lost = moved.energy.total[2:] - moved.energy.total[2]
+    assert np.abs(lost).max() < 1e-3 * moved.energy.kinetic[2]
+    assert moved.residual < 1e-2 * moved.energy.kinetic[2]
+    turned = moved.frames[-1, 0, :3, :3]
+    assert np.abs(turned - np.eye(3)).max() > 0.5
+    # Its middle of mass flies straight.
+    middle = 0.5 * (moved.points[:, 1:] + moved.points[:, :-1]).mean(axis=1)
+    straight = middle[2] + (times[2:, None] - 0.02) * linear[2] / (LINE_MASS * LENGTH)
+    np.testing.assert_allclose(middle[2:], straight, atol=0.01 * np.ptp(straight))
+    first = simulate(make_wire(), times[:20], free=True, loads=hit, options=options,
+                     load_factors=factors[:20])  # fmt: skip
+    then = simulate(make_wire(), times[19:], free=True, loads=hit, options=options,
+                    load_factors=factors[19:], initial=first)  # fmt: skip
+    np.testing.assert_allclose(then.tip[-1], moved.tip[-1], atol=1e-3)
+
+
+def test_a_rod_that_is_let_go_falls_and_swings_at_its_own_frequency() -> None:
+    times = np.linspace(0.0, 6.0 / FREE_FREE, 241)
+    held = [PointLoad(force=(0.01, 0.0, 0.0)), PointLoad(arc_length=100.0, force=(-0.02, 0.0, 0.0))]
+    options = DynamicsOptions(segment="arc", spectral_radius=1.0, max_step=1e-4)
+    moved = simulate(make_wire(), times, free=True, held_by=held, options=options)
+    fallen = -0.5 * 9806.65 * times**2
+    middle = 0.5 * (moved.points[:, 1:] + moved.points[:, :-1]).mean(axis=1)
+    np.testing.assert_allclose(middle[:, 2] - middle[0, 2], fallen, atol=1e-2 * abs(fallen[-1]))
+    ends, half = moved.points[:, [0, -1]].mean(axis=1), moved.points[:, 15]
+    bend = (ends - half)[:, 0]
+    phase = np.fft.rfft((bend - bend.mean()) * np.hanning(len(bend)), 16 * len(bend))
+    peak = np.fft.rfftfreq(16 * len(bend), times[1])[np.abs(phase).argmax()]
+    assert peak == pytest.approx(FREE_FREE, rel=0.02)
+    with pytest.raises(InputError, match="no displacements"):
+        simulate(make_arm(), [0.0, 0.1], displacements=np.zeros(6), free=True)
+    with pytest.raises(InputError, match="other than of initial"):
+        simulate(make_wire(), times, initial=moved, options=options)
 
 
 def test_energy_balance_counts_all_that_acts() -> None:

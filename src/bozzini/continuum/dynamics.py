@@ -180,6 +180,10 @@ class RodMotion(NamedTuple):
     shares, beyond : ndarray
         Share of friction that acts where they come into each segment, and their length without
         tension from there on [mm], (t, n).
+    ground : ndarray
+        Of a free base: its axes, place [mm], velocity, spin, the rod's momentum [N s] and moment of
+        momentum about where the base was at rest [N mm s], their rates, and six rows of the last
+        stage (16, 3).
     """
 
     rotation_vectors: Floats
@@ -191,6 +195,7 @@ class RodMotion(NamedTuple):
     pulls: Floats = np.empty((0, 0))
     shares: Floats = np.empty((0, 0))
     beyond: Floats = np.empty((0, 0))
+    ground: Floats = np.empty((0, 3))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -605,6 +610,10 @@ class MotionCommands(TypedDict, total=False):
         By what each load is multiplied, linear between times; 1 unless given.
     base : (k, 4, 4) array_like
         Frames of the base in its own frame at rest [mm], joined by cubics.
+    free : bool
+        Whether the base is let go at the first time, in place of `base`: of robots whose tendons
+        have no friction, under tensions. With a spectral radius of 1 the roll of a thin rod, which
+        has hardly any inertia, may grow.
     duct : Duct
         Lumen that the body stays in; its points are in the world.
     obstacles : Duct or sequence of Duct
@@ -622,6 +631,7 @@ class MotionCommands(TypedDict, total=False):
     loads: Sequence[Load]
     load_factors: ArrayLike | None
     base: ArrayLike | None
+    free: bool
     duct: Wall | None
     obstacles: Wall | Sequence[Wall]
     contact: ContactOptions
@@ -698,6 +708,12 @@ def simulate(
     command, held = _take_commands(
         rod, len(rows), commands.get("tensions"), commands.get("displacements")
     )
+    free = commands.get("free", False)
+    check_kind("free", free, bool)
+    if free and (held or base is not None or robot.tendon_friction.any()):
+        raise InputError(
+            "free is true: no base, no displacements and no friction of tendons may be given then"
+        )
     coefficients = _take_base(rows, base)
     if "drive_rate" in commands:
         if not held:
@@ -730,6 +746,8 @@ def simulate(
         found = rod.find_equilibrium(command[0], held=held, factors=at_start, turned=turned)
         shape = found.rotation_vectors.shape
         state = RodMotion(found.rotation_vectors.copy(), *(np.zeros(shape) for _ in range(3)))
+        if free:
+            state = state._replace(ground=np.eye(16, 3))
     else:
         if initial.state.rotation_vectors.shape != rod.grid.rest.shape:
             raise InputError(
@@ -737,6 +755,8 @@ def simulate(
                 f"{len(rod.grid.rest)} of this robot and options"
             )
         state = RodMotion(*(array.copy() for array in initial.state))
+        if free != bool(len(state.ground)):
+            raise InputError("free is other than of initial: a base is let go at a first time")
         contacts.take(state)
     fresh = 2 if initial is None else 1
     moved = _run(rod, tendons, tables, contacts, (steps.astype(np.int64), fresh), state)
@@ -996,8 +1016,8 @@ def _run(
         window = *first, *end, steps, fresh
         return int(
             kernels.advance(
-                rod.packed, tendons, tables, contacts.packed, scheme, window, tuple(state)[:4],
-                memory, filled,
+                rod.packed, tendons, tables, contacts.packed, scheme, window,
+                (*tuple(state)[:4], state.ground), memory, filled,
             )
         )  # fmt: skip
 

@@ -34,6 +34,10 @@ before; u grows with the motion and is never longer than u_0 after a step (Coulo
 slip). A step with a wall's force is one of the implicit Euler method (a_m = a_f = g = 1): it is of
 first order, loses energy, and remembers no blow, which the other method does, and gains energy.
 
+*A base that is free* has a place, and a rotation vector from its turn at the step's start. Its
+momenta are the whole rod's, linear and about the origin, whose rates are all forces and moments: so
+both are kept where there are none. The chain leaves six equations for it.
+
 ``body`` are the points with mass or load: segment (p,), in rising order, part of it before the
 point (p,), mass (p,) [t], moments of inertia in the body's axes (p, 3) [t mm^2], drag (p,)
 [N s/mm]. ``base`` is the motion of the base: rotation (3, 3), place, velocity, spin, and the rates
@@ -81,6 +85,9 @@ SLOW = 0.2
 
 TURN_TOLERANCE = 1e-9
 """Rotation of every segment that a further step of Newton's method would have [rad]."""
+
+FREE_TOLERANCE = 1e-12
+"""The same with a free base: a thin rod has little inertia about itself."""
 
 WIDTH_MM = 1e-4
 """Distance over which contact begins [mm]."""
@@ -399,7 +406,7 @@ def measure_motion(rod, q, rate, drive, motion, beyond, momentum, force):
     ``rod`` is the grid, the rotations at rest (n, 3), the segments' damping (n, 3) by their rates
     [N mm s] and the ``body``; ``drive`` the base, the forces and moments (p, 3), the weights (p,
     3) that are among the forces, the walls of `press_end`, and forces and moments in the body's
-    axes (2, p, 3), none if there is none. Fills ``motion``, ``beyond`` (n, 2, 3), the static
+    axes (2, p, 3), none if there is none. Fills ``motion``, ``beyond`` (n + 2, 2, 3), the static
     forces and moments beyond each segment with their sign turned, ``momentum`` and ``force`` (n,
     3), so that ``momentum' + force = 0``. Returns the powers of loads and base, and of all damping
     [N mm/s].
@@ -487,6 +494,10 @@ def measure_motion(rod, q, rate, drive, motion, beyond, momentum, force):
             _shift(arms[p], linear, angular_beyond)
             _shift(arms[p], pushes[p], moment_beyond)
             p -= 1
+    copy_vector(linear_beyond, beyond[spans.size, 0])
+    copy_vector(angular_beyond, beyond[spans.size, 1])
+    copy_vector(force_beyond, beyond[spans.size + 1, 0])
+    copy_vector(moment_beyond, beyond[spans.size + 1, 1])
     # What moves the base does P' . v + (H' + v x P) . omega with what holds the loads; of that
     # (P . v + H . omega)' is in `measure_energies`.
     cross(base[2], linear_beyond, way)
@@ -506,6 +517,8 @@ def make_chain(n):
         np.empty((n, 3, 3)),
         np.empty((n, 3, 3)),
         np.empty((n, 3)),
+        np.empty((6, 6)),
+        np.empty(6, dtype=np.int64),
     )
 
 
@@ -629,7 +642,7 @@ def factor_chain(rod, q, scale, elastic, eliminates, stiffnesses, motion, beyond
     own_functions, arms, own_moving, own_turning = motion[2][:4]
     tensors, pushes, twists, _, turned_loads = motion[2][7:]
     segments, parts, masses, _, drags = body
-    inverses, gains, lifts, kept_moving, kept_turning, kept_arms = chain
+    inverses, gains, lifts, kept_moving, kept_turning, kept_arms, at_base, order = chain
     whole, before = np.zeros((6, 6)), np.zeros((6, 6))
     side, block, gain, lift = np.empty((6, 3)), np.empty((3, 3)), np.empty((3, 6)), np.empty((6, 3))
     rotational = np.empty((3, 3))
@@ -735,13 +748,15 @@ def factor_chain(rod, q, scale, elastic, eliminates, stiffnesses, motion, beyond
             for k in range(6):
                 for m in range(3):
                     whole[i, k] -= lift[i, m] * gains[j, m, k]
+    copy_matrix(whole, at_base)
+    factor_lu(at_base, order)
     return True
 
 
 @kernel
 def fill_tangent(chain, matrix):
     """Fill the whole tangent (3 n, 3 n) from the answer of `factor_chain` without elimination."""
-    blocks, gains, lifts, moving, turning, arms = chain
+    blocks, gains, lifts, moving, turning, arms = chain[:6]
     gain, lift = np.empty((3, 6)), np.empty((6, 3))
     for j in range(len(blocks)):
         copy_matrix(gains[j], gain)
@@ -773,9 +788,13 @@ def fill_tangent(chain, matrix):
 
 
 @kernel
-def solve_chain(chain, right, out):
-    """Solve for ``right`` (n, 3) by the answer of `factor_chain`; ``out`` may be the same array."""
-    inverses, gains, lifts, moving, turning, arms = chain
+def solve_chain(chain, right, out, ground):
+    """Solve for ``right`` (n, 3) by the answer of `factor_chain`; ``out`` may be the same array.
+
+    ``ground`` (2, 3) is the same of a free base, force and moment, then its motion and turn; (0, 3)
+    where the base does not move.
+    """
+    inverses, gains, lifts, moving, turning, arms, at_base, order = chain
     push, twist, rest = np.zeros(3), np.zeros(3), np.empty(3)
     for j in range(len(inverses) - 1, -1, -1):
         for i in range(3):
@@ -794,6 +813,14 @@ def solve_chain(chain, right, out):
                 push[i] -= lifts[j, i, k] * out[j, k]
                 twist[i] -= lifts[j, 3 + i, k] * out[j, k]
     moved, turned, way = np.zeros(3), np.zeros(3), np.empty(3)
+    if len(ground) > 0:
+        column = np.empty((6, 1))
+        for i in range(3):
+            column[i, 0], column[3 + i, 0] = ground[0, i] + push[i], ground[1, i] + twist[i]
+        solve_lu(at_base, order, column)
+        for i in range(3):
+            moved[i] = ground[0, i] = column[i, 0]
+            turned[i] = ground[1, i] = column[3 + i, 0]
     for j in range(len(inverses)):
         for i in range(3):
             for k in range(3):
@@ -807,15 +834,19 @@ def solve_chain(chain, right, out):
 
 
 @kernel
-def find_velocity(rod, q, momentum, drive, work, rate):
+def find_velocity(rod, q, momentum, drive, ground, work, rate):
     """Fill the rates (n, 3) that have a momentum (n, 3), and the motion; False if there are none.
 
-    ``chain`` of the work then is that of the inertia alone.
+    ``chain`` of the work then is that of the inertia alone. The velocity of a free base is that
+    of its ``ground``.
     """
     motion, beyond, chain, found, force = work
     grid, _, _, body = rod
     base = drive[0]
     rate[:] = 0.0
+    if len(ground) > 0:
+        base[2][:] = 0.0
+        base[3][:] = 0.0
     if base[2].any() or base[3].any():
         measure_motion(rod, q, rate, drive, motion, beyond, found, force)
     else:
@@ -826,7 +857,15 @@ def find_velocity(rod, q, momentum, drive, work, rate):
     for j in range(len(q)):
         for i in range(3):
             force[j, i] = momentum[j, i] - found[j, i]
-    solve_chain(chain, force, rate)
+    about = np.empty((min(len(ground), 2), 3))
+    if len(ground) > 0:
+        cross(ground[3], ground[6], about[1])
+        for i in range(3):
+            about[0, i], about[1, i] = ground[6, i], ground[7, i] - about[1, i]
+    solve_chain(chain, force, rate, about)
+    if len(ground) > 0:
+        copy_vector(about[0], base[2])
+        copy_vector(about[1], base[3])
     fill_velocities(rate, base, body, motion)
     return good
 
@@ -976,7 +1015,7 @@ def _stiffen(tendons, chain, pull, active, carried, matrix, order):
     for m in range(tensions.size if held else 0):
         if tensions[m] > 0.0 or not one_sided[m]:
             active[count] = m
-            solve_chain(chain, gradients[m], carried[count])
+            solve_chain(chain, gradients[m], carried[count], gradients[m, :0])
             count += 1
     for a in range(count):
         for b in range(count):
@@ -994,10 +1033,14 @@ def _stiffen(tendons, chain, pull, active, carried, matrix, order):
 def solve_stage(rod, tendons, drive, targets, stage, work, solver, q, rate):
     """One implicit stage by Newton's method: rotations (n, 3) from a guess, and their rates.
 
-    ``stage`` is the scale s, and the rotations and momenta that it starts from; ``work`` as of
-    `make_work`. Returns the steps taken, 0 if there is no answer, and what `measure_motion` does.
+    ``stage`` is the scale s, the rotations and momenta that it starts from, and the state of a
+    free base as of `advance`, six more rows of which are filled: what place, turn and momenta
+    start from, place and turn; ``work`` as of `make_work`. Returns the steps taken, 0 if there is
+    no answer, and what `measure_motion` does.
     """
-    scale, q_before, momentum_before = stage
+    scale, q_before, momentum_before, ground = stage
+    about, loose = np.empty((min(len(ground), 2), 3)), len(ground) > 0
+    tolerance = FREE_TOLERANCE if loose else TURN_TOLERANCE
     motion, beyond, chain, momentum, force = work
     pull, active, carried, matrix, order, fresh_right, state, strings = solver
     grid, rubbing = rod[0], tendons[3]
@@ -1011,11 +1054,15 @@ def solve_stage(rod, tendons, drive, targets, stage, work, solver, q, rate):
         for j in range(n):
             for i in range(3):
                 rate[j, i] = scale * (q[j, i] - q_before[j, i])
+        if loose:
+            _move_base(scale, ground, drive[0])
         powers = measure_motion(rod, q, rate, drive, motion, beyond, momentum, force)
+        if loose:
+            powers = (powers[0] - _weigh_base(scale, ground, drive[0], beyond, about), powers[1])
         bending = not known
         if not pull_tendons(grid, tendons, targets, q, bending, pull, strings, force):
             break
-        if last * max(contraction, LEAST_CONTRACTION) <= TURN_TOLERANCE:
+        if last * max(contraction, LEAST_CONTRACTION) <= tolerance:
             state[0], state[1], state[2] = 1.0, count, contraction
             return iteration, powers
         if not known:
@@ -1044,7 +1091,7 @@ def solve_stage(rod, tendons, drive, targets, stage, work, solver, q, rate):
             solve_lu(dense[0], dense[1], dense[2])
             copy_vector(dense[2][:, 0], step.reshape(3 * n))
         else:
-            solve_chain(chain, step, step)
+            solve_chain(chain, step, step, about)
         if count > 0:
             right = np.zeros((count, 1))
             for a in range(count):
@@ -1060,11 +1107,16 @@ def solve_stage(rod, tendons, drive, targets, stage, work, solver, q, rate):
         largest = 0.0
         for j in range(n):
             largest = max(largest, step[j, 0] ** 2 + step[j, 1] ** 2 + step[j, 2] ** 2)
+        for i in range(3 if loose else 0):
+            largest = max(largest, about[1, i] ** 2)
         largest = math.sqrt(largest)
         if not math.isfinite(largest):
             break
         part = min(1.0, STEP_LIMIT / largest) if largest > 0.0 else 1.0
         folded = False
+        for i in range(3 if loose else 0):
+            ground[14, i] += part * about[0, i]
+            ground[15, i] += part * about[1, i]
         for j in range(n):
             square = 0.0
             for i in range(3):
@@ -1082,11 +1134,91 @@ def solve_stage(rod, tendons, drive, targets, stage, work, solver, q, rate):
 
 
 @kernel
+def _turn_base(vector, rate, before, turn, spin):
+    """Fill the rotation (3, 3) by a vector from one before, and the spin that its rate makes."""
+    f, change, own = np.empty(8), np.zeros((3, 3)), np.empty((3, 3))
+    fill_functions(vector[0] ** 2 + vector[1] ** 2 + vector[2] ** 2, f)
+    spin[:] = 0.0
+    add_form(vector, f, 1, rate[0], rate[1], rate[2], 1.0, 1.0, spin, change)
+    fill_rotation(vector, f, own)
+    multiply(own, before, turn)
+
+
+@kernel
+def _move_base(scale, ground, base):
+    """Fill the motion of a free base in a stage."""
+    rate = np.empty(3)
+    for i in range(3):
+        base[1][i] = ground[14, i]
+        base[2][i] = scale * (ground[14, i] - ground[10, i])
+        rate[i] = scale * (ground[15, i] - ground[11, i])
+    _turn_base(ground[15], rate, ground[:3], base[0], base[3])
+
+
+@kernel
+def _weigh_base(scale, ground, base, beyond, about):
+    """Fill what is missing of the base's balances, force and moment about it (2, 3).
+
+    Returns the power that `measure_motion` takes for that of what moves the base.
+    """
+    n = len(beyond) - 2
+    linear, angular, force, moment = beyond[n, 0], beyond[n, 1], beyond[n + 1, 0], beyond[n + 1, 1]
+    way, whole, power = np.empty(3), np.empty(3), 0.0
+    cross(base[2], linear, way)
+    for i in range(3):
+        power += force[i] * base[2][i] + (moment[i] + way[i]) * base[3][i]
+        about[0, i] = -scale * (linear[i] - ground[12, i]) - force[i]
+    cross(base[1], linear, whole)
+    cross(base[1], force, way)
+    for i in range(3):
+        about[1, i] = -scale * (angular[i] + whole[i] - ground[13, i]) - moment[i] - way[i]
+    cross(base[1], about[0], way)
+    for i in range(3):
+        about[1, i] -= way[i]
+    return power
+
+
+@kernel
+def _place_base(ground, base):
+    """Fill place and turn of a free base, at rest."""
+    copy_matrix(ground[:3], base[0])
+    copy_vector(ground[3], base[1])
+    base[2][:] = 0.0
+    base[3][:] = 0.0
+
+
+@kernel
+def _step_base(size, scheme, scale, ground, base, beyond):
+    """Move a free base on over a step, by its stage."""
+    alpha_m, gamma = scheme
+    n = len(beyond) - 2
+    moment, rates, ends = np.empty(3), np.empty((4, 3)), np.empty((4, 3))
+    cross(base[1], beyond[n + 1, 0], moment)
+    for i in range(3):
+        rates[0, i] = base[2][i]
+        rates[1, i] = scale * (ground[15, i] - ground[11, i])
+        rates[2, i] = -beyond[n + 1, 0, i]
+        rates[3, i] = -beyond[n + 1, 1, i] - moment[i]
+    for part in range(4):
+        kept = part + 4 if part < 2 else part + 6
+        for i in range(3):
+            new = (rates[part, i] - (1.0 - alpha_m) * ground[kept, i]) / alpha_m
+            ends[part, i] = size * ((1.0 - gamma) * ground[kept, i] + gamma * new)
+            ground[kept, i] = new
+    for i in range(3):
+        ground[3, i] += ends[0, i]
+        ground[6, i] += ends[2, i]
+        ground[7, i] += ends[3, i]
+    before, spin = ground[:3].copy(), ground[5].copy()
+    _turn_base(ends[1], spin, before, ground[:3], ground[5])
+
+
+@kernel
 def make_work(n, p):
     """Empty arrays of a motion, of forces beyond, of a chain, and two of the segments."""
     return (
         make_motion(n, p),
-        np.empty((n, 2, 3)),
+        np.empty((n + 2, 2, 3)),
         make_chain(n),
         np.empty((n, 3)),
         np.empty((n, 3)),
@@ -1123,19 +1255,21 @@ def advance(rod, tendons, tables, walls, scheme, window, state, memory, rows):
     """Move on over a window of steps and rows of the tables; returns how many rows were reached.
 
     ``walls`` are those of `press_end`, at the first step of the window. ``scheme`` is a_m, a_f, g
-    and the error of the segments' ends in a step [mm], 0 for whole steps. ``window`` is the row and
-    step to begin with, the row and step to end before, and how many steps there are between two
-    rows (k - 1,). ``state`` is the rotations, momenta, and the rates of both (n, 3), which are
-    changed; if ``fresh``, the last of the window, is 2 momenta and their rates are not known yet,
-    if it is 1 they are, and if it is 0 the window goes on from the ``memory`` of the last one.
-    ``rows`` are filled: rotations (k, s, 3, 3), places, velocities (k, s, 3) of the stations,
-    tensions and lengths (k, t), energies (k, 8): kinetic, elastic, of gravity, of tendons, work of
-    loads and tendons, dissipated, of walls, dissipated by friction of tendons; steps of Newton's
-    method (k,); forces of walls (k, s, 3) and least gaps (k, s). Lengths are those without tension
-    where tensions are commanded.
+    and the error of the segments' ends in a step [mm], 0 for whole steps. ``window`` is the row
+    and step to begin with, the row and step to end before, and how many steps there are between
+    two rows (k - 1,). ``state`` is the rotations, momenta, and the rates of both (n, 3), and of a
+    base that is free: turn (3, 3), place, velocity, spin, momenta and their rates, six rows for
+    `solve_stage`, (0, 3) if it is not; they are changed; if ``fresh``, the last of the window, is
+    2 momenta and their rates are not known yet, if it is 1 they are, and if it is 0 the window
+    goes on from the ``memory`` of the last one. ``rows`` are filled: rotations (k, s, 3, 3),
+    places, velocities (k, s, 3) of the stations, tensions and lengths (k, t), energies (k, 8):
+    kinetic, elastic, of gravity, of tendons, work of loads and tendons, dissipated, of walls,
+    dissipated by friction of tendons; steps of Newton's method (k,); forces of walls (k, s, 3) and
+    least gaps (k, s). Lengths are those without tension where tensions are commanded.
     """
     first_row, first_step, end_row, end_step, steps, fresh = window
-    q, momentum, rate, momentum_rate = state
+    q, momentum, rate, momentum_rate, ground = state
+    loose, about = len(ground) > 0, np.empty((2, 3))
     n, p, k = len(q), len(rod[3][0]), len(tendons[0])
     times, weights = tables[0], tables[2]
     still = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
@@ -1156,6 +1290,8 @@ def advance(rod, tendons, tables, walls, scheme, window, state, memory, rows):
     tolerance = scheme[3]
     if fresh > 0:
         fill_drive(tables, 0, 0.0, drive, targets, slopes)
+        if loose:
+            _place_base(ground, drive[0])
         if rubbing[0].size > 0:
             if fresh == 2:
                 measure_strings(rod[0], rubbing[1], q, False, pull, strings[0])
@@ -1167,17 +1303,21 @@ def advance(rod, tendons, tables, walls, scheme, window, state, memory, rows):
             for j in range(n):
                 for i in range(3):
                     momentum_rate[j, i] = -momentum_rate[j, i]
+            for i in range(3 if loose else 0):
+                ground[8, i], ground[9, i] = -work[1][n + 1, 0, i], -work[1][n + 1, 1, i]
         if not _fill_row(
-            rod, tendons, drive, targets, q, momentum, end_work, end_rate, solver, rows, 0
+            rod, tendons, drive, targets, (q, momentum, ground), end_work, end_rate, solver, rows, 0
         ):
             return 0
+        if loose and fresh == 1:
+            copy_matrix(rate, end_rate)  # by momenta those of roll are noise
         copy_matrix(end_rate, guess)
         copy_matrix(end_rate, guess_before)
         totals[7], rows[5][0, 4], rows[5][0, 5], rows[6][0] = rows[5][0, 4], 0.0, 0.0, 0
-        totals[2], totals[3] = _measure_powers(
-            measure_motion(rod, q, end_rate, drive, work[0], work[1], work[3], work[4]),
-            tendons, solver, end_rate, slopes, 0.0,
-        )  # fmt: skip
+        powers = measure_motion(rod, q, end_rate, drive, work[0], work[1], work[3], work[4])
+        if loose:
+            powers = (powers[0] - _weigh_base(1.0, ground, drive[0], work[1], about), powers[1])
+        totals[2], totals[3] = _measure_powers(powers, tendons, solver, end_rate, slopes, 0.0)
         totals[4] = totals[10] = times[0]
         totals[9] = 0.0
         copy_matrix(end_rate, arrays[7])
@@ -1216,7 +1356,15 @@ def advance(rod, tendons, tables, walls, scheme, window, state, memory, rows):
                     ahead = 2.0 * guess[j, i] - guess_before[j, i]
                     stage_q[j, i] = q_before[j, i] + c * ahead
             fill_drive(tables, row, at, drive, targets, slopes)
-            stage = scale, q_before, momentum_before
+            for i in range(3 if loose else 0):
+                head = alpha_f * size * (1.0 - gamma / alpha_m)
+                ground[10, i] = ground[3, i] + head * ground[4, i]
+                ground[11, i] = head * ground[5, i]
+                ground[12, i] = ground[6, i] + head * ground[8, i]
+                ground[13, i] = ground[7, i] + head * ground[9, i]
+                ground[14, i] = ground[10, i] + c * ground[4, i]
+                ground[15, i] = ground[11, i] + c * ground[5, i]
+            stage = scale, q_before, momentum_before, ground
             count, energies = solve_stage(
                 rod, tendons, drive, targets, stage, work, solver, stage_q, stage_rate
             )
@@ -1262,6 +1410,8 @@ def advance(rod, tendons, tables, walls, scheme, window, state, memory, rows):
                     new = (-work[4][j, i] - (1.0 - alpha_m) * momentum_rate[j, i]) / alpha_m
                     momentum[j, i] += size * ((1.0 - gamma) * momentum_rate[j, i] + gamma * new)
                     momentum_rate[j, i] = new
+            if loose:
+                _step_base(size, (alpha_m, gamma), scale, ground, drive[0], work[1])
             done += part
             # A step of the same size goes on with the tangent it has.
             part = min(1.0, part * (change if change > 1.2 else min(change, 1.0)))
@@ -1271,8 +1421,19 @@ def advance(rod, tendons, tables, walls, scheme, window, state, memory, rows):
         if end < steps[row]:
             break
         fill_drive(tables, row, times[row + 1] - times[row], drive, targets, slopes)
+        if loose:
+            _place_base(ground, drive[0])
         if not _fill_row(
-            rod, tendons, drive, targets, q, momentum, end_work, end_rate, solver, rows, row + 1
+            rod,
+            tendons,
+            drive,
+            targets,
+            (q, momentum, ground),
+            end_work,
+            end_rate,
+            solver,
+            rows,
+            row + 1,
         ):
             return row + 1
         rows[5][row + 1, 4] += totals[0] - totals[7]
@@ -1358,11 +1519,12 @@ def _measure_powers(energies, tendons, solver, rate, slopes, between):
 
 
 @kernel
-def _fill_row(rod, tendons, drive, targets, q, momentum, work, rate, solver, rows, row):
+def _fill_row(rod, tendons, drive, targets, state, work, rate, solver, rows, row):
     """Fill a row of `advance`, its work with what the base carries; False if that fails."""
+    q, momentum, ground = state
     pull, strings, rubbing = solver[0], solver[7], tendons[3]
     rotations, places, velocities, tensions, lengths, energies, _, forces, gaps = rows
-    if not find_velocity(rod, q, momentum, drive, work, rate):
+    if not find_velocity(rod, q, momentum, drive, ground, work, rate):
         return False
     found = measure_energies(rod, q, drive, work[0])
     if not pull_tendons(rod[0], tendons, targets, q, False, pull, strings, work[4]):
@@ -1376,7 +1538,8 @@ def _fill_row(rod, tendons, drive, targets, q, momentum, work, rate, solver, row
     copy_vector(pull[1], lengths[row])
     for i in range(3):
         energies[row, i] = found[i]
-    energies[row, 3], energies[row, 4], energies[row, 6] = 0.0, found[3], 0.0
+    carried = found[3] if len(ground) == 0 else 0.0
+    energies[row, 3], energies[row, 4], energies[row, 6] = 0.0, carried, 0.0
     walls, push = drive[4], np.empty(3)
     for j in range(len(q) if len(walls[1]) > 0 else 0):
         push[:] = 0.0
