@@ -63,6 +63,8 @@ _HELPS = 0.9
 """Times the error without a drift, at most: a drift with that is advised."""
 _POOR = 0.1
 """Share of the span of the output: an error above is poor."""
+_ODD, _ODD_SHARE = 10.0, 0.05
+"""Scatters, and share of the span and of the rows, of outliers."""
 _COVERED = 0.95
 _LEAD_WAY = 0.5
 _LEAD_SHARE = 0.2
@@ -526,6 +528,7 @@ def _judge(result: LoopComparison, fits: Mapping[str, Fitted], work: _Work) -> L
         )
     if doubtful := [item.name for item in result.constants if not item.is_determined]:
         notes.append(f"the rows do not determine {', '.join(doubtful)}")
+    notes += _find_odd_rows(result)
     notes += _advise_drift(result, fits, work)
     reasons = []
     if not any(_turns(runs.input[place][parts.fitted[place]]) for place in runs.slices):
@@ -536,6 +539,18 @@ def _judge(result: LoopComparison, fits: Mapping[str, Fitted], work: _Work) -> L
             f"{100.0 * result.residual / result.span:.0f} % of the span"
         )
     return replace(result, notes=tuple(notes), reason="; ".join(reasons))
+
+
+def _find_odd_rows(result: LoopComparison) -> list[str]:
+    """Return a note where a few rows are far off: outliers, which least squares heeds."""
+    off = np.abs(result.runs.output - result.predicted)
+    odd = np.flatnonzero(off > max(_ODD * 1.4826 * float(np.median(off)), _ODD_SHARE * result.span))
+    if not 0 < len(odd) <= _ODD_SHARE * len(off):
+        return []
+    return [
+        f"{len(odd)} rows are off by more than {_ODD:g} times most, the first by "
+        f"{off[odd[0]]:.4g} at row {odd[0] + 1} of those read: if they are outliers, leave them out"
+    ]
 
 
 def _turns(inputs: Floats) -> bool:
