@@ -12,10 +12,10 @@ from scipy.io import loadmat, savemat
 from scipy.optimize import brentq
 
 from bozzini.errors import BozziniError, InputError
+from bozzini.io.matlab import read_matrices
 from bozzini.rig import ATMOSPHERE, Chamber, Orifice, Plant, PlantDesign
 from bozzini.rig.curves import PressureCurve, read_curve, take_curve
 from bozzini.rig.identify import Identification, identify_fill, identify_leak, regulated_flow
-from bozzini.io.matlab import read_matrices
 
 START, SUPPLY = 0.015, 0.63
 WHOLE = SUPPLY + ATMOSPHERE
