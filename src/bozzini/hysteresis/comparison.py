@@ -516,7 +516,11 @@ def _judge(result: LoopComparison, fits: Mapping[str, Fitted], work: _Work) -> L
             )
     baseline = min((row for row in result.rows if row.law in BASELINES), key=lambda r: r.error)
     kind = "held out" if parts.held_out.any() else "left out"
-    worse = [row for row in result.rows if row.law not in BASELINES and row.error > baseline.error]
+    worse = [
+        row
+        for row in result.rows
+        if row.law not in BASELINES and _GAIN * row.error > baseline.error
+    ]
     if worse:
         names = " or ".join(row.law for row in worse)
         notes.append(f"the baseline {baseline.law} predicts the rows {kind} better than {names}")
