@@ -291,6 +291,35 @@ def test_many_rows_are_fitted_as_means_and_judged_as_they_are() -> None:
     assert 0.93 < found.coverage < 0.97
 
 
+def test_rows_far_off_are_named() -> None:
+    runs = make_record("plays").runs
+    assert not any("outliers" in note for note in compare_laws(runs).notes)
+    swapped = runs.output.copy()
+    swapped[[99, 300, 301]] += 0.5 * np.ptp(swapped)
+    notes = compare_laws(replace(runs, output=swapped)).notes
+    said = [note for note in notes if "outliers" in note]
+    assert len(said) == 1 and said[0].startswith("3 rows") and "at row 100 of" in said[0]
+
+
+@pytest.mark.parametrize("kind", ["one row a run", "a spike", "two levels", "noise alone"])
+def test_odd_records_have_an_answer(kind: str) -> None:
+    runs, turn = make_record("plays", count=60).runs, np.linspace(0.0, 20.0, 60)
+    input_, output, first = np.sin(turn), np.sin(turn - 0.3), (0,)
+    if kind == "one row a run":
+        first = tuple(range(60))
+    elif kind == "a spike":
+        input_[-1] = 1e6
+    elif kind == "two levels":
+        input_, output = np.sign(input_), np.sign(output)
+    else:
+        input_, output = np.random.default_rng(0).normal(size=(2, 60))
+    labels = tuple(map(str, first))
+    odd = replace(runs, input=input_, output=output, first=first, labels=labels)
+    found = compare_laws(odd)
+    assert np.isfinite(found.predicted).all() and np.isfinite(found.residual)
+    assert found.converged == (not found.reason)
+
+
 def test_what_cannot_be_fitted_is_refused() -> None:
     runs = make_record("plays", count=60).runs
     with pytest.raises(InputError, match="20"):

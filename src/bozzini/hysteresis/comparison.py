@@ -56,11 +56,15 @@ DRIFTS = ("none", "linear", "log")
 _LADDERS = ("few", "many")
 _FOLDS = 5
 _GAIN = 0.97
-"""Times the error of simpler laws, at most: a law that predicts so well is chosen."""
+"""Times the error of a simpler law, at most: a law that predicts so well is chosen."""
+_WINS = 4
+"""Of the blocks left out, in which it must be better."""
 _HELPS = 0.9
 """Times the error without a drift, at most: a drift with that is advised."""
 _POOR = 0.1
 """Share of the span of the output: an error above is poor."""
+_ODD, _ODD_SHARE = 10.0, 0.05
+"""Scatters, and share of the span and of the rows, of outliers."""
 _COVERED = 0.95
 _LEAD_WAY = 0.5
 _LEAD_SHARE = 0.2
@@ -114,7 +118,8 @@ class LoopComparison(ReasonedResult):
     rows : tuple of LoopRow
         All laws, the simpler first.
     best : str
-        The law that predicts rows left out best, a simpler one unless another is better by 3 %.
+        The law that predicts rows left out best: one is better than a simpler one if its error is
+        less by 3 %, and less in four of the five blocks.
     law : str
         The one asked for, or the best: `fit` is its.
     runs : LoopRuns
@@ -308,10 +313,10 @@ def compare_laws(
     fits, left = work.fit_all(progress)
     fits = {name: work.settle_held_out(fit) for name, fit in fits.items()}
     rows = tuple(_make_row(name, fits[name], left[name], work) for name in LAWS)
-    best = rows[0]
-    for row in rows[1:]:
-        best = row if row.left_out < _GAIN * best.left_out else best
-    chosen = best.law if law == "best" else law
+    best = LAWS[0]
+    for name in LAWS[1:]:
+        best = name if _is_better(left[name], left[best]) else best
+    chosen = best if law == "best" else law
     fit = fits[chosen]
     predicted = fit.predict(work.every)
     band = _find_band(left[chosen])
@@ -321,7 +326,7 @@ def compare_laws(
     beyond = (runs.input[held] < inputs.min()) | (runs.input[held] > inputs.max())
     result = LoopComparison(
         rows=rows,
-        best=best.law,
+        best=best,
         law=chosen,
         runs=runs,
         fit=fit,
@@ -465,6 +470,13 @@ def _find_constants(fit: Fitted, work: _Work) -> tuple[Constant, ...]:
     return (*own, *identify_tendon(fit.law, own, **units))
 
 
+def _is_better(one: Floats, two: Floats) -> bool:
+    """Whether residuals left out are smaller than those of a simpler law, in most blocks too."""
+    blocks = zip(np.array_split(one, _FOLDS), np.array_split(two, _FOLDS), strict=True)
+    wins = sum(_size(first) < _size(second) for first, second in blocks)
+    return wins >= _WINS and _size(one) < _GAIN * _size(two)
+
+
 def _size(values: Floats) -> float:
     return float(np.sqrt(np.mean(np.square(values)))) if values.size else math.nan
 
@@ -504,7 +516,11 @@ def _judge(result: LoopComparison, fits: Mapping[str, Fitted], work: _Work) -> L
             )
     baseline = min((row for row in result.rows if row.law in BASELINES), key=lambda r: r.error)
     kind = "held out" if parts.held_out.any() else "left out"
-    worse = [row for row in result.rows if row.law not in BASELINES and row.error > baseline.error]
+    worse = [
+        row
+        for row in result.rows
+        if row.law not in BASELINES and _GAIN * row.error > baseline.error
+    ]
     if worse:
         names = " or ".join(row.law for row in worse)
         notes.append(f"the baseline {baseline.law} predicts the rows {kind} better than {names}")
@@ -516,6 +532,7 @@ def _judge(result: LoopComparison, fits: Mapping[str, Fitted], work: _Work) -> L
         )
     if doubtful := [item.name for item in result.constants if not item.is_determined]:
         notes.append(f"the rows do not determine {', '.join(doubtful)}")
+    notes += _find_odd_rows(result)
     notes += _advise_drift(result, fits, work)
     reasons = []
     if not any(_turns(runs.input[place][parts.fitted[place]]) for place in runs.slices):
@@ -526,6 +543,18 @@ def _judge(result: LoopComparison, fits: Mapping[str, Fitted], work: _Work) -> L
             f"{100.0 * result.residual / result.span:.0f} % of the span"
         )
     return replace(result, notes=tuple(notes), reason="; ".join(reasons))
+
+
+def _find_odd_rows(result: LoopComparison) -> list[str]:
+    """Return a note where a few rows are far off: outliers, which least squares heeds."""
+    off = np.abs(result.runs.output - result.predicted)
+    odd = np.flatnonzero(off > max(_ODD * 1.4826 * float(np.median(off)), _ODD_SHARE * result.span))
+    if not 0 < len(odd) <= _ODD_SHARE * len(off):
+        return []
+    return [
+        f"{len(odd)} rows are off by more than {_ODD:g} times most, the first by "
+        f"{off[odd[0]]:.4g} at row {odd[0] + 1} of those read: if they are outliers, leave them out"
+    ]
 
 
 def _turns(inputs: Floats) -> bool:

@@ -23,7 +23,11 @@ BEYOND = 0.25
 
 _WIDTHS = (0.0, 0.01, 0.02, 0.035, 0.05, 0.075, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8)
 _RUNGS = {"few": (0.0, 0.1, 0.3), "many": tuple((0.1 * np.arange(9)).tolist())}
-_STARTS = tuple((0.125 * np.arange(16)).tolist())
+_STARTS = 0.125 * np.arange(16)
+_AROUND = 0.25 * np.arange(-3.0, 4.0)
+_FINER = 5
+_MANY_RUNS = 10
+"""Of so many, the starts are settled fewer times."""
 _ROUNDS = 3
 _GOLDEN = 12
 _NEAR = 0.05
@@ -140,27 +144,24 @@ def settle_starts(fit: Fitted, samples: Samples, mask: Mask) -> Fitted:
     """Return a fit with the starts that its law fits best, one run after the other."""
     starts = []
     rest = samples.outputs - samples.terms @ fit.factors
-    grid = _STARTS if len([w for w in fit.law.weights if w]) > 1 else _STARTS[:9]
+    grid = _STARTS if np.count_nonzero(fit.law.weights) > 1 else _STARTS[:9]
     for inputs, place, old in zip(samples.inputs, samples.slices, fit.starts, strict=True):
         own = mask[place]
         if not own.any():
             starts.append(old)
             continue
         last = int(np.flatnonzero(own)[-1]) + 1
-        inputs, wanted, own = inputs[:last], rest[place][:last], own[:last]
-
-        def miss(start: float) -> float:
-            left = (wanted - fit.law.trace(inputs, start % 2.0))[own]  # noqa: B023
-            return float(left @ left)
-
-        costs = [miss(start) for start in grid]
-        best = int(np.argmin(costs))
-        start = grid[best]
-        if max(costs) > min(costs):
-            start = _find_least(miss, start - 0.125, start + 0.125)
-            start = start if miss(start) <= costs[best] else grid[best]
-        kept = miss(old)
-        starts.append(old if kept <= miss(start) else float(start % 2.0))
+        known, wanted = own[:last], rest[place][:last][own[:last]]
+        best, step, tried = old, grid[1], np.append(grid, old)
+        for _ in range(_FINER):
+            traced = fit.law.trace_starts(inputs[:last], tried)[:, known]
+            costs = np.square(traced - wanted).sum(axis=1)
+            # An old one stays unless another is better: a start that does not matter does not move.
+            k = int(np.argmin(costs))
+            best = best if costs[-1] <= costs[k] else float(tried[k])
+            tried = np.append((best + step * _AROUND) % 2.0, best)
+            step *= 0.25
+        starts.append(best)
     return replace(fit, starts=tuple(starts))
 
 
@@ -191,10 +192,11 @@ def fit_polynomial(samples: Samples, mask: Mask, degree: int) -> Fitted:
 def fit_backlash(samples: Samples, mask: Mask, before: Fitted | None = None) -> Fitted:
     """Return a cubic of one play, whose width is fitted; `before` has starts that are known."""
     reach = samples.find_reach(mask) if before is None else before.law.reach
+    rounds = _ROUNDS if len(samples.inputs) < _MANY_RUNS else 1
 
     def fit(width: float, starts: Sequence[float]) -> tuple[float, Fitted]:
         found, cost = _make_law(samples, mask, PlayForm((width,), (1.0,)), starts, 3, reach)
-        for _ in range(_ROUNDS if before is None and width else 0):
+        for _ in range(rounds if before is None and width else 0):
             settled = settle_starts(found, samples, mask)
             if settled.starts == found.starts:
                 break
@@ -290,6 +292,7 @@ def _choose_widths(
         if len(own):
             moved = np.maximum(moved, np.ptp(own, axis=0))
     kept = moved >= STILL * 2.0 * reach
+    kept[0] = True
     return tuple(widths[kept].tolist()), tuple(widths[~kept].tolist())
 
 
@@ -318,7 +321,7 @@ def fit_plays(
 def _fit_weights(
     samples: Samples, mask: Mask, widths: Sequence[float], plays: Floats, sign: float
 ) -> tuple[float, Floats]:
-    """Return the sum of squares and weights, of sum 1, that lag (1) or lead (-1)."""
+    """Return the sum of squares and weights, of sizes of sum 1, that lag (1) or lead (-1)."""
     inputs = samples.joined[:, None]
     columns = plays if sign > 0.0 else np.hstack([inputs, inputs - plays[:, 1:]])
     free = np.hstack([np.ones((len(inputs), 1)), samples.terms])[mask]
@@ -331,7 +334,7 @@ def _fit_weights(
         weights = np.array(found.values)
         if sign < 0.0:
             weights = np.append(weights.sum(), -weights[1:])
-        total = float(weights.sum())
+        total = float(np.abs(weights).sum())
         if not total > 0.0:
             weights = np.append(1.0, np.zeros(len(widths) - 1))
             total = 1.0
@@ -363,7 +366,7 @@ def fit_generalised(
         weights = np.interp(widths, begin.law.thresholds, np.array(begin.law.weights))
         near = np.isclose(np.array(widths)[:, None], begin.law.thresholds, atol=1e-9 * reach)
         weights = np.where(near.any(axis=1), weights, 0.0)
-        if not weights.sum() > 0.0:
+        if not weights.any():
             continue
         best: tuple[float, Fitted] = np.inf, begin
         for _ in range(_ROUNDS):
@@ -389,16 +392,16 @@ def _bend_plays(
 ) -> Fitted:
     """Fit weights and a cubic together, from weights on; they keep their sign."""
     plays = samples.trace(widths, starts, reach)[mask]
-    weights = weights / weights.sum()
+    weights = weights / np.abs(weights).sum()
     begin, _ = _make_law(samples, mask, PlayForm(widths, weights), starts, 3, reach)
     law = begin.law
     terms, target = samples.terms[mask], samples.outputs[mask]
     span = float(np.ptp(target)) or 1.0
     count = len(widths)
     leads = bool((weights[1:] < 0.0).any()) and widths[0] == 0.0
-    low, high = np.zeros(count), np.full(count, np.inf)
+    low, high, ways = np.zeros(count), np.full(count, np.inf), np.ones(count)
     if leads:
-        low[1:], high[1:] = -np.inf, 0.0
+        low[1:], high[1:], ways[1:] = -np.inf, 0.0, -1.0
     stiff = np.sqrt(len(target))
 
     def split(point: Floats) -> tuple[Floats, Floats, Floats]:
@@ -408,14 +411,14 @@ def _bend_plays(
         own, curve, factors = split(point)
         place = (plays @ own - law.centre) / law.half
         model = polynomial.polyval(place, curve) + terms @ factors
-        return np.append((model - target) / span, stiff * (own.sum() - 1.0))
+        return np.append((model - target) / span, stiff * (ways @ own - 1.0))
 
     def slope(point: Floats) -> Floats:
         own, curve, _ = split(point)
         place = (plays @ own - law.centre) / law.half
         steep = polynomial.polyval(place, polynomial.polyder(curve)) / law.half
         rows = np.hstack([steep[:, None] * plays, polynomial.polyvander(place, 3), terms]) / span
-        last = np.append(np.full(count, stiff), np.zeros(rows.shape[1] - count))
+        last = np.append(stiff * ways, np.zeros(rows.shape[1] - count))
         return np.vstack([rows, last])
 
     free = np.full(4 + terms.shape[1], np.inf)
@@ -425,10 +428,12 @@ def _bend_plays(
     )  # fmt: skip
     point = np.concatenate([weights, law.coefficients, begin.factors])
     point[:count] = np.clip(point[:count], low + (low == 0.0) * 1e-3, high - (high == 0.0) * 1e-3)
-    point[:count] /= point[:count].sum()
+    point[:count] /= ways @ point[:count]
     own, _, _ = split(search.descend(point, evaluations=40).point)
     own = np.where(np.abs(own) > 1e-6, own, 0.0)
-    found, cost = _make_law(samples, mask, PlayForm(widths, own / own.sum()), starts, 3, reach)
+    found, cost = _make_law(
+        samples, mask, PlayForm(widths, own / np.abs(own).sum()), starts, 3, reach
+    )
     first, before = _make_law(samples, mask, PlayForm(widths, weights), starts, 3, reach)
     return found if cost < before else first
 

@@ -56,7 +56,7 @@ class LoopLaw:
     thresholds : sequence of float
         Half widths r [input], increasing, 0 or more.
     weights : sequence of float
-        w, as many, of sum 1.
+        w, as many; their sizes have the sum 1.
     coefficients : sequence of float
         c [output], constant first.
     centre, half : float
@@ -104,6 +104,20 @@ class LoopLaw:
         """
         return self.run(inputs, start)[0]
 
+    def trace_starts(self, inputs: Floats, starts: Floats) -> Floats:
+        """Return outputs (m, n) along inputs (n,) after starts (m,)."""
+        first, fan = float(inputs[0]), (self.fan, self.apex)
+        widths = np.array(self.thresholds)
+        memory = [place_plays(first, widths, start, self.reach, fan) for start in starts.tolist()]
+        rows = np.tile(inputs, (len(starts), 1))
+        plays = _trace(rows, widths, np.array(memory), fan)
+        output = self.bend(plays @ np.array(self.weights))
+        if self.height:
+            states = np.array([[_place_state(start)] for start in starts.tolist()])
+            before = np.full(len(starts), first)
+            output = output + self.height * self._trace_state(rows, before, states)
+        return output
+
     def run(self, inputs: Floats, start: float | LoopState | None) -> tuple[Floats, LoopState]:
         """Return outputs (n,) along inputs (n,), and the state at their end."""
         fan = self.fan, self.apex
@@ -117,6 +131,10 @@ class LoopLaw:
         return output, LoopState(
             last=float(inputs[-1]), plays=tuple(plays[-1].tolist()), yielded=last
         )
+
+    def _trace_state(self, rows: Floats, before: Floats, states: Floats) -> Floats:
+        form = self.exponent, self.beta_fraction, 1.0 / self.yield_input
+        return np.asarray(kernels.run_bouc_wen(rows, *form, before, states))
 
     def bend(self, inner: Floats) -> Floats:
         """Return the curve at sums of plays (n,)."""
@@ -157,21 +175,33 @@ def trace_plays(
 ) -> Floats:
     """Return positions of plays (n, k) along inputs (n,)."""
     widths = np.asarray(thresholds, dtype=np.float64)
-    share, apex = fan
     if isinstance(start, LoopState):
         memory = np.array([start.plays])
     else:
         memory = place_plays(float(inputs[0]), widths, start, reach, fan)[None].copy()
+    return np.asarray(_trace(inputs[None], widths, memory, fan)[0])
+
+
+def _trace(rows: Floats, widths: Floats, memory: Floats, fan: Fan) -> Floats:
+    """Return positions of plays (m, n, k) along inputs (m, n), all alike, from `memory` (m, k)."""
+    share, apex = fan
+    inputs = rows[0]
     # Edges are straight on either side of the apex.
     cuts = np.flatnonzero(np.diff(inputs >= apex)) + 1 if share else np.empty(0, dtype=np.intp)
     parts = []
-    for part in np.split(inputs, cuts):
-        slope = share if part[0] >= apex else -share
+    for part in np.split(rows, cuts, axis=1):
+        slope = share if part[0, 0] >= apex else -share
         edges = np.zeros((2, len(widths), 3))
         edges[0, :, 0], edges[1, :, 0] = apex * slope - widths, widths - apex * slope
         edges[0, :, 1], edges[1, :, 1] = 1.0 - slope, 1.0 + slope
-        parts.append(kernels.trace_plays(part[None], edges[0], edges[1], memory)[0])
-    return np.concatenate(parts)
+        part = np.ascontiguousarray(part)
+        parts.append(kernels.trace_plays(part, edges[0], edges[1], memory))
+    return np.concatenate(parts, axis=1)
+
+
+def _place_state(start: float) -> float:
+    """Return the Bouc-Wen state over its bound after a start."""
+    return 1.0 - 2.0 * min(start, WHOLE - start)
 
 
 def trace_state(
@@ -186,7 +216,7 @@ def trace_state(
     if isinstance(start, LoopState):
         last, first = start.last, start.yielded
     elif start is not None:
-        first = 1.0 - 2.0 * min(start, WHOLE - start)
+        first = _place_state(start)
     memory = np.array([[first]])
     return np.asarray(
         kernels.run_bouc_wen(
