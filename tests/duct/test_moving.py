@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bozzini.anatomy import Peristalsis, SurfaceTract, make_phantom, read_tract
+from bozzini.anatomy import Peristalsis, SurfaceTract, make_phantom
 from bozzini.duct import MovingField, build_field, carry_tissue, find_centreline, trace_back
 from bozzini.errors import BozziniError, DeformationError, InputError
 from tests.exact import MeshWall
+from tests.human import load_human
 from tests.waves import Waves
 
 RADIUS = 3.0
@@ -329,13 +330,13 @@ def test_no_bound_is_too_large_in_a_phantom_and_a_human_tract(upper_gi_dir):
     # 6 random fields, and 6e4 points in all.
     random = np.random.default_rng(7)
     checked = 0
-    for surface, steepnesses in (
-        (make_phantom().to_surface(1.5), (0.05, 0.15, 0.3)),
-        (read_tract(upper_gi_dir / "upper_gi_mc1mm.stl"), (0.1, 0.2, 0.4)),
+    phantom = make_phantom().to_surface(1.5)
+    made = build_field(phantom, voxel=1.0)
+    for (surface, field, line), steepnesses in (
+        ((phantom, made, find_centreline(made)), (0.05, 0.15, 0.3)),
+        (load_human(upper_gi_dir, "surface", 1.0), (0.1, 0.2, 0.4)),
     ):
-        field = build_field(surface, voxel=1.0)
-        inner = np.argwhere(field.values < -0.5)
-        line = find_centreline(field).points
+        inner, line = np.argwhere(field.values < -0.5), line.points
         for steepness in steepnesses:
             waves = Waves(random, steepness)
             index = inner[random.integers(0, len(inner), 10_000)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -61,6 +62,7 @@ def find_chords(curve, length):
     return np.array(chords)
 
 
+@cache
 def plant(seed, *, pinched=False, spare=SPARE, grid=GRID):
     """Make a tube whose curve carries the scope with `spare` to spare, or a pinched one."""
     random = np.random.default_rng(seed)

@@ -8,11 +8,11 @@ from functools import cache
 import numpy as np
 import pytest
 
-from bozzini.anatomy import read_tract
 from bozzini.duct import build_field, field_from_mask, find_centreline
 from bozzini.motion import Scope, find_largest
 from bozzini.numeric.polylines import measure_arc_length
 from tests.exact import voxelise
+from tests.human import load_human
 from tests.motion.plans import insert
 from tests.motion.planted import random_curve
 from tests.shapes import bend_curve
@@ -21,9 +21,9 @@ from tests.shapes import bend_curve
 class Lumen:
     """A voxel lumen that can be built anew with an inflation, as a new run does."""
 
-    def __init__(self, build, ends):
+    def __init__(self, build, ends, made=None):
         self.build, self.ends = build, ends
-        self.field, self.line = self.make(0.0)
+        self.field, self.line = made or self.make(0.0)
 
     def make(self, inflation):
         field = self.build(inflation)
@@ -164,15 +164,11 @@ def test_all_advice_on_random_tubes_fits():
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("file", "scopes"),
-    [
-        ("upper_gi_labels_1mm.nii.gz", [(9.0, 8.0), (7.0, 35.0)]),
-        ("upper_gi_mc1mm.stl", [(9.0, 20.0)]),
-    ],
+    ("kind", "scopes"), [("labels", [(9.0, 8.0), (7.0, 35.0)]), ("surface", [(9.0, 20.0)])]
 )
-def test_all_advice_on_a_human_tract_fits(upper_gi_dir, file, scopes):
-    tract = read_tract(upper_gi_dir / file, labels="all" if ".nii" in file else None)
-    lumen = Lumen(lambda inflation: build_field(tract, inflate=inflation), (None, None))
+def test_all_advice_on_a_human_tract_fits(upper_gi_dir, kind, scopes):
+    tract, *made = load_human(upper_gi_dir, kind)
+    lumen = Lumen(lambda inflation: build_field(tract, inflate=inflation), (None, None), made)
     for diameter, link in scopes:
         held = check_advice(lumen, diameter=diameter, link=link)
         assert held is not None and "inflation" in held

@@ -5,20 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bozzini.anatomy import read_tract
-from bozzini.duct import build_field, find_centreline
 from bozzini.motion import Scope, find_passage
 from tests.exact import MeshWall, VoxelWall, outside_introducer, sample_body
+from tests.human import FILES, load_human
 from tests.motion.plans import insert
-
-FILES = {"labels": "upper_gi_labels_1mm.nii.gz", "surface": "upper_gi_mc1mm.stl"}
 
 
 class Human:
-    def __init__(self, path):
-        self.tract = read_tract(path, labels="all" if path.name == FILES["labels"] else None)
-        self.field = build_field(self.tract)
-        self.line = find_centreline(self.field)
+    def __init__(self, folder, kind):
+        self.tract, self.field, self.line = load_human(folder, kind)
         if self.tract.kind == "labels":
             self.wall = VoxelWall(self.tract.mask, self.tract.affine)
         else:
@@ -32,12 +27,12 @@ class Human:
 
 @pytest.fixture(scope="module")
 def labels(upper_gi_dir):
-    return Human(upper_gi_dir / FILES["labels"])
+    return Human(upper_gi_dir, "labels")
 
 
 @pytest.fixture(scope="module")
 def surface(upper_gi_dir):
-    return Human(upper_gi_dir / FILES["surface"])
+    return Human(upper_gi_dir, "surface")
 
 
 @pytest.fixture(params=list(FILES))

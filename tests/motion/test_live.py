@@ -16,9 +16,8 @@ from bozzini.anatomy import (
     RecordedMotion,
     TissueFrame,
     TissueMotion,
-    read_tract,
 )
-from bozzini.duct import Centreline, MovingField, build_field, carry_tissue, find_centreline
+from bozzini.duct import Centreline, MovingField, build_field, carry_tissue
 from bozzini.errors import InputError
 from bozzini.motion import (
     LiveFrame,
@@ -34,6 +33,7 @@ from bozzini.motion import (
 from bozzini.motion.live import _judge
 from tests.duct.test_moving import make_tube
 from tests.exact import MeshWall, outside_introducer, sample_body
+from tests.human import load_human
 from tests.motion.plans import insert
 from tests.plot.fake_motion import make_plan
 
@@ -432,9 +432,7 @@ def test_labels_are_followed_by_the_bound_alone(rest):
 
 @pytest.fixture(scope="module")
 def human(upper_gi_dir):
-    surface = read_tract(upper_gi_dir / "upper_gi_mc1mm.stl")
-    field = build_field(surface, voxel=1.0)
-    line = find_centreline(field)
+    surface, field, line = load_human(upper_gi_dir, "surface", 1.0)
     scope = Scope(diameter=6.0, link_length=12.0)
     return surface, field, line, insert(field, line, scope=scope, method="tube", head_step=1.0)
 

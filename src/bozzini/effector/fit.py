@@ -378,7 +378,10 @@ class _Observer:
             acting[rows] = commands[rows]
             bends = find_bends(effector, acting[rows])
         else:
-            acts = [self._act(effector.motion, commands, part) for part in chosen]
+            acts = [
+                self._act(effector.motion, part.start, data.times[part], commands[part])
+                for part in chosen
+            ]
             acting[rows] = np.concatenate([act.effective[0] for act in acts])
             bends = find_bends(effector, acting[rows])
             starts = np.cumsum([0, *(part.stop - part.start for part in chosen)])
@@ -392,13 +395,15 @@ class _Observer:
             predicted[:, k] += 2.0 * np.pi * np.nan_to_num(turns)
         return predicted, acting
 
-    def _act(self, motion: EffectorMotion, commands: Floats, part: slice) -> Acting:
-        """Return what acts in a run; most numbers that a search changes leave it as it was."""
-        assert self.data.times is not None
-        known = self._acted.get(part.start)
-        if known is None or known[0] != motion or not np.array_equal(known[1], commands[part]):
-            act = motion.act(self.data.times[part], commands[None, part].copy(), initial=None)
-            known = self._acted[part.start] = motion, commands[part], act
+    def _act(self, motion: EffectorMotion, row: int, times: Floats, commands: Floats) -> Acting:
+        """Return what acts in a run from a row on.
+
+        Most numbers that a search changes leave it as it was.
+        """
+        known = self._acted.get(row)
+        if known is None or known[0] != motion or not np.array_equal(known[1], commands):
+            act = motion.act(times, commands[None].copy(), initial=None)
+            known = self._acted[row] = motion, commands, act
         return known[2]
 
     def _look(

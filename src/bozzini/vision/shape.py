@@ -1041,8 +1041,8 @@ def _find_spread(fit: RodFit, misses: Sequence[Floats], residual: float) -> Floa
         share = _LIMB_SHARE * fit.edges[i // 2].blur / _EDGE_SIGMA
         limbs[i] = share * slope[part].sum(axis=0)
     for k, seen in zip((2, 5), fit.edges, strict=True):
-        known = np.minimum(np.nan_to_num(seen.rings[:, 4]) / _RING_SIGMA, 1.0)
-        factors[rows[k] : rows[k + 1]] = known**2
+        part = slice(rows[k], rows[k + 1])
+        factors[part] = np.minimum(np.nan_to_num(seen.rings[:, 4]) / _RING_SIGMA, 1.0) ** 2
     middle = slope.T @ (factors[:, None] * slope) + limbs.T @ limbs
     return np.asarray(scale[:, None] * (inverse @ middle @ inverse) * scale)
 

@@ -8,20 +8,18 @@ import re
 import numpy as np
 import pytest
 
-from bozzini.anatomy import read_tract
-from bozzini.duct import build_field, find_centreline
 from bozzini.motion import Scope
 from bozzini.motion.actuate.actuate import actuate_plan
 from tests.exact import VoxelWall
+from tests.human import load_human
 from tests.motion.actuate.motions import make_robot, place_at
 from tests.motion.plans import insert
 
 
 @pytest.fixture(scope="module")
 def human(upper_gi_dir):
-    tract = read_tract(upper_gi_dir / "upper_gi_labels_1mm.nii.gz", labels="all")
-    field = build_field(tract)
-    return field, find_centreline(field), VoxelWall(tract.mask, tract.affine)
+    tract, field, line = load_human(upper_gi_dir, "labels")
+    return field, line, VoxelWall(tract.mask, tract.affine)
 
 
 def plan_for(human, robot, **options):
