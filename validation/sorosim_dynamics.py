@@ -199,8 +199,8 @@ def validate(folder: Path, images: Path) -> Section:
         licence="MIT.",
         text=(
             f"{len(releases)} releases from a held shape, 10 s at 200 Hz, under gravity in any "
-            f"direction, with the damping of the files, in steps of {1e3 * STEP_S:g} ms. Nothing is "
-            "fitted. Worst errors of the tip, by the length, and of the frequency:",
+            f"direction, with the damping of the files, in steps of {1e3 * STEP_S:g} ms. Nothing "
+            "is fitted. Worst errors of the tip, by the length, and of the frequency:",
             "",
             "![Tip of a release](images/validation_sorosim_dynamics.png)",
             "",
