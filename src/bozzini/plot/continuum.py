@@ -19,6 +19,7 @@ from ..numeric.arrays import Floats
 from .style import (
     AMBER,
     BLUE,
+    COLORS,
     GREEN,
     INK,
     LUMEN,
@@ -37,7 +38,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from mpl_toolkits.mplot3d import Axes3D
 
-    from ..continuum import Shape
+    from ..continuum import LinearDynamics, Shape
     from ..continuum.workspace import DexterityMap
     from ..motion.actuate.actuation import Actuation
 
@@ -103,6 +104,55 @@ def _fill_cells(
 
 NEAR = 1.5
 """Ratio to the largest bend from which the bend at which discs meet is not shown."""
+
+
+SHOWN_MODES, LEAST_GAIN = 6, 1e-3
+"""Modes that a Bode figure reaches to, and the least gain in it by the largest."""
+
+
+def draw_bode(found: LinearDynamics, tendon: str, *, modes: int | None = None) -> Figure:
+    """Return a Bode figure: gain and phase from a tendon's command to the tip's coordinates.
+
+    Coordinates that it moves by less than a thousandth of the most are left out.
+
+    Parameters
+    ----------
+    found : LinearDynamics
+    tendon : str
+        Name of the tendon.
+    modes : int, optional
+        The slowest ones that count; all unless given.
+
+    Raises
+    ------
+    InputError
+        If there is no such tendon, or there are not so many modes.
+    """
+    names = found.robot.tendon_names
+    if tendon not in names:
+        raise InputError(f"there is no tendon '{tendon}': there are {', '.join(names) or 'none'}")
+    system, own = found.state_space(modes), names.index(tendon)
+    count = len(system.A) // 2
+    slowest = found.frequency[: min(count, SHOWN_MODES)]
+    near = np.outer(slowest, np.linspace(0.9, 1.1, 100))  # none is where an undamped one has no end
+    hertz = np.append(np.geomspace(0.1 * slowest[0], 10.0 * slowest[-1], 400), near)
+    hertz = np.unique(hertz)
+    speeds = 2j * math.pi * hertz[:, None, None]
+    # Amplitudes of the modes; polynomials of so many would be round-off.
+    inner = speeds**2 * np.eye(count) - speeds * system.A[count:, count:] - system.A[count:, :count]
+    moved = np.linalg.solve(inner, system.B[count:, own : own + 1])
+    drawn = dict(zip("xyz", (system.C[:, :count] @ moved)[..., 0].T, strict=True))
+    most = max(float(np.abs(gain).max()) for gain in drawn.values())
+    figure, (gains, phases) = make_panels(2, size=(7.0, 5.0))
+    unit = "mm/N" if found.given == "tensions" else "mm/mm"
+    for (axis, gain), color in zip(drawn.items(), COLORS, strict=False):
+        if np.abs(gain).max() >= LEAST_GAIN * most:
+            gains.loglog(hertz, np.abs(gain), color=color, label=axis)
+            phases.semilogx(hertz, np.degrees(np.unwrap(np.angle(gain))), color=color)
+    gains.set_ylabel(f"tip by {tendon} [{unit}]")
+    phases.set(xlabel="frequency [Hz]", ylabel="phase [deg]")
+    gains.legend()
+    return figure
 
 
 def draw_robot_motion(actuation: Actuation) -> Figure:
