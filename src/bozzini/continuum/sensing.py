@@ -112,8 +112,8 @@ def place_sensor(kind: SensorKind, place: float, noise: SensorNoise) -> BodySens
 def plan_sensors(
     estimator: ShapeEstimator,
     candidates: Sequence[BodySensor],
-    commands: ArrayLike,
     *,
+    commands: ArrayLike,
     count: int = 3,
     aim: SensorAim = "tip",
 ) -> SensorPlan:
@@ -244,7 +244,7 @@ class SensorPlanning(Task):
         )
         places = robot.length * np.arange(1, self.candidates + 1) / self.candidates
         sensors = [place_sensor(self.kind, place, self.noise) for place in places.tolist()]  # type: ignore[arg-type]
-        return plan_sensors(estimator, sensors, rows, count=self.count, aim=self.aim)  # type: ignore[arg-type]
+        return plan_sensors(estimator, sensors, commands=rows, count=self.count, aim=self.aim)  # type: ignore[arg-type]
 
     def describe(self, found: SensorPlan) -> str:
         """Return the table."""
