@@ -267,9 +267,9 @@ def describe_estimates(ahead: dict[int, tuple[AheadPrediction, float]]) -> str:
     bare = ", ".join(f"{100.0 * one.measure_coverage():.1f}" for one, _ in ahead.values())
     wide = ", ".join(f"{100.0 * share:.1f}" for _, share in ahead.values())
     return (
-        f"With the tips before (`ShapeEstimator`; constants and sizes of errors of the other "
-        f"quarters) the tip {rows} rows ahead is missed by {errors} mm; its 95 % intervals hold "
-        f"{bare} %, fitted to the other quarters {wide} %."
+        "With the tips before (`ShapeEstimator`, fitted to the other quarters) the tip "
+        f"{rows} rows ahead is missed by {errors} mm; 95 % intervals hold {bare} %, corrected by "
+        f"the other quarters {wide} %."
     )
 
 

@@ -312,8 +312,8 @@ class ShapeEstimator:
         alone = self._solve(asked, np.zeros(len(before.mean)), start, None)
         short = self.model.natural_lengths - alone.lengths
         best = self._search(asked, read, before, short)
-        for index, load in enumerate(self.loads):
-            if load.arc_length is None and read and state is None:
+        for index, one in enumerate(self.loads):
+            if one.arc_length is None and read and state is None:
                 for trial in self._try_places(asked, read, index, (before, best), short):
                     other = self._search(asked, read, before, short, start=trial)
                     best = other if other.cost < best.cost else best
