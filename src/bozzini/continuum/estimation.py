@@ -552,7 +552,12 @@ class ShapeEstimator:
             # A cable is a spring on both sides, of the stiffness that it has at this length.
             pulls, compliances = self._stretch(lengths - command.free_lengths)
             free = lengths - compliances * pulls
-            whole = packed, bent, (compliances, held, never, command.pulls, 0.0 * pulls), *loads
+            whole = (
+                packed,
+                bent,
+                (compliances, held, never, 1.0 * command.pulls, 0.0 * pulls),
+                *loads,
+            )
             code, *_ = solve_equilibrium(
                 whole, free, INNER_TOLERANCE, INNER_STEPS, turned, pulls, state
             )
@@ -817,10 +822,15 @@ class ShapeEstimator:
             guess[place] = mean[place]
             tried.append((value, guess))
         tried.sort(key=lambda pair: pair[0])
+        chosen: list[Floats] = []
+        apart = 1.5 * self.robot.length / TRIED_PLACES
+        for _, guess in tried:
+            if all(abs(guess[place] - one[place])[0] > apart for one in chosen):
+                chosen.append(guess)
         begin = best.body.rotation_vectors, best.body.lengths
         fits = [
             self._evaluate(asked, read, guess, start=begin, short=short)
-            for _, guess in tried[:BEST_PLACES]
+            for guess in chosen[:BEST_PLACES]
         ]
         return [fit for fit in fits if fit.body.found]
 

@@ -42,7 +42,7 @@ class SensorChoice:
     ----------
     sensors : int
     greedy_place : float
-        Where the last one is added to those before [mm]; NaN of none.
+        Where the last one is added to those before [mm]; 0 of none.
     greedy : float
         Worst standard deviation with these [mm].
     exact : float
@@ -173,7 +173,7 @@ def plan_sensors(
     tip = estimator.robot.length
     places = np.array([tip if one.arc_length is None else one.arc_length for one in candidates])
     none = measure(())
-    choices = [SensorChoice(0, math.nan, none, none)]
+    choices = [SensorChoice(0, 0.0, none, none)]
     chosen: list[int] = []
     note = ""
     for size in range(1, count + 1):
