@@ -28,8 +28,8 @@ from bozzini.continuum import (
 Array = NDArray[np.float64]
 
 LENGTH_MM, OFFSET_MM = 200.0, 4.0
-GRATINGS, SHARE, LEAST = 12, 0.01, 2e-5
-"""Number of gratings, their noise by the curvature, and the least of it [1/mm]."""
+GRATINGS, SHARE, LEAST = 12, 0.01, 1e-4
+"""Number of gratings, their noise by the curvature, and by the largest that is commanded [1/mm]."""
 ROBOTS = 200
 SMALL = ModelError(curvature=2e-5, twist=2e-5, reach=40.0, stiffness=0.01, zero=0.02)
 """Errors of a model that was fitted well."""
@@ -112,6 +112,8 @@ def find_forces(stiffer: Any, error: ModelError, *, robots: int, seed: int) -> d
         truth = ShapeEstimator(model=model, sensors=gratings, error=known)
         state = draw(truth, random)
         shape = truth.estimate(command, state=state)
+        if not shape.converged:  # the force is more than it can hold
+            continue
         readings = truth.predict(command, state=shape.state)
         for reading in readings.values():
             noise = math.hypot(LEAST, SHARE * float(np.hypot(*reading)))

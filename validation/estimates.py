@@ -128,7 +128,7 @@ def see_markers(
     misses: list[list[NDArray[np.float64]]] = [[] for _ in wanted]
     for k in range(blocks):
         setup = fit(block != k)
-        record = make_record(setup, data, 100.0 * np.arange(len(data)))
+        record = make_record(setup, data, 100.0 * np.arange(len(data), dtype=np.float64))
         estimator = make_estimator(setup, data, error, 1.0)
         found = fit_model_error(estimator, record.select(block != k), free=free, ahead=(1,))
         estimator = make_estimator(setup, data, found.error, found.noise)

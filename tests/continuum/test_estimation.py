@@ -382,7 +382,7 @@ def test_a_sensor_is_planned_where_it_leaves_least():
     estimator = ShapeEstimator(model=MODEL)
     places = [20.0 * k for k in range(1, 9)]
     candidates = [PlaceSensor(name=f"{place}", arc_length=place) for place in places]
-    plan = plan_sensors(estimator, candidates, PULLED, count=3, aim="shape")
+    plan = plan_sensors(estimator, candidates, commands=PULLED, count=3, aim="shape")
     greedy, exact = ([getattr(one, name) for one in plan.choices] for name in ("greedy", "exact"))
     assert np.all(np.diff(greedy) < 0.0)
     assert np.all(np.array(exact) <= np.array(greedy) + 1e-12)
@@ -395,7 +395,7 @@ def test_a_sensor_is_planned_where_it_leaves_least():
     assert plan.best.exact == pytest.approx(worst, rel=0.02)
     there = dataclasses.replace(estimator, sensors=tuple(chosen[:1]))
     others = [one for one in candidates if one is not chosen[0]]
-    assert plan_sensors(there, others, PULLED, count=1).choices[0].exact < exact[0]
+    assert plan_sensors(there, others, commands=PULLED, count=1).choices[0].exact < exact[0]
 
 
 def test_sensors_are_planned_by_a_command(tmp_path, capsys):

@@ -376,7 +376,7 @@ def _linearise(estimator: ShapeEstimator, record: SensorRecord, progress: Progre
     state = estimator.begin()
     for row in range(len(record)):
         progress("linearised", row / len(record))
-        own, way, state = estimator.linearise(record.commands[row], record.read(row), state)
+        own, way, state = estimator.linearise(record.commands[row], record.read(row), state=state)
         missed.append(own)
         slopes.append(way)
     return _Rows(record.times, missed, slopes)

@@ -49,8 +49,8 @@ MODES_LEFT = 1e-4
 """Share of the variance of the unknown curvature that modes may leave out."""
 MOST_STEPS = 50
 """Steps of Gauss and Newton."""
-SETTLED = 1e-2
-"""Step that ends the search, in standard deviations."""
+SETTLED = 0.03
+"""Step that ends the search, in standard deviations after the readings."""
 ROUND_OFF = 1e-10
 """Share of a variance that keeps the covariance positive."""
 MOST_TRIES, DAMPED_MORE, DAMPED_LESS, MOST_DAMPING = 25, 4.0, 0.125, 1e3
@@ -64,6 +64,10 @@ TAUT_STEPS, TAUT_SHARE, TAUT_LEAST = 30, 1e-6, 1e-7
 NO_SHAPE = "the model has no shape under these commands"
 PLACE_STEP = 1e-3
 """Step for the derivative by the place of a load [mm]."""
+LEAST_STRIDE, MOST_STRIDE, STRIDE_GROWTH, MOST_STRIDES = 5e-4, 0.02, 1.25, 40
+"""Strides from a place to those beside it, by the length: the first at least, most, and growth."""
+FAR, TAIL, SIZES = 8.0, 0.025, 400
+"""Where a place counts as impossible, share beyond each end of an interval, sizes that are told."""
 TRIED_PLACES, BEST_PLACES = 24, 3
 """Places where an unknown load is tried, and from how many of them it is searched."""
 
@@ -308,12 +312,17 @@ class ShapeEstimator:
         alone = self._solve(asked, np.zeros(len(before.mean)), start, None)
         short = self.model.natural_lengths - alone.lengths
         best = self._search(asked, read, before, short)
-        for index, load in enumerate(self.loads):
-            if load.arc_length is None and read and state is None:
+        for index, one in enumerate(self.loads):
+            if one.arc_length is None and read and state is None:
                 for trial in self._try_places(asked, read, index, (before, best), short):
                     other = self._search(asked, read, before, short, start=trial)
                     best = other if other.cost < best.cost else best
-        return self._describe(read, before, best, alone)
+        found = self._describe(before, best, alone)
+        if len(self.loads) == 1 and self.loads[0].arc_length is None and read and state is None:
+            if found.converged:
+                load = self._profile_place(asked, read, (best, short), found.loads[0])
+                return dataclasses.replace(found, loads=(load,))
+        return found
 
     def predict(
         self, commands: ArrayLike, *, state: EstimatorState | None = None
@@ -365,7 +374,7 @@ class ShapeEstimator:
         return both[0], both[1]
 
     def linearise(
-        self, commands: ArrayLike, readings: Mapping[str, ArrayLike], state: EstimatorState
+        self, commands: ArrayLike, readings: Mapping[str, ArrayLike], *, state: EstimatorState
     ) -> tuple[Floats, Floats, EstimatorState]:
         """Return what readings miss of the model alone and slopes by the state, by their noise.
 
@@ -543,7 +552,12 @@ class ShapeEstimator:
             # A cable is a spring on both sides, of the stiffness that it has at this length.
             pulls, compliances = self._stretch(lengths - command.free_lengths)
             free = lengths - compliances * pulls
-            whole = packed, bent, (compliances, held, never, command.pulls, 0.0 * pulls), *loads
+            whole = (
+                packed,
+                bent,
+                (compliances, held, never, 1.0 * command.pulls, 0.0 * pulls),
+                *loads,
+            )
             code, *_ = solve_equilibrium(
                 whole, free, INNER_TOLERANCE, INNER_STEPS, turned, pulls, state
             )
@@ -741,7 +755,8 @@ class ShapeEstimator:
                 damped = np.linalg.solve(inner + (1.0 + damping) * np.eye(len(inner)),
                                          slopes @ uphill)  # fmt: skip
                 step = (uphill - slopes.T @ damped) / (1.0 + damping)
-                if np.abs(step).max() < SETTLED:
+                decrement = float(step @ step + np.sum((slopes @ step) ** 2))
+                if decrement < SETTLED**2:
                     settled = damping < MOST_DAMPING
                     return fit._replace(cost=cost, steps=count, settled=settled)
                 mean = self._limit(before.mean + root @ (way + step))
@@ -755,7 +770,7 @@ class ShapeEstimator:
                 damping = max(DAMPED_MORE * damping, 1.0)
             else:
                 return fit._replace(cost=cost, steps=count)
-            promised = float(uphill @ step - 0.5 * (step @ step + np.sum((slopes @ step) ** 2)))
+            promised = float(uphill @ step) - 0.5 * decrement
             if cost - value < 0.5 * promised:
                 damping = max(DAMPED_MORE * damping, 1.0)
             else:
@@ -807,18 +822,91 @@ class ShapeEstimator:
             guess[place] = mean[place]
             tried.append((value, guess))
         tried.sort(key=lambda pair: pair[0])
+        chosen: list[Floats] = []
+        apart = 1.5 * self.robot.length / TRIED_PLACES
+        for _, guess in tried:
+            if all(abs(guess[place] - one[place])[0] > apart for one in chosen):
+                chosen.append(guess)
         begin = best.body.rotation_vectors, best.body.lengths
         fits = [
             self._evaluate(asked, read, guess, start=begin, short=short)
-            for _, guess in tried[:BEST_PLACES]
+            for guess in chosen[:BEST_PLACES]
         ]
         return [fit for fit in fits if fit.body.found]
 
+    def _profile_place(
+        self,
+        asked: Floats,
+        read: Mapping[int, Floats],
+        known: tuple[_Fit, Floats],
+        load: EstimatedLoad,
+    ) -> EstimatedLoad:
+        """Return a load with intervals by the likelihood of places beside the best one.
+
+        Between two sensors that may be flat, or have two peaks. All else is normal at each place.
+        """
+        (best, short), length = known, self.robot.length
+        kept = np.delete(best.mean, self._slices["place 0"].start)
+        rows = []
+        first = (load.place_high - load.place_low) / (4.0 * LIMIT)
+        least = np.clip(first, LEAST_STRIDE * length, MOST_STRIDE * length)
+        for way in (0.0, -1.0, 1.0):
+            place, stride, fit = load.place, least, best
+            mean = kept
+            for _ in range(MOST_STRIDES if way else 1):
+                place = min(max(place + way * stride, 0.0), length)
+                there = dataclasses.replace(
+                    self, loads=(dataclasses.replace(self.loads[0], arc_length=place),)
+                )
+                before = there.begin()
+                near = fit.body.rotation_vectors, fit.body.lengths
+                start = there._evaluate(asked, read, mean, start=near, short=short)
+                if not start.body.found:
+                    break
+                fit = there._search(asked, read, before, short, start=start)
+                mean = fit.mean
+                rows.append(there._weigh_place(place, before, fit))
+                if rows[-1][1] > rows[0][1] + FAR or place in (0.0, length):
+                    break
+                stride = min(STRIDE_GROWTH * stride, MOST_STRIDE * length)
+        places, costs, sizes, spreads = np.array(sorted(rows)).T
+        weights = np.exp(costs.min() - costs) * np.gradient(places) if len(places) > 1 else costs**0
+        weights /= weights.sum()
+        edges = np.append(places[0], 0.5 * (places[1:] + places[:-1]))
+        edges = np.append(edges, places[-1])
+        shares = np.append(0.0, np.cumsum(weights))
+        low, high = np.interp([TAIL, 1.0 - TAIL], shares, edges)
+        from scipy.special import ndtr
+
+        grid = np.linspace(0.0, float((sizes + 5.0 * spreads).max()), SIZES)
+        below = ndtr((grid[:, None] - sizes) / np.maximum(spreads, 1e-12)) @ weights
+        least_size, most_size = np.interp([TAIL, 1.0 - TAIL], below, grid)
+        return dataclasses.replace(
+            load,
+            place_low=float(low),
+            place_high=float(high),
+            force_low=float(least_size),
+            force_high=float(most_size),
+        )
+
+    def _weigh_place(
+        self, place: float, before: EstimatorState, fit: _Fit
+    ) -> tuple[float, float, float, float]:
+        """Return a place, the negative logarithm of how likely it is, and size of the force."""
+        crossed = fit.slopes @ before.covariance
+        inner = crossed @ fit.slopes.T + np.eye(len(crossed))
+        covariance = before.covariance - crossed.T @ np.linalg.solve(inner, crossed)
+        cost = fit.cost + 0.5 * float(np.linalg.slogdet(inner)[1])
+        own = self._slices["load 0"]
+        force = self._read("load 0", fit.mean)
+        force[3:] = 0.0
+        size = float(np.linalg.norm(force))
+        way = (force / max(size, 1e-300))[self._parts["load 0"].inside]
+        return place, cost, size, math.sqrt(max(float(way @ covariance[own, own] @ way), 0.0))
+
     # Answers.
 
-    def _describe(
-        self, read: Mapping[int, Floats], before: EstimatorState, fit: _Fit, alone: _Body
-    ) -> ShapeEstimate:
+    def _describe(self, before: EstimatorState, fit: _Fit, alone: _Body) -> ShapeEstimate:
         grid, count = self.model.rod.grid, len(before.mean)
         covariance, likelihood, body = before.covariance, 0.0, fit.body
         nominal = self._base @ grid.place_frames(alone.rotation_vectors[None])[0]

@@ -42,7 +42,7 @@ class SensorChoice:
     ----------
     sensors : int
     greedy_place : float
-        Where the last one is added to those before [mm]; NaN of none.
+        Where the last one is added to those before [mm]; 0 of none.
     greedy : float
         Worst standard deviation with these [mm].
     exact : float
@@ -112,8 +112,8 @@ def place_sensor(kind: SensorKind, place: float, noise: SensorNoise) -> BodySens
 def plan_sensors(
     estimator: ShapeEstimator,
     candidates: Sequence[BodySensor],
-    commands: ArrayLike,
     *,
+    commands: ArrayLike,
     count: int = 3,
     aim: SensorAim = "tip",
 ) -> SensorPlan:
@@ -173,7 +173,7 @@ def plan_sensors(
     tip = estimator.robot.length
     places = np.array([tip if one.arc_length is None else one.arc_length for one in candidates])
     none = measure(())
-    choices = [SensorChoice(0, math.nan, none, none)]
+    choices = [SensorChoice(0, 0.0, none, none)]
     chosen: list[int] = []
     note = ""
     for size in range(1, count + 1):
@@ -244,7 +244,7 @@ class SensorPlanning(Task):
         )
         places = robot.length * np.arange(1, self.candidates + 1) / self.candidates
         sensors = [place_sensor(self.kind, place, self.noise) for place in places.tolist()]  # type: ignore[arg-type]
-        return plan_sensors(estimator, sensors, rows, count=self.count, aim=self.aim)  # type: ignore[arg-type]
+        return plan_sensors(estimator, sensors, commands=rows, count=self.count, aim=self.aim)  # type: ignore[arg-type]
 
     def describe(self, found: SensorPlan) -> str:
         """Return the table."""
