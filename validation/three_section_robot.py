@@ -338,8 +338,7 @@ def describe_motions(motions: Motions) -> list[str]:
         "residual learned on the former; "
         f"{100.0 * motions.pairs.coverage:.1f} % of them are within the band of 95 % of that fit, "
         "whose radius is the widest for motions that it has not seen. Commands alone miss them by "
-        f"{list_baselines(motions.pairs)}. All three at the same time, not in this table, were "
-        "reported to be missed by 7.0 mm without a residual.",
+        f"{list_baselines(motions.pairs)}.",
         "",
         *format_rows(("moved", "rows", "left out, fitted on the other kinds"), rows),
         "",
