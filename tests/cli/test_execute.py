@@ -106,6 +106,8 @@ def test_a_scope_that_does_not_fit_is_refused_by_the_planner(
         (("execute", "--stiffness", "0N/mm"), "stiffness is 0 N/mm: it must lie in [0.0001"),
         (("execute", "--manoeuvre", "PLAN"), "--manoeuvre is of a pushed scope: give --drive push"),
         (("execute", "--drive", "push", "--manoeuvre", "none.yaml"), "none.yaml"),
+        (("execute", "--torsion", "1 N mm^2"), "--torsion is of a shaft that is twisted: give"),
+        (("certify", "."), "is a directory: give the plan in it, such as plan.npz"),
         (("execute", "--robot", "PLAN"), "--robot has no effect on a phantom"),
         (("execute", "--seeds", "2", "--unit", "m"), "--unit has no effect on a phantom"),
         (("execute", "--drive", "tendons"), "--drive is tendons: give a tract with --robot"),

@@ -96,6 +96,8 @@ def command(
     """
     if manoeuvre is not None and (options.drive != "push" or seeds is not None):
         raise InputError("--manoeuvre is of a pushed scope: give --drive push, without --seeds")
+    if manoeuvre is None and scope.torsion != ScopeOptions().torsion:
+        raise InputError("--torsion is of a shaft that is twisted: give --manoeuvre, too")
     steps = None if manoeuvre is None else Manoeuvre.load(manoeuvre)
     if seeds is not None:
         if source is not None or compare or check or options.drive == "tendons":

@@ -792,6 +792,10 @@ def _read_archive(source: Path) -> tuple[dict[str, object], dict[str, Floats]]:
             arrays = {name: _read_array(archive, name) for name in _ARRAYS}
     except FileNotFoundError:
         raise FileFormatError(f"no such file: {source}") from None
+    except IsADirectoryError:
+        raise FileFormatError(
+            f"{source} is a directory: give the plan in it, such as plan.npz"
+        ) from None
     except (
         OSError,
         ValueError,
