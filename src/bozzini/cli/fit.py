@@ -187,7 +187,9 @@ fit_options = gather(
         default="blocks",
     ),
     click.option(
-        "--residual", is_flag=True, help="Learn what the fit leaves over, on top of the model."
+        "--residual",
+        is_flag=True,
+        help="Learn what the fit leaves over, on top of the model; it is not in the file.",
     ),
     click.option("--only", is_flag=True, help="Do not try fewer constants."),
     option("--jobs", "Processes at the same time.", int, default=1),

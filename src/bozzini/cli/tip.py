@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -97,8 +98,11 @@ def give_tip_error(
             []
             if found.within is None
             else [
-                f"{found.within[2]:.0%} of predictions of the tip are within {found.within[1]:.3g} "
-                f"mm at such motions ({found.within[0]}), by rows left out"
+                f"no row of the fit was of such motions ({found.within[0]}): how far predictions "
+                "miss there is not known"
+                if math.isnan(found.within[1])
+                else f"{found.within[2]:.0%} of predictions of the tip are within "
+                f"{found.within[1]:.3g} mm at such motions ({found.within[0]}), by rows left out"
             ]
         ),
         f"{plain['draws']} exact draws: covariance {100 * found.residual:.1f} % from the first "

@@ -55,12 +55,12 @@ class PredictionBand:
     conformal: Vovk, Gammerman, Shafer, *Algorithmic Learning in a Random World*, 2005): it holds
     for rows that are like these. A kind of fewer than 40 rows has the radius of all rows. What
     moves sections together in a way that no row of the fit does, or further, is of no kind that
-    was seen; it has the widest radius of those that were.
+    was seen: nothing is known of it, and the widest radius stands for it.
 
     Parameters
     ----------
     level : float
-        Share of predictions that stay within.
+        Share of predictions that stay within; less than was asked for where rows are few.
     markers : tuple of str
     sections : tuple of str
         Names of the sections.
@@ -84,7 +84,7 @@ class PredictionBand:
 
     @property
     def widest(self) -> tuple[float, ...]:
-        """Largest radius of each marker, for kinds of motion that were not seen [mm]."""
+        """Largest radius of each marker, which holds for no kind that was not seen [mm]."""
         return tuple(np.max(np.array(list(self.radii.values())), axis=0).tolist())
 
     def name_kinds(self, bends: Floats) -> NDArray[np.str_]:
@@ -92,7 +92,7 @@ class PredictionBand:
         return name_kinds(bends, np.array(self.largest_bends), self.sections)
 
     def find_radii(self, kinds: NDArray[np.str_]) -> Floats:
-        """Return the radii (n, m) [mm] of rows by their kinds (n,)."""
+        """Return the radii (n, m) [mm] of rows by their kinds (n,), the widest of unseen ones."""
         return np.array([self.radii.get(str(kind), self.widest) for kind in kinds])
 
     def find_unseen(self, kinds: NDArray[np.str_]) -> NDArray[np.bool_]:
@@ -115,17 +115,16 @@ class PredictionBand:
         """Return the radii in words."""
         shown = [
             f"{kind} {'/'.join(f'{value:.3g}' for value in values)}"
+            + ("" if self.rows[kind] >= ENOUGH else "*")
             for kind, values in self.radii.items()
         ]
+        pooled = any(count < ENOUGH for count in self.rows.values())
         many = f" of {', '.join(self.markers)}" if len(self.markers) > 1 else ""
-        unseen = "/".join(f"{value:.3g}" for value in self.widest)
-        few = min(self.rows.values(), default=0) and sum(self.rows.values())
-        short = few < math.ceil(1.0 / (1.0 - self.level)) - 1
-        said = f"; {few} rows are too few for more than {few / (few + 1):.0%}" if short else ""
+        few = f", * of fewer than {ENOUGH} rows: that of all" if pooled else ""
         return (
             f"{self.level:.0%} of predictions{many} are within [mm], by the sections that move: "
-            f"{', '.join(shown)}; others {unseen}{said}; of rows left out "
-            f"{self.coverage:.1%} are within a band made without their block"
+            f"{', '.join(shown)}{few}; of motions not among these nothing is known; of rows left "
+            f"out {self.coverage:.1%} are within a band made without their block"
         )
 
 
@@ -181,8 +180,9 @@ def make_band(
         widest = np.max(np.array(list(radii.values())), axis=0)
         limits = np.array([radii.get(str(kind), widest) for kind in kinds[out]])
         held += int((distances[out] <= limits).sum())
+    fewest = int(seen.sum(axis=0).min())
     return PredictionBand(
-        level=level,
+        level=min(level, fewest / (fewest + 1.0)),
         markers=markers,
         sections=sections,
         largest_bends=tuple(largest.tolist()),

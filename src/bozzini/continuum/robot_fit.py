@@ -441,7 +441,7 @@ class RobotFit(Result):
         prediction, rows = self.predict(data), data.seen_rows
         best, known = self.correct(prediction), self.data.seen_rows
         errors: dict[str, float] = {}
-        held = math.nan
+        held = beyond = math.nan
         unseen: tuple[tuple[str, int], ...] = ()
         if [marker.name for marker in data.markers] == list(self.prediction.markers):
             there = predict_by_commands(
@@ -456,13 +456,17 @@ class RobotFit(Result):
                 seen = np.isfinite(best.distances[rows])
                 within = best.distances[rows] <= self.band.find_radii(kinds)
                 held = float(within[seen].mean())
-                new, counts = np.unique(kinds[self.band.find_unseen(kinds)], return_counts=True)
+                strange = self.band.find_unseen(kinds)
+                if seen[strange].any():
+                    beyond = float(within[strange][seen[strange]].mean())
+                new, counts = np.unique(kinds[strange], return_counts=True)
                 unseen = tuple(zip(new.tolist(), counts.tolist(), strict=True))
         return RobotCheck(
             prediction=prediction,
             corrected=None if self.section_residual is None else best,
             baselines=errors,
             coverage=held,
+            coverage_unseen=beyond,
             unseen=unseen,
         )
 
@@ -517,6 +521,7 @@ class RobotFit(Result):
             "baselines_mm": {one.names[0]: one.rms for one in self.baselines},
             "with_residual": _describe_validation(self.corrected),
             "band": None if self.band is None else self.band.to_dict(),
+            "model_band": None if self.model_band is None else self.model_band.to_dict(),
             "undetermined": self.undetermined,
             "warnings": self.warnings,
             "outliers": [row + 1 for row in self.outliers],
@@ -566,7 +571,9 @@ class RobotFit(Result):
         if self.baselines:
             shown = ", ".join(f"{one.names[0]} {one.rms:.3g}" for one in self.baselines)
             lines.append(f"from commands alone the same rows are predicted to [mm]: {shown}")
-        lines += [] if self.band is None else [self.band.describe()]
+        if self.band is not None:
+            with_it = "" if self.section_residual is None else "with the residual, "
+            lines.append(with_it + self.band.describe())
         if self.data.span > 0.0 and not self.is_poor:  # else a warning says it
             lines.append(self.describe_error())
         if self.smaller is not None and self.validation is not None:
@@ -596,8 +603,9 @@ class RobotCheck(Result):
         With the residual, if there is one.
     baselines : mapping of str to float
         Root mean square distances of what commands alone predict [mm].
-    coverage : float
-        Share of the points within the band of the fit; NaN without one.
+    coverage, coverage_unseen : float
+        Share of the points within the band of the fit, and of those in rows of kinds of motion
+        that it has not, where the widest radius stands for it; NaN without one.
     unseen : tuple of (str, int)
         Kinds of motion that the fit has not, and their rows.
     """
@@ -606,6 +614,7 @@ class RobotCheck(Result):
     corrected: RobotPrediction | None
     baselines: Mapping[str, float]
     coverage: float
+    coverage_unseen: float
     unseen: tuple[tuple[str, int], ...]
 
     @property
@@ -629,6 +638,7 @@ class RobotCheck(Result):
             "with_residual_mm": None if self.corrected is None else self.corrected.rms,
             "baselines_mm": dict(self.baselines),
             "band_coverage": to_plain(self.coverage),
+            "band_coverage_unseen": to_plain(self.coverage_unseen),
             "unseen_kinds": dict(self.unseen),
         }
 
@@ -649,7 +659,8 @@ class RobotCheck(Result):
             shown = ", ".join(f"{kind} ({count} rows)" for kind, count in self.unseen)
             lines.append(
                 f"  warning: sections move together, or as far, as in no row of the fit: {shown}; "
-                "'kinds' as the split measures what such a step costs"
+                f"the band promises nothing of these, {self.coverage_unseen:.1%} are within its "
+                "widest radius"
             )
         return lines
 
@@ -858,7 +869,8 @@ def fit_robot(
             "points that move"
         )
     by_kind = options.split == "kinds" and options.folds > 0
-    folds = make_folds(data, options) if unknowns and not by_kind else ()
+    enough = bool(unknowns) or len(data.seen_rows) >= max(options.folds, 2)
+    folds = make_folds(data, options) if enough and not by_kind else ()
     progress("aligning", 0.0)
     if _frees_base(unknowns):
         observation = dataclasses.replace(observation, setup=align_base(observation))
@@ -873,13 +885,14 @@ def fit_robot(
     def leave_out_fewer(done: float) -> None:
         progress("trying fewer constants", 0.8 + 0.2 * done)
 
-    if unknowns and by_kind:
+    if by_kind:
         folds = _split_kinds(search, found)
     validation = smaller = left = None
     if folds:
         left = _leave_rows_out(search, found.changes, folds, options, leave_out)
-        validation = left.validate(tuple(one.name for one in unknowns), left.missed)
-        if options.smaller and len(unknowns) > 1:
+        if unknowns:
+            validation = left.validate(tuple(one.name for one in unknowns), left.missed)
+        if validation is not None and options.smaller and len(unknowns) > 1:
             smaller = _try_smaller(search, found, folds, validation, options, leave_out_fewer)
     progress("fitted", 1.0)
     fit = _conclude(search, found, validation=validation, smaller=smaller)

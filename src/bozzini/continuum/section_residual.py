@@ -18,6 +18,8 @@ from .unknowns import RobotSetup
 MOTIONS = 4
 """Of a section: it turns about the three axes of its start, and its end moves along the chord."""
 DEGREES = (1, 2, 3)
+FEWEST_BLOCKS = 4
+"""Runs of rows that choose the form where there are no blocks."""
 RIDGES = (1e-4, 1e-3, 1e-2, 1e-1)
 """Weights of the squares of the coefficients that are tried, in numbers of coordinates."""
 
@@ -171,14 +173,20 @@ def learn_residual(
     blocks : ndarray, shape (n,)
         Labels of rows that are left out together to choose the form.
     """
-    values = states.values[np.isfinite(states.values).all(axis=(1, 2))]
+    there = np.asarray(np.isfinite(states.values).all(axis=(1, 2)))
+    values = states.values[there] if there.any() else np.zeros((1, *states.values.shape[1:]))
     scale = values.std(axis=0)
     frame = SectionResidual(
         degree=0, tension=False, ridge=0.0, low=values.min(axis=0), high=values.max(axis=0),
         middle=values.mean(axis=0), scale=np.where(scale > 1e-12, scale, 1.0),
         coefficients=np.zeros(0),
     )  # fmt: skip
+    if not np.isfinite(missed[there]).any():
+        return frame
+    if len(np.unique(np.asarray(blocks)[there])) < 2:  # runs of rows, then
+        blocks = np.arange(len(missed)) * FEWEST_BLOCKS // max(len(missed), 1)
     labels = np.broadcast_to(np.asarray(blocks)[:, None, None], missed.shape).ravel()
+    missed = np.where(there[:, None, None], missed, np.nan)
     best, least = frame, float(np.nansum(np.square(missed)))
     for degree, tension in product(DEGREES, (False, True)):
         form = replace(frame, degree=degree, tension=tension)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from dataclasses import dataclass
 
 from ..errors import InputError
@@ -80,7 +81,7 @@ class StagedFit(Result):
         rows = [
             [
                 stage.what,
-                f"{stage.error:.3g}",
+                "-" if math.isnan(stage.error) else f"{stage.error:.3g}",
                 "kept" if stage.kept else stage.reason,
                 ",".join(stage.names),
             ]
@@ -160,13 +161,17 @@ def fit_in_stages(
     todo = list_stages(setup.robot, data.command)
     for k, (what, names) in enumerate(todo):
         progress(f"trying {what}", k / (len(todo) + 1))
-        found = fit_robot(setup, data, free=(*free, *names), options=trial)
+        try:
+            found = fit_robot(setup, data, free=(*free, *names), options=trial)
+        except InputError as error:  # such as tendons without a stiffness to begin from
+            stages.append(FitStage(what, names, math.nan, False, str(error)))
+            continue
         reason = _refuse(found, least)
         stages.append(FitStage(what, names, found.error, not reason, reason))
         if not reason:
             best, least, free = found, found.error, (*free, *names)
     progress("fitting", len(todo) / (len(todo) + 1))
-    if free:
+    if free or options.residual:
         best = fit_robot(setup, data, free=free, options=options)
     return StagedFit(stages=tuple(stages), fit=best)
 

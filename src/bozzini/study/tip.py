@@ -176,7 +176,8 @@ class TipError(Result):
         Root mean square distance of rows left out of the fit of the robot [mm]; None if not known.
     within : (str, float, float), optional
         Kind of motion of this pose, the distance that predictions of the tip stay within there
-        [mm], and what share of them does; None if not known.
+        [mm], NaN if no row of the fit was of this kind, and what share of them does; None if not
+        known.
     """
 
     tip: Floats
@@ -609,24 +610,29 @@ def robot_tip_error(
             return _compute_each(find_tip, rows, 3)
         return find_tips_of(robot, rows)
 
-    left_out = robot.calibration.validation_rms if robot.calibration is not None else 0.0
+    known = robot.calibration
+    alike = known is not None and known.command == held.removesuffix("s")
+    left_out = known.validation_rms if known is not None and alike else 0.0
     found = spread_tip(find_tips, errors, options=options)
     one = given[None]
     shape = robot.forward(tensions=np.maximum(one, 0.0)) if pulled else robot.forward(one)
-    return replace(
-        found, frame=BASE_FRAME, left_out=left_out or None, within=_find_band(robot, shape)
-    )
+    within = _find_band(robot, shape) if alike else None
+    return replace(found, frame=BASE_FRAME, left_out=left_out or None, within=within)
 
 
 def _find_band(robot: ContinuumRobot, shape: Shape) -> tuple[str, float, float] | None:
-    """Return kind of motion, radius and level of the band of the fit at a shape (1,)."""
+    """Return kind of motion, radius and level of the band of the fit at a shape (1,).
+
+    The radius is NaN where no row of the fit was of this kind.
+    """
     band = None if robot.calibration is None else robot.calibration.band
     if band is None or "tip" not in band.markers:
         return None
     setup = RobotSetup(robot, (Marker(name="tip"),))
     states = SectionStates.of(setup, shape, place_markers(setup, shape))
     kinds = band.name_kinds(states.bends)
-    return str(kinds[0]), float(band.find_radii(kinds)[0, band.markers.index("tip")]), band.level
+    radius = float(band.find_radii(kinds)[0, band.markers.index("tip")])
+    return str(kinds[0]), math.nan if band.find_unseen(kinds)[0] else radius, band.level
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
