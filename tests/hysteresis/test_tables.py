@@ -22,6 +22,7 @@ from bozzini.hysteresis import (
     read_loops,
     write_law,
 )
+from bozzini.muscle.hysteresis import PrandtlIshlinskii
 from bozzini.results import Json
 from tests.hysteresis.plants import make_record
 
@@ -66,8 +67,40 @@ def test_a_time_that_goes_back_begins_a_run_and_empty_cells_are_left_out(tmp_pat
     text = "".join(f"{k % 20},{k},{'' if k == 3 else k**2}\n" for k in range(40))
     (tmp_path / "a.csv").write_text("t,x,y\n" + text)
     runs = read_loops(tmp_path / "a.csv", LoopTitles())
-    assert runs.labels == ("1", "2") and runs.first == (0, 19) and len(runs) == 39
-    assert runs.notes == ("1 rows with an empty cell are left out",)
+    assert runs.labels == ("1", "2") and runs.first == (0, 20) and len(runs) == 40
+    assert runs.input[3] == 3.0 and np.isnan(runs.output).nonzero()[0].tolist() == [3]
+    assert runs.notes == ("1 row without an output: only the input is taken there",)
+
+
+def test_a_row_without_an_input_ends_a_run_and_one_without_a_time_does_not(tmp_path: Path) -> None:
+    text = "".join(
+        f"{'' if k == 9 else k},{'' if k in (20, 21) else k},{k**2}\n" for k in range(40)
+    )
+    (tmp_path / "a.csv").write_text("t,x,y\n" + text)
+    runs = read_loops(tmp_path / "a.csv", LoopTitles())
+    assert runs.first == (0, 20) and len(runs) == 38 and runs.time[9] == 8.0
+    assert runs.notes == (
+        "2 rows without an input left out: a run begins after each gap",
+        "1 row without a time: that of the row before is taken",
+    )
+
+
+@pytest.mark.parametrize("samples", [2000, 500])
+def test_inputs_without_an_output_move_the_law(tmp_path: Path, samples: int) -> None:
+    """Where outputs were missing at the turns, an exact backlash was off by 5 % of the span."""
+    k = np.arange(1500)
+    input_ = 8.0 * np.sin(k / 12.0) * np.where((k // 75) % 2, 1.0, 0.6)
+    output = PrandtlIshlinskii((1.7,), (1.0,)).apply([9.0, -9.0, *input_])[2:]
+    seen = [f"{y:.9g}" if abs(u) < 4.0 else "" for u, y in zip(input_, output, strict=True)]
+    rows = [f"{u:.9g},{y}" for u, y in zip(input_, seen, strict=True)]
+    (tmp_path / "a.csv").write_text("\n".join(["x [mm],y [mm]", *rows]))
+    runs = read_loops(tmp_path / "a.csv", LoopTitles())
+    found = compare_laws(runs, hold_out=0.3, law="backlash-cubic", samples=samples)
+    assert found.row.held_out < (1e-3 if samples > 1500 else 0.02) * found.span
+    assert found.fit.law.thresholds[0] == pytest.approx(1.7, rel=0.02)
+    assert found.row.share == pytest.approx(100.0 * found.row.held_out / found.span)
+    counts = found.parts.fitted + found.parts.held_out + found.parts.lead
+    assert (counts == np.isfinite(runs.output)).all()
 
 
 @pytest.mark.parametrize(

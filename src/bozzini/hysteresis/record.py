@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..checks import check_path
 from ..errors import FileFormatError, InputError, UnitError
@@ -106,7 +107,8 @@ class LoopRuns:
     def thin(self, count: int) -> tuple[LoopRuns, Floats]:
         """Return about `count` means of rows that follow each other, and the first row of each.
 
-        They are spread as by `LoopRecord.resample`. With fewer rows all are kept.
+        They are spread as by `LoopRecord.resample`. With fewer rows all are kept. Of rows with an
+        output and without, those with one make the mean.
         """
         if len(self) <= count:
             return self, np.arange(len(self), dtype=np.float64)
@@ -119,9 +121,15 @@ class LoopRuns:
                 bins = np.arange(len(time))
             else:
                 bins, _ = find_bins(time, smooth_input(input_), share)
-            sizes = np.diff(bins, append=len(time))
-            columns = (input_, self.output[place], self.time[place])
-            parts.append([np.add.reduceat(column, bins) / sizes for column in columns])
+            output = self.output[place]
+            seen = np.isfinite(output)
+            known = np.add.reduceat(seen, bins, dtype=np.intp)
+            seen |= np.repeat(known == 0, np.diff(bins, append=len(time)))
+            sizes = np.add.reduceat(seen, bins, dtype=np.intp)
+            columns = (input_, output, self.time[place])
+            parts.append(
+                [np.add.reduceat(np.where(seen, column, 0.0), bins) / sizes for column in columns]
+            )
             begins.append(place.start + bins)
             first.append(first[-1] + len(bins))
         inputs, outputs, times = (np.concatenate(part) for part in zip(*parts, strict=True))
@@ -195,19 +203,26 @@ def _take(
     words = [""] * len(numbers[0])
     if run is not None:
         words = [show_cell(row[run]) for row in sheet.rows]
-    kept = np.isfinite(numbers[0]) & np.isfinite(numbers[2])
-    if needs_output:
-        kept &= np.isfinite(numbers[1])
-    inputs, outputs, times = (values[kept] for values in numbers)
+    times, undated = _fill_times(numbers[2], shown[time] if time is not None else "")
+    kept = np.isfinite(numbers[0])
+    inputs, outputs, times = (values[kept] for values in (*numbers[:2], times))
     words = [word for word, keep in zip(words, kept, strict=True) if keep]
+    breaks = np.diff(np.flatnonzero(kept), prepend=-1) > 1
+    known = int(np.isfinite(outputs).sum()) if needs_output else len(inputs)
     least = FEWEST if needs_output else 1
-    if len(inputs) < least:
-        raise FileFormatError(f"{len(inputs)} rows have all numbers: {least} are needed")
+    if known < least:
+        raise FileFormatError(f"{known} rows have all numbers: {least} are needed")
     for name, values in (("input", inputs), ("output", outputs)):
         if np.abs(values[np.isfinite(values)]).max(initial=0.0) > LIMIT:
             raise FileFormatError(f"the {name} has a number beyond {LIMIT:g}")
-    labels, first = _part(words, times)
-    missing = int(np.count_nonzero(~kept))
+    labels, first = _part(words, times, breaks)
+    blind = len(inputs) - known
+    lost = len(kept) - len(inputs)
+    notes = {
+        f"{_count(blind)} without an output: only the input is taken there": blind,
+        f"{_count(lost)} without an input left out: a run begins after each gap": lost,
+        f"{_count(undated)} without a time: that of the row before is taken": undated,
+    }
     return LoopRuns(
         input=inputs,
         output=outputs,
@@ -217,19 +232,35 @@ def _take(
         input_title=shown[place],
         output_title="" if answer is None else shown[answer],
         time_title="" if time is None else shown[time],
-        notes=(f"{missing} rows with an empty cell are left out",) if missing else (),
+        notes=tuple(note for note, count in notes.items() if count),
     )
 
 
-def _part(words: Sequence[str], times: Floats) -> tuple[tuple[str, ...], tuple[int, ...]]:
-    """Return labels and first rows of runs: where the label changes, or time goes back.
+def _count(rows: int) -> str:
+    return f"{rows} row{'s' * (rows != 1)}"
+
+
+def _fill_times(times: Floats, title: str) -> tuple[Floats, int]:
+    """Return times (n,), that of the row before where there is none, and how many have none."""
+    seen = np.flatnonzero(np.isfinite(times))
+    if not len(seen):
+        raise FileFormatError(f"'{title}' has no number")
+    place = np.searchsorted(seen, np.arange(len(times)), side="right") - 1
+    return times[seen[np.maximum(place, 0)]], len(times) - len(seen)
+
+
+def _part(
+    words: Sequence[str], times: Floats, breaks: NDArray[np.bool_]
+) -> tuple[tuple[str, ...], tuple[int, ...]]:
+    """Return labels and first rows of runs: where the label changes, at breaks, or time goes back.
 
     By less than ten steps it is jitter.
     """
     jitter = 10.0 * float(np.median(np.abs(np.diff(times)))) if len(times) > 1 else 0.0
     first = [0]
     for row in range(1, len(words)):
-        if words[row] != words[row - 1] or times[row] < times[row - 1] - jitter:
+        goes_back = times[row] < times[row - 1] - jitter
+        if breaks[row] or words[row] != words[row - 1] or goes_back:
             first.append(row)
     names = [words[row] for row in first]
     labels = [name or f"{k + 1}" for k, name in enumerate(names)]
