@@ -175,6 +175,31 @@ def test_half_widths_of_backlash_come_back_with_intervals_that_hold_them() -> No
     assert 0.9 <= np.mean(held) <= 0.99
 
 
+def test_intervals_of_weights_hold_them_wherever_the_input_is_zero() -> None:
+    """They were up to a hundred times too wide where an input is as far below 0 as above."""
+    truth = np.array([1.0, 0.5, 0.6, 0.4]) / 2.5
+    widths = (0.0, 0.5, 1.5, 3.0)
+    input_ = 8.0 * np.sin(np.linspace(0.0, 94.0, 600)) * np.linspace(0.3, 1.0, 600)
+    clean = PLANTS["plays"](np.append([0.0, 9.0, -4.0], input_))[3:]
+    mask = np.ones(600, dtype=np.bool_)
+    held = []
+    for seed in range(30):
+        noise = 0.2 * np.random.default_rng(seed).normal(size=600)
+        ends = []
+        for shift in (0.0, -0.5 * float(input_.max() + input_.min()), 20.0):
+            samples = Samples((input_ + shift,), clean + noise, np.empty((600, 0)))
+            plays = samples.trace(widths, (0.0,), 8.0)
+            found = np.linalg.lstsq(np.c_[plays, mask], samples.outputs, rcond=None)[0]
+            law = LoopLaw(thresholds=widths, weights=tuple(found[:4] / found[:4].sum()),
+                          coefficients=(found[4], found[:4].sum()), centre=0.0, half=1.0,
+                          straight=(-99.0, 99.0), reach=8.0)  # fmt: skip
+            known = judge_constants(Fitted(law, (0.0,), np.empty(0)), samples, mask)
+            ends.append([(item.low, item.high) for item in known])
+        assert np.ptp(ends, axis=0).max() < 1e-4
+        held += [low < share < high for (low, high), share in zip(ends[0], truth, strict=True)]
+    assert 0.88 <= np.mean(held) <= 0.99
+
+
 def test_constants_of_bouc_wen_come_back_with_intervals_that_hold_them() -> None:
     truth = {
         "yield input": BOUC_WEN.bound / BOUC_WEN.alpha,

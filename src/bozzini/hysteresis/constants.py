@@ -77,7 +77,7 @@ def judge_constants(fit: Fitted, samples: Samples, mask: Mask) -> tuple[Constant
     for value, step, change in moves.values():
         moved = replace(fit, law=change(law, value + step)).predict(samples)[mask]
         columns.append((moved - base) / step)
-    for k in range(1 if len(law.thresholds) > 1 else 0, len(law.coefficients)):
+    for k in range(len(law.coefficients)):
         size = max(map(abs, law.coefficients)) or 1.0
         more = list(law.coefficients)
         more[k] += _STEP * size
@@ -91,7 +91,9 @@ def judge_constants(fit: Fitted, samples: Samples, mask: Mask) -> tuple[Constant
         columns.append((moved - base) / _STEP)
     slope = np.hstack([np.stack(columns, axis=-1), samples.terms[mask]])
     left = samples.outputs[mask] - base
-    errors = _find_errors(slope, left)
+    # Sizes of weights have the sum 1: what they share with the curve is none of theirs.
+    sides = np.sign([weight for weight in law.weights if weight]) if len(law.weights) > 1 else []
+    errors = _find_errors(slope, left, np.asarray(sides, dtype=np.float64))
     found = []
     for (label, (value, _, _)), error in zip(moves.items(), errors.tolist(), strict=False):
         side = _SIDE * error
@@ -184,16 +186,25 @@ def _change_field(name: str) -> Callable[[LoopLaw, float], LoopLaw]:
     return change
 
 
-def _find_errors(slope: Floats, left: Floats) -> Floats:
-    """Return standard errors (k,) of what moves the model by `slope` (n, k)."""
-    sizes = np.linalg.norm(slope, axis=0)
+def _find_errors(slope: Floats, left: Floats, sides: Floats) -> Floats:
+    """Return standard errors (k,) of what moves the model by `slope` (n, k).
+
+    The first of these times `sides` have a sum that stays.
+    """
+    ways = np.eye(slope.shape[1])
+    if count := len(sides):
+        ways[:count, :count] = np.linalg.svd(sides[None])[2].T
+        ways = ways[:, 1:]  # the first is along the sides
+    moves = slope @ ways
+    sizes = np.linalg.norm(moves, axis=0)
     scales = np.where(sizes > 0.0, sizes, 1.0)
-    _, values, directions = np.linalg.svd(slope / scales, full_matrices=False)
+    _, values, directions = np.linalg.svd(moves / scales, full_matrices=False)
     inverse = np.where(values > 1e-9 * values[0], 1.0 / np.maximum(values, 1e-300), 1e9)
-    spread = np.sqrt(np.square(inverse[:, None] * directions).sum(axis=0))
+    spread = np.linalg.norm((ways / scales) @ (directions.T * inverse), axis=1)
     away = left - left.mean()
     total = float(away @ away)
     share = min(max(float(away[1:] @ away[:-1]) / total, 0.0), 0.999) if total > 0.0 else 0.0
-    freedom = max(len(left) - slope.shape[1], 1)
+    freedom = max(len(left) - moves.shape[1], 1)
     variance = total / freedom * (1.0 + share) / (1.0 - share)
-    return np.where(sizes > 0.0, np.sqrt(variance) * spread / scales, np.inf)
+    known = np.linalg.norm(slope, axis=0) > 0.0
+    return np.where(known, np.sqrt(variance) * spread, np.inf)
