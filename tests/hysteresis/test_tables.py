@@ -118,8 +118,47 @@ def test_what_is_not_there_is_named(tmp_path: Path, titles: LoopTitles, said: st
     with pytest.raises(FileFormatError, match="must be named: the table has the columns 'a', 'b'"):
         (tmp_path / "b.csv").write_text("a,b,c\n1,2,3\n")
         read_loops(tmp_path / "b.csv", LoopTitles())
+    with pytest.raises(FileFormatError, match="beside time and run the table has 'x'"):
+        (tmp_path / "d.csv").write_text("t,x\n1,2\n")
+        read_loops(tmp_path / "d.csv", LoopTitles())
     with pytest.raises(FileFormatError, match="5 rows have all numbers: 20 are needed"):
         read_loops(write_table(tmp_path / "c.csv", RECORD.runs, rows=slice(5)), NAMED)
+
+
+@pytest.mark.parametrize(
+    ("titles", "pair"),
+    [
+        (LoopTitles(input="probe"), ("probe [counts]", "wheel [deg]")),
+        (LoopTitles(output="wheel"), ("probe [counts]", "wheel [deg]")),
+        (LoopTitles(output="probe"), ("wheel [deg]", "probe [counts]")),
+    ],
+)
+def test_of_two_columns_the_one_that_is_not_named_is_meant(
+    tmp_path: Path, titles: LoopTitles, pair: tuple[str, str]
+) -> None:
+    runs = read_loops(write_table(tmp_path / "a.csv", RECORD.runs), titles)
+    assert (runs.input_title, runs.output_title) == pair
+
+
+def test_an_output_that_is_named_must_be_there_to_predict_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_law(compare_laws(RECORD.runs, law="line"), tmp_path / "law.yaml")
+    table = write_table(tmp_path / "a.csv", RECORD.runs)
+    twice = tmp_path / "b.csv"
+    twice.write_text("wheel [deg],probe [counts],probe [mm]\n1,2,3\n2,3,4\n")
+    for path, title, said in (
+        (table, "prbe", "there is no column 'prbe'"),
+        (twice, "probe", "2 columns are called 'probe'"),
+    ):
+        task = ["hysteresis", "predict", str(tmp_path / "law.yaml"), str(path), "--output", title]
+        assert main(task) == 2
+        assert said in capsys.readouterr().err
+    like = LoopTitles(input="wheel", output="probe")
+    with pytest.raises(FileFormatError, match="2 columns are called 'probe'"):
+        read_loops(twice, LoopTitles(), like=like)
+    twice.write_text("wheel [deg]\n1\n2\n")
+    assert read_loops(twice, LoopTitles(), like=like).output_title == ""
 
 
 def run(capsys: pytest.CaptureFixture[str], *arguments: object, code: int = 0) -> Json:

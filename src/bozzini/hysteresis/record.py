@@ -34,8 +34,9 @@ _NOT_SEEN = ("", "nan", "na", "-")
 class LoopTitles:
     """Which columns of a table are taken, by their titles, with or without their units.
 
-    Without an input and an output there must be two columns of numbers beside time and run: the
-    first is the input. `run` labels the rows of each run; a time that goes back begins one, too.
+    Without an input or an output there must be two columns of numbers beside time and run: the
+    other one is meant, or the first as the input. `run` labels the rows of each run; a time that
+    goes back begins one, too.
     """
 
     input: str = ""
@@ -142,7 +143,7 @@ def read_loops(
     titles: LoopTitles,
     *,
     columns: Mapping[str, str] | None = None,
-    needs_output: bool = True,
+    like: LoopTitles | None = None,
 ) -> LoopRuns:
     """Read a table of loops.
 
@@ -154,8 +155,9 @@ def read_loops(
     titles : LoopTitles
     columns : mapping, optional
         Titles to read in place of those in the file, by these.
-    needs_output : bool
-        Whether the table must have an output.
+    like : LoopTitles, optional
+        Titles of an input and an output that hold where none is given. With these the table need
+        have no output.
 
     Raises
     ------
@@ -165,28 +167,25 @@ def read_loops(
     path = check_path("path", path)
     sheet = read_sheet(path)
     try:
-        return replace(_take(sheet, titles, columns or {}, needs_output), source=path.name)
+        return replace(_take(sheet, titles, columns or {}, like), source=path.name)
     except InputError as error:
         raise type(error)(f"{path.name}: {error}") from None
 
 
 def _take(
-    sheet: Sheet, titles: LoopTitles, columns: Mapping[str, str], needs_output: bool
+    sheet: Sheet, titles: LoopTitles, columns: Mapping[str, str], like: LoopTitles | None
 ) -> LoopRuns:
     shown = [title.strip() for title in rename_titles(sheet, columns).titles]
     run = _look_for(shown, titles.run, ("run", "window"))
     time = _look_for(shown, titles.time, ("time", "t", "timestamp"))
-    given, wanted = titles.input, titles.output
-    if not given or (needs_output and not wanted):
+    needs_output = like is None
+    if like is None:
         others = [k for k in range(len(shown)) if k not in (run, time)]
-        if len(others) != 2:
-            names = ", ".join(f"'{shown[k]}'" for k in others) or "none"
-            raise FileFormatError(
-                f"input and output must be named: the table has the columns {names}"
-            )
-        given, wanted = given or shown[others[0]], wanted or shown[others[1]]
-    place = find_title(shown, given)
-    answer = find_title(shown, wanted) if needs_output or _has(shown, wanted) else None
+        place, answer = _pair(shown, titles, others)
+    else:
+        place = find_title(shown, titles.input or like.input)
+        known = titles.output or (like.output if _has(shown, like.output) else "")
+        answer = find_title(shown, known) if known else None
     if place == answer:
         raise FileFormatError(f"'{shown[place]}' is both input and output")
     numbers = [take_numbers(sheet, place, empty=_NOT_SEEN)]
@@ -270,14 +269,26 @@ def _part(
     return tuple(labels), tuple(first)
 
 
+def _pair(titles: Sequence[str], given: LoopTitles, others: Sequence[int]) -> tuple[int, int]:
+    """Return the places of input and output; of two columns the one that is not named is meant."""
+    named = [find_title(titles, title) if title else None for title in (given.input, given.output)]
+    free = [k for k in others if k not in named]
+    lacking = named.count(None)
+    if lacking and len(free) != lacking:
+        names = ", ".join(f"'{titles[k]}'" for k in others) or "none"
+        if len(others) < 2:
+            raise FileFormatError(
+                f"there must be an input and an output: beside time and run the table has {names}"
+            )
+        raise FileFormatError(f"input and output must be named: the table has the columns {names}")
+    first, second = (free.pop(0) if place is None else place for place in named)
+    return first, second
+
+
 def _has(titles: Sequence[str], wanted: str) -> bool:
-    if not wanted:
-        return False
-    try:
-        find_title(titles, wanted)
-    except FileFormatError:
-        return False
-    return True
+    """Whether some column has a name, be it more than one."""
+    names = [split_title(title)[0].lower() for title in titles]
+    return bool(wanted) and split_title(wanted)[0].lower() in names
 
 
 def _look_for(titles: Sequence[str], wanted: str, names: Sequence[str]) -> int | None:
