@@ -103,6 +103,25 @@ def test_inputs_without_an_output_move_the_law(tmp_path: Path, samples: int) -> 
     assert (counts == np.isfinite(runs.output)).all()
 
 
+def test_short_runs_are_seen_and_jitter_is_none(tmp_path: Path) -> None:
+    rows = [(run, k) for run in range(6) for k in range(7)]
+    text = "".join(f"{0.1 * k + 1e-3 * run},{k + run},{k}\n" for run, k in rows)
+    (tmp_path / "a.csv").write_text("t,x,y\n" + text)
+    assert read_loops(tmp_path / "a.csv", LoopTitles()).first == tuple(range(0, 42, 7))
+    times = 0.1 * np.arange(40)
+    times[[0, 1, 7, 8, 20, 21]] = times[[1, 0, 8, 7, 21, 20]]
+    text = "".join(f"{time},{k},{k}\n" for k, time in enumerate(times))
+    (tmp_path / "b.csv").write_text("t,x,y\n" + text)
+    assert read_loops(tmp_path / "b.csv", LoopTitles()).first == (0,)
+
+
+def test_a_time_that_falls_is_refused(tmp_path: Path) -> None:
+    text = "".join(f"{0.1 * k},{k},{k}\n" for k in reversed(range(40)))
+    (tmp_path / "a.csv").write_text("t,x,y\n" + text)
+    with pytest.raises(FileFormatError, match="first 3.9 and last 0: sort the rows by time"):
+        read_loops(tmp_path / "a.csv", LoopTitles())
+
+
 @pytest.mark.parametrize(
     ("titles", "said"),
     [

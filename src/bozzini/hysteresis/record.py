@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import re
 from collections.abc import Mapping, Sequence
@@ -253,13 +254,21 @@ def _part(
 ) -> tuple[tuple[str, ...], tuple[int, ...]]:
     """Return labels and first rows of runs: where the label changes, at breaks, or time goes back.
 
-    By less than ten steps it is jitter.
+    By less than ten steps it is jitter, unless it is back where the run began.
     """
-    jitter = 10.0 * float(np.median(np.abs(np.diff(times)))) if len(times) > 1 else 0.0
+    same = np.array([one == two for one, two in itertools.pairwise(words)], dtype=np.bool_)
+    steps = np.diff(times)
+    if np.count_nonzero(steps[same] < 0.0) > np.count_nonzero(steps[same] > 0.0):
+        raise FileFormatError(
+            f"the time falls from row to row, first {times[0]:g} and last {times[-1]:g}: "
+            "sort the rows by time"
+        )
+    step = float(np.median(np.abs(steps))) if len(steps) else 0.0
     first = [0]
     for row in range(1, len(words)):
-        goes_back = times[row] < times[row - 1] - jitter
-        if breaks[row] or words[row] != words[row - 1] or goes_back:
+        goes_back = times[row] < times[row - 1] - 10.0 * step
+        restarts = times[row] < min(times[row - 1] - 1.5 * step, times[first[-1]] + 0.5 * step)
+        if breaks[row] or not same[row - 1] or goes_back or restarts:
             first.append(row)
     names = [words[row] for row in first]
     labels = [name or f"{k + 1}" for k, name in enumerate(names)]
