@@ -301,6 +301,20 @@ def test_a_drift_is_advised_where_it_helps_on_all_blocks_held_out() -> None:
         assert not any("choose it" in note for note in bare.notes)
 
 
+def test_a_drift_goes_on_where_the_time_restarts() -> None:
+    record = make_record("plays", windows=3, drift=0.5)
+    runs = record.runs
+    time = np.concatenate([runs.time[place] - runs.time[place.start] for place in runs.slices])
+    whole, restarted = (
+        compare_laws(one, drift="linear", law="generalised")
+        for one in (runs, replace(runs, time=time))
+    )
+    assert restarted.row.left_out == pytest.approx(whole.row.left_out, rel=1e-6)
+    assert restarted.drifted == pytest.approx(whole.drifted, rel=1e-6)
+    assert any("the time restarts" in note for note in restarted.notes)
+    assert not any("the time restarts" in note for note in whole.notes)
+
+
 def test_an_input_that_never_turns_tells_no_loops() -> None:
     rise = make_record("plays").runs
     way = np.linspace(-5.0, 5.0, len(rise))

@@ -294,6 +294,7 @@ def compare_laws(
         One of `LAWS`, or ``"best"``: that which the result carries.
     drift : str
         Beside all laws, over the time t of the table, of length T: none, t, or log(1 + 9 t / T).
+        A time that restarts in a run goes on from the run before.
     hold_out : float or tuple of str
         Last share of all rows that is not fitted, or the runs that are not.
     samples : int
@@ -404,6 +405,7 @@ class _Work:
 
     @classmethod
     def begin(cls, runs: LoopRuns, parts: LoopParts, drift: str, count: int) -> _Work:
+        runs = replace(runs, time=runs.join_times())
         few, first = runs.thin(count)
         begin, whole = float(runs.time.min()), float(np.ptp(runs.time)) or 1.0
 
@@ -546,6 +548,10 @@ def _judge(result: LoopComparison, fits: Mapping[str, Fitted], work: _Work) -> L
         )
     if doubtful := [item.name for item in result.constants if not item.is_determined]:
         notes.append(f"the rows do not determine {', '.join(doubtful)}")
+    if result.drift != "none" and (work.runs.time != runs.time).any():
+        notes.append(
+            "the time restarts: the drift is over that of all runs, one right after the other"
+        )
     notes += _find_odd_rows(result)
     notes += _advise_drift(result, fits, work)
     reasons = []

@@ -106,6 +106,16 @@ class LoopRuns:
             for _ in range(place.stop - place.start)
         ]
 
+    def join_times(self) -> Floats:
+        """Return times (n,) that go on from run to run: one that restarts follows the last row."""
+        step = float(np.median(np.abs(np.diff(self.time)))) if len(self) > 1 else 0.0
+        times, end = self.time.copy(), -np.inf
+        for place in self.slices:
+            if times[place.start] < end:
+                times[place] += end + step - times[place.start]
+            end = float(times[place].max())
+        return times
+
     def thin(self, count: int) -> tuple[LoopRuns, Floats]:
         """Return about `count` means of rows that follow each other, and the first row of each.
 
