@@ -200,6 +200,35 @@ def test_intervals_of_weights_hold_them_wherever_the_input_is_zero() -> None:
     assert 0.88 <= np.mean(held) <= 0.99
 
 
+def test_an_apex_that_the_rows_do_not_show_is_named() -> None:
+    """Of inputs on one side of the apex only what half width and apex make up together is known."""
+    input_ = 75.0 + 25.0 * np.sin(np.linspace(0.0, 60.0, 400)) * np.linspace(0.4, 1.0, 400)
+    play = trace_plays(input_, (1.0,), 0.5, 25.0, (0.15, 10.0))[:, 0]
+    samples = Samples((input_,), play + 0.05 * np.sin(7.0 * np.arange(400)), np.empty((400, 0)))
+    law = LoopLaw(thresholds=(1.0,), weights=(1.0,), coefficients=(0.0, 1.0), centre=0.0, half=1.0,
+                  straight=(-999.0, 999.0), reach=25.0, fan=0.15, apex=10.0)  # fmt: skip
+    known = judge_constants(Fitted(law, (0.5,), np.empty(0)), samples, np.ones(400, dtype=np.bool_))
+    assert [(item.name, item.is_determined) for item in known] == [
+        ("half width", False), ("fan", True), ("apex", False)
+    ]  # fmt: skip
+    assert known[0].low == 0.0 and known[0].high > 100.0
+
+
+def test_constants_of_bouc_wen_that_the_rows_do_not_show_are_named() -> None:
+    """Where the input never comes near yielding neither exponent nor fraction is known."""
+    input_ = np.sin(np.linspace(0.0, 40.0, 200))
+    law = LoopLaw(thresholds=(0.0,), weights=(1.0,), coefficients=(0.0, 1.0), centre=0.0, half=1.0,
+                  straight=(-9.0, 9.0), reach=1.0, height=5.0, yield_input=60.0, beta_fraction=0.5,
+                  exponent=2.0)  # fmt: skip
+    noise = 0.1 * np.random.default_rng(0).normal(size=200)
+    samples = Samples((input_,), law.trace(input_, 0.5) + noise, np.empty((200, 0)))
+    known = judge_constants(Fitted(law, (0.5,), np.empty(0)), samples, np.ones(200, dtype=np.bool_))
+    assert len(known) == 4 and not any(item.is_determined for item in known)
+    ends = {item.name: (item.low, item.high) for item in known}
+    assert ends["exponent"] == (1.0, 20.0) and ends["beta fraction"] == (0.0, 10.0)
+    assert ends["yield input"][0] == 0.0
+
+
 def test_constants_of_bouc_wen_come_back_with_intervals_that_hold_them() -> None:
     truth = {
         "yield input": BOUC_WEN.bound / BOUC_WEN.alpha,

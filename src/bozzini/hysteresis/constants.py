@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..checks import legal_range, list_quantities
 from ..errors import UnitError
 from ..numeric.arrays import Floats
 from ..results import Json
@@ -28,9 +29,10 @@ class Constant:
     ----------
     name : str
     value, low, high : float
-        In units of the table.
+        In units of the table; the interval has no values that are not legal.
     is_determined : bool
-        Whether the interval is narrower than twice the value, where it is one above 0.
+        Whether the interval is narrower than twice the value; of an apex than the range of the
+        input, and of the fraction of beta than 1.
     """
 
     name: str
@@ -97,13 +99,21 @@ def judge_constants(fit: Fitted, samples: Samples, mask: Mask) -> tuple[Constant
     found = []
     for (label, (value, _, _)), error in zip(moves.items(), errors.tolist(), strict=False):
         side = _SIDE * error
-        least = 1.0 if label == "exponent" else 0.0
-        known = side < abs(value - least) or label in ("exponent", "beta fraction", "apex")
+        widest = {"apex": law.reach, "beta fraction": 0.5}.get(label, abs(value))
+        low, high = _find_limits(law, label)
         found.append(
-            Constant(name=label, value=value, low=value - side, high=value + side,
-                     is_determined=bool(known))
+            Constant(name=label, value=value, low=max(value - side, low),
+                     high=min(value + side, high), is_determined=bool(side < widest))
         )  # fmt: skip
     return tuple(found)
+
+
+def _find_limits(law: LoopLaw, label: str) -> tuple[float, float]:
+    """Return the lowest and highest legal value of a constant."""
+    name = label.replace(" ", "_")
+    if name in list_quantities(LoopLaw):
+        return legal_range(law, name)
+    return 0.0 if label == "half width" else -math.inf, math.inf
 
 
 def identify_tendon(
