@@ -10,7 +10,7 @@ import pytest
 from bozzini.errors import InputError
 from bozzini.hysteresis import LoopRuns, compare_laws
 from bozzini.hysteresis.comparison import BASELINES, LAWS
-from bozzini.hysteresis.constants import judge_constants
+from bozzini.hysteresis.constants import Constant, identify_tendon, judge_constants
 from bozzini.hysteresis.fitting import Fitted, Samples, fit_backlash, fit_bouc_wen, fit_plays
 from bozzini.hysteresis.law import LoopLaw, place_plays, tell_turn, trace_plays
 from bozzini.muscle.hysteresis import PrandtlIshlinskii
@@ -307,6 +307,19 @@ def test_friction_and_compliance_of_a_tendon_come_from_its_loops() -> None:
         assert known["friction times wrap angle"].value == pytest.approx(wrap, rel=0.12)
         if unit == "mm":
             assert known["compliance times stiffness"].value == pytest.approx(softness, rel=0.12)
+
+
+@pytest.mark.parametrize(
+    ("units", "count"),
+    [(("mm", "mm"), 2), (("N", "mm"), 1), (("mm", "deg"), 1), (("kPa", "mm"), 0), (("", ""), 0),
+     (("mm", "counts"), 0)],
+)  # fmt: skip
+def test_friction_is_told_of_what_a_tendon_has(units: tuple[str, str], count: int) -> None:
+    law = LoopLaw(thresholds=(0.0,), weights=(1.0,), coefficients=(0.0, 0.5), centre=0.0, half=1.0,
+                  straight=(-9.0, 9.0), reach=5.0, fan=0.2)  # fmt: skip
+    fan = Constant(name="fan", value=0.2, low=0.19, high=0.21)
+    told = identify_tendon(law, (fan,), input_unit=units[0], output_unit=units[1])
+    assert len(told) == count
 
 
 def test_the_band_holds_95_percent_of_rows_held_out() -> None:

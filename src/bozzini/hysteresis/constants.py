@@ -128,8 +128,9 @@ def identify_tendon(
         input / output = 1 + q (exp(f) - 1) / f  pulled,  1 + q (1 - exp(-f)) / f  let out
 
     with q the compliance of the tendon times the stiffness of what it moves: two equations for
-    both, where input and output are lengths. Of an output in another unit only a lower bound of f
-    is known, ``2 atanh(fan)``, that of a tendon much softer than what it moves.
+    both, where input and output are lengths. Of angles only a lower bound of f is known,
+    ``2 atanh(fan)``, that of a tendon much softer than what it moves. Of other units, or none,
+    nothing is told: that may be no tendon.
 
     Parameters
     ----------
@@ -140,7 +141,8 @@ def identify_tendon(
         As in the titles.
     """
     fan = next((item for item in known if item.name == "fan"), None)
-    if fan is None:
+    both = input_unit, output_unit
+    if fan is None or not all(any(_is_unit(one, kind) for kind in _TENDON) for one in both):
         return ()
     ends = [min(max(share, 1e-9), 0.95) for share in (fan.value, fan.low, fan.high)]
     if _is_unit(input_unit, "force"):
@@ -160,6 +162,7 @@ def identify_tendon(
     return (_gather(f"{_WRAP}, at least", bounds, fan),)
 
 
+_TENDON = ("length", "angle", "force")
 _WRAP = "friction times wrap angle"
 _COMPLIANCE = "compliance times stiffness"
 
