@@ -372,6 +372,15 @@ def test_many_rows_are_fitted_as_means_and_judged_as_they_are() -> None:
     assert 0.93 < found.coverage < 0.97
 
 
+def test_rows_held_out_are_in_no_mean_that_is_fitted() -> None:
+    runs = make_record("plays", count=3000).runs
+    one = compare_laws(runs, hold_out=0.31, samples=50, law="cubic")
+    far = np.where(one.parts.held_out, 1e3, 0.0) + runs.output
+    two = compare_laws(replace(runs, output=far), hold_out=0.31, samples=50, law="cubic")
+    assert two.fit.law == one.fit.law
+    assert [row.left_out for row in two.rows] == [row.left_out for row in one.rows]
+
+
 def test_rows_far_off_are_named() -> None:
     runs = make_record("plays").runs
     assert not any("outliers" in note for note in compare_laws(runs).notes)

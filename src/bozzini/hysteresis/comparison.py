@@ -406,7 +406,11 @@ class _Work:
     @classmethod
     def begin(cls, runs: LoopRuns, parts: LoopParts, drift: str, count: int) -> _Work:
         runs = replace(runs, time=runs.join_times())
-        few, first = runs.thin(count)
+        # A row without an output is in the part of the row before that has one.
+        rank = np.cumsum(parts.fitted)
+        folds = np.floor(_FOLDS * np.maximum(rank - 1, 0) / rank[-1])
+        folds = np.where(_spread(parts.fitted, np.isfinite(runs.output)), folds, -1.0)
+        few, first = runs.thin(count, folds)
         begin, whole = float(runs.time.min()), float(np.ptp(runs.time)) or 1.0
 
         def take(some: LoopRuns) -> Samples:
@@ -415,10 +419,6 @@ class _Work:
             terms = np.stack(kinds[drift], axis=-1) if kinds[drift] else np.empty((len(some), 0))
             return Samples(tuple(some.input[place] for place in some.slices), some.output, terms)
 
-        # A row without an output is in the part of the row before that has one.
-        rank = np.cumsum(parts.fitted)
-        folds = np.floor(_FOLDS * np.maximum(rank - 1, 0) / rank[-1])
-        folds = np.where(_spread(parts.fitted, np.isfinite(runs.output)), folds, -1.0)
         own = first.astype(np.intp)
         few_fitted = (folds[own] >= 0.0) & np.isfinite(few.output)
         return cls(runs, parts, take(runs), take(few), few_fitted, folds, folds[own])

@@ -94,8 +94,8 @@ def judge_constants(fit: Fitted, samples: Samples, mask: Mask) -> tuple[Constant
     slope = np.hstack([np.stack(columns, axis=-1), samples.terms[mask]])
     left = samples.outputs[mask] - base
     # Sizes of weights have the sum 1: what they share with the curve is none of theirs.
-    sides = np.sign([weight for weight in law.weights if weight]) if len(law.weights) > 1 else []
-    errors = _find_errors(slope, left, np.asarray(sides, dtype=np.float64))
+    some = [weight for weight in law.weights if weight and len(law.weights) > 1]
+    errors = _find_errors(slope, left, np.sign(np.array(some)))
     found = []
     for (label, (value, _, _)), error in zip(moves.items(), errors.tolist(), strict=False):
         side = _SIDE * error

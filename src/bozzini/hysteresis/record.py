@@ -116,11 +116,12 @@ class LoopRuns:
             end = float(times[place].max())
         return times
 
-    def thin(self, count: int) -> tuple[LoopRuns, Floats]:
+    def thin(self, count: int, groups: Floats) -> tuple[LoopRuns, Floats]:
         """Return about `count` means of rows that follow each other, and the first row of each.
 
         They are spread as by `LoopRecord.resample`. With fewer rows all are kept. Of rows with an
-        output and without, those with one make the mean.
+        output and without, those with one make the mean. None is of rows of more than one of
+        `groups` (n,).
         """
         if len(self) <= count:
             return self, np.arange(len(self), dtype=np.float64)
@@ -133,6 +134,7 @@ class LoopRuns:
                 bins = np.arange(len(time))
             else:
                 bins, _ = find_bins(time, smooth_input(input_), share)
+                bins = np.union1d(bins, np.flatnonzero(np.diff(groups[place])) + 1)
             output = self.output[place]
             seen = np.isfinite(output)
             known = np.add.reduceat(seen, bins, dtype=np.intp)
@@ -190,13 +192,14 @@ def _take(
     run = _look_for(shown, titles.run, ("run", "window"))
     time = _look_for(shown, titles.time, ("time", "t", "timestamp"))
     needs_output = like is None
+    answer: int | None
     if like is None:
         others = [k for k in range(len(shown)) if k not in (run, time)]
         place, answer = _pair(shown, titles, others)
     else:
         place = find_title(shown, titles.input or like.input)
-        known = titles.output or (like.output if _has(shown, like.output) else "")
-        answer = find_title(shown, known) if known else None
+        wanted = titles.output or (like.output if _has(shown, like.output) else "")
+        answer = find_title(shown, wanted) if wanted else None
     if place == answer:
         raise FileFormatError(f"'{shown[place]}' is both input and output")
     numbers = [take_numbers(sheet, place, empty=_NOT_SEEN)]
