@@ -262,6 +262,12 @@ def test_other_units_and_other_files_are_refused(
     with pytest.raises(InputError, match="state has 2 plays"):
         replace(file, state=replace(file.state, plays=(1.0, 2.0)))
     table = write_table(tmp_path / "a.csv", RECORD.runs)
-    for wrong in (["--column", "a"], ["--hold-out", "x"], ["--input", "x"], ["--hold-out", "2"]):
+    for wrong in (
+        ["--column", "a"],
+        ["--hold-out", "x"],
+        ["--hold-out", ","],
+        ["--input", "x"],
+        ["--hold-out", "2"],
+    ):
         assert main(["hysteresis", "fit", str(table), *wrong]) == 2
         assert capsys.readouterr().err.count("\n") == 1

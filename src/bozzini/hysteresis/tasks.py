@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 from ..checks import quantity
+from ..errors import InputError
 from ..io.sheets import parse_columns
 from ..progress import Progress, no_progress
 from ..task import Task
@@ -172,6 +173,8 @@ class LoopPredicting(Task):
 def _take_share(text: str, labels: Sequence[str]) -> float | tuple[str, ...]:
     """Return labels of runs, or a share of rows; 0 is none, whatever the labels are."""
     names = tuple(part.strip() for part in text.split(",") if part.strip())
+    if not names:
+        raise InputError(f"hold out is '{text}': it must be a share or labels of runs")
     if text != "0" and set(names) <= set(labels):
         return names
     try:
