@@ -10,7 +10,7 @@ import pytest
 from bozzini.errors import InputError
 from bozzini.hysteresis import LoopRuns, compare_laws
 from bozzini.hysteresis.comparison import BASELINES, LAWS
-from bozzini.hysteresis.constants import judge_constants
+from bozzini.hysteresis.constants import Constant, identify_tendon, judge_constants
 from bozzini.hysteresis.fitting import Fitted, Samples, fit_backlash, fit_bouc_wen, fit_plays
 from bozzini.hysteresis.law import LoopLaw, place_plays, tell_turn, trace_plays
 from bozzini.muscle.hysteresis import PrandtlIshlinskii
@@ -175,6 +175,60 @@ def test_half_widths_of_backlash_come_back_with_intervals_that_hold_them() -> No
     assert 0.9 <= np.mean(held) <= 0.99
 
 
+def test_intervals_of_weights_hold_them_wherever_the_input_is_zero() -> None:
+    """They were up to a hundred times too wide where an input is as far below 0 as above."""
+    truth = np.array([1.0, 0.5, 0.6, 0.4]) / 2.5
+    widths = (0.0, 0.5, 1.5, 3.0)
+    input_ = 8.0 * np.sin(np.linspace(0.0, 94.0, 600)) * np.linspace(0.3, 1.0, 600)
+    clean = PLANTS["plays"](np.append([0.0, 9.0, -4.0], input_))[3:]
+    mask = np.ones(600, dtype=np.bool_)
+    held = []
+    for seed in range(30):
+        noise = 0.2 * np.random.default_rng(seed).normal(size=600)
+        ends = []
+        for shift in (0.0, -0.5 * float(input_.max() + input_.min()), 20.0):
+            samples = Samples((input_ + shift,), clean + noise, np.empty((600, 0)))
+            plays = samples.trace(widths, (0.0,), 8.0)
+            found = np.linalg.lstsq(np.c_[plays, mask], samples.outputs, rcond=None)[0]
+            law = LoopLaw(thresholds=widths, weights=tuple(found[:4] / found[:4].sum()),
+                          coefficients=(found[4], found[:4].sum()), centre=0.0, half=1.0,
+                          straight=(-99.0, 99.0), reach=8.0)  # fmt: skip
+            known = judge_constants(Fitted(law, (0.0,), np.empty(0)), samples, mask)
+            ends.append([(item.low, item.high) for item in known])
+        assert np.ptp(ends, axis=0).max() < 1e-4
+        held += [low < share < high for (low, high), share in zip(ends[0], truth, strict=True)]
+    assert 0.88 <= np.mean(held) <= 0.99
+
+
+def test_an_apex_that_the_rows_do_not_show_is_named() -> None:
+    """Of inputs on one side of the apex only what half width and apex make up together is known."""
+    input_ = 75.0 + 25.0 * np.sin(np.linspace(0.0, 60.0, 400)) * np.linspace(0.4, 1.0, 400)
+    play = trace_plays(input_, (1.0,), 0.5, 25.0, (0.15, 10.0))[:, 0]
+    samples = Samples((input_,), play + 0.05 * np.sin(7.0 * np.arange(400)), np.empty((400, 0)))
+    law = LoopLaw(thresholds=(1.0,), weights=(1.0,), coefficients=(0.0, 1.0), centre=0.0, half=1.0,
+                  straight=(-999.0, 999.0), reach=25.0, fan=0.15, apex=10.0)  # fmt: skip
+    known = judge_constants(Fitted(law, (0.5,), np.empty(0)), samples, np.ones(400, dtype=np.bool_))
+    assert [(item.name, item.is_determined) for item in known] == [
+        ("half width", False), ("fan", True), ("apex", False)
+    ]  # fmt: skip
+    assert known[0].low == 0.0 and known[0].high > 100.0
+
+
+def test_constants_of_bouc_wen_that_the_rows_do_not_show_are_named() -> None:
+    """Where the input never comes near yielding neither exponent nor fraction is known."""
+    input_ = np.sin(np.linspace(0.0, 40.0, 200))
+    law = LoopLaw(thresholds=(0.0,), weights=(1.0,), coefficients=(0.0, 1.0), centre=0.0, half=1.0,
+                  straight=(-9.0, 9.0), reach=1.0, height=5.0, yield_input=60.0, beta_fraction=0.5,
+                  exponent=2.0)  # fmt: skip
+    noise = 0.1 * np.random.default_rng(0).normal(size=200)
+    samples = Samples((input_,), law.trace(input_, 0.5) + noise, np.empty((200, 0)))
+    known = judge_constants(Fitted(law, (0.5,), np.empty(0)), samples, np.ones(200, dtype=np.bool_))
+    assert len(known) == 4 and not any(item.is_determined for item in known)
+    ends = {item.name: (item.low, item.high) for item in known}
+    assert ends["exponent"] == (1.0, 20.0) and ends["beta fraction"] == (0.0, 10.0)
+    assert ends["yield input"][0] == 0.0
+
+
 def test_constants_of_bouc_wen_come_back_with_intervals_that_hold_them() -> None:
     truth = {
         "yield input": BOUC_WEN.bound / BOUC_WEN.alpha,
@@ -255,6 +309,19 @@ def test_friction_and_compliance_of_a_tendon_come_from_its_loops() -> None:
             assert known["compliance times stiffness"].value == pytest.approx(softness, rel=0.12)
 
 
+@pytest.mark.parametrize(
+    ("units", "count"),
+    [(("mm", "mm"), 2), (("N", "mm"), 1), (("mm", "deg"), 1), (("kPa", "mm"), 0), (("", ""), 0),
+     (("mm", "counts"), 0)],
+)  # fmt: skip
+def test_friction_is_told_of_what_a_tendon_has(units: tuple[str, str], count: int) -> None:
+    law = LoopLaw(thresholds=(0.0,), weights=(1.0,), coefficients=(0.0, 0.5), centre=0.0, half=1.0,
+                  straight=(-9.0, 9.0), reach=5.0, fan=0.2)  # fmt: skip
+    fan = Constant(name="fan", value=0.2, low=0.19, high=0.21)
+    told = identify_tendon(law, (fan,), input_unit=units[0], output_unit=units[1])
+    assert len(told) == count
+
+
 def test_the_band_holds_95_percent_of_rows_held_out() -> None:
     shares = []
     for seed in range(8):
@@ -276,6 +343,20 @@ def test_a_drift_is_advised_where_it_helps_on_all_blocks_held_out() -> None:
         assert not any("choose it" in note for note in bare.notes)
 
 
+def test_a_drift_goes_on_where_the_time_restarts() -> None:
+    record = make_record("plays", windows=3, drift=0.5)
+    runs = record.runs
+    time = np.concatenate([runs.time[place] - runs.time[place.start] for place in runs.slices])
+    whole, restarted = (
+        compare_laws(one, drift="linear", law="generalised")
+        for one in (runs, replace(runs, time=time))
+    )
+    assert restarted.row.left_out == pytest.approx(whole.row.left_out, rel=1e-6)
+    assert restarted.drifted == pytest.approx(whole.drifted, rel=1e-6)
+    assert any("the time restarts" in note for note in restarted.notes)
+    assert not any("the time restarts" in note for note in whole.notes)
+
+
 def test_an_input_that_never_turns_tells_no_loops() -> None:
     rise = make_record("plays").runs
     way = np.linspace(-5.0, 5.0, len(rise))
@@ -289,6 +370,15 @@ def test_many_rows_are_fitted_as_means_and_judged_as_they_are() -> None:
     assert 500 <= found.kept < 700 and len(found.predicted) == 6000
     assert found.row.held_out < 1.1 * record.noise
     assert 0.93 < found.coverage < 0.97
+
+
+def test_rows_held_out_are_in_no_mean_that_is_fitted() -> None:
+    runs = make_record("plays", count=3000).runs
+    one = compare_laws(runs, hold_out=0.31, samples=50, law="cubic")
+    far = np.where(one.parts.held_out, 1e3, 0.0) + runs.output
+    two = compare_laws(replace(runs, output=far), hold_out=0.31, samples=50, law="cubic")
+    assert two.fit.law == one.fit.law
+    assert [row.left_out for row in two.rows] == [row.left_out for row in one.rows]
 
 
 def test_rows_far_off_are_named() -> None:

@@ -175,7 +175,7 @@ class LoopComparison(ReasonedResult):
     @property
     def span(self) -> float:
         """Span of the output."""
-        return float(np.ptp(self.runs.output))
+        return _find_span(self.runs)
 
     def to_dict(self) -> Json:
         """Return the result as plain values, without the rows of the table."""
@@ -294,6 +294,7 @@ def compare_laws(
         One of `LAWS`, or ``"best"``: that which the result carries.
     drift : str
         Beside all laws, over the time t of the table, of length T: none, t, or log(1 + 9 t / T).
+        A time that restarts in a run goes on from the run before.
     hold_out : float or tuple of str
         Last share of all rows that is not fitted, or the runs that are not.
     samples : int
@@ -355,7 +356,8 @@ def _part(runs: LoopRuns, hold_out: float | tuple[str, ...]) -> LoopParts:
     else:
         share = check_number("hold out", hold_out, low=0.0, high=0.9)
         held[len(runs) - round(share * len(runs)) :] = True
-    fitted = ~held
+    known = np.isfinite(runs.output)
+    fitted = known & ~held
     if np.count_nonzero(fitted) < _FEWEST_FITTED:
         raise InputError(
             f"{np.count_nonzero(fitted)} rows are left to fit: there must be {_FEWEST_FITTED}"
@@ -369,7 +371,14 @@ def _part(runs: LoopRuns, hold_out: float | tuple[str, ...]) -> LoopParts:
     for place in runs.slices:
         if held[place].all():
             lead[place.start : place.start + count_lead(runs.input[place])] = True
-    return LoopParts(fitted, held & ~lead, lead)
+    return LoopParts(fitted, known & held & ~lead, known & lead)
+
+
+def _spread(mask: Mask, known: Mask) -> Mask:
+    """Return a mask (n,) in which rows that are not known are as the last one known before."""
+    seen = np.flatnonzero(known)
+    place = np.searchsorted(seen, np.arange(len(mask)), side="right") - 1
+    return np.asarray(mask[seen[np.maximum(place, 0)]])
 
 
 def count_lead(inputs: Floats) -> int:
@@ -396,7 +405,12 @@ class _Work:
 
     @classmethod
     def begin(cls, runs: LoopRuns, parts: LoopParts, drift: str, count: int) -> _Work:
-        few, first = runs.thin(count)
+        runs = replace(runs, time=runs.join_times())
+        # A row without an output is in the part of the row before that has one.
+        rank = np.cumsum(parts.fitted)
+        folds = np.floor(_FOLDS * np.maximum(rank - 1, 0) / rank[-1])
+        folds = np.where(_spread(parts.fitted, np.isfinite(runs.output)), folds, -1.0)
+        few, first = runs.thin(count, folds)
         begin, whole = float(runs.time.min()), float(np.ptp(runs.time)) or 1.0
 
         def take(some: LoopRuns) -> Samples:
@@ -405,11 +419,9 @@ class _Work:
             terms = np.stack(kinds[drift], axis=-1) if kinds[drift] else np.empty((len(some), 0))
             return Samples(tuple(some.input[place] for place in some.slices), some.output, terms)
 
-        rows = np.flatnonzero(parts.fitted)
-        folds = np.full(len(runs), -1.0)
-        folds[rows] = np.floor(_FOLDS * np.arange(len(rows)) / len(rows))
         own = first.astype(np.intp)
-        return cls(runs, parts, take(runs), take(few), parts.fitted[own], folds, folds[own])
+        few_fitted = (folds[own] >= 0.0) & np.isfinite(few.output)
+        return cls(runs, parts, take(runs), take(few), few_fitted, folds, folds[own])
 
     def fit_all(self, progress: Progress) -> tuple[dict[str, Fitted], dict[str, Floats]]:
         """Return the fit of each law, and the residuals of the rows that it left out (n,)."""
@@ -492,8 +504,12 @@ def _make_row(name: str, fit: Fitted, left: Floats, work: _Work) -> LoopRow:
         fitted=_size(residual[work.parts.fitted]),
         left_out=predicted,
         held_out=held,
-        share=100.0 * error / float(np.ptp(work.runs.output)),
+        share=100.0 * error / _find_span(work.runs),
     )
+
+
+def _find_span(runs: LoopRuns) -> float:
+    return float(np.nanmax(runs.output) - np.nanmin(runs.output))
 
 
 def _find_band(left: Floats) -> float:
@@ -532,6 +548,10 @@ def _judge(result: LoopComparison, fits: Mapping[str, Fitted], work: _Work) -> L
         )
     if doubtful := [item.name for item in result.constants if not item.is_determined]:
         notes.append(f"the rows do not determine {', '.join(doubtful)}")
+    if result.drift != "none" and (work.runs.time != runs.time).any():
+        notes.append(
+            "the time restarts: the drift is over that of all runs, one right after the other"
+        )
     notes += _find_odd_rows(result)
     notes += _advise_drift(result, fits, work)
     reasons = []
@@ -548,7 +568,9 @@ def _judge(result: LoopComparison, fits: Mapping[str, Fitted], work: _Work) -> L
 def _find_odd_rows(result: LoopComparison) -> list[str]:
     """Return a note where a few rows are far off: outliers, which least squares heeds."""
     off = np.abs(result.runs.output - result.predicted)
-    odd = np.flatnonzero(off > max(_ODD * 1.4826 * float(np.median(off)), _ODD_SHARE * result.span))
+    odd = np.flatnonzero(
+        off > max(_ODD * 1.4826 * float(np.nanmedian(off)), _ODD_SHARE * result.span)
+    )
     if not 0 < len(odd) <= _ODD_SHARE * len(off):
         return []
     return [

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..checks import legal_range, list_quantities
 from ..errors import UnitError
 from ..numeric.arrays import Floats
 from ..results import Json
@@ -28,9 +29,10 @@ class Constant:
     ----------
     name : str
     value, low, high : float
-        In units of the table.
+        In units of the table; the interval has no values that are not legal.
     is_determined : bool
-        Whether the interval is narrower than twice the value, where it is one above 0.
+        Whether the interval is narrower than twice the value; of an apex than the range of the
+        input, and of the fraction of beta than 1.
     """
 
     name: str
@@ -77,7 +79,7 @@ def judge_constants(fit: Fitted, samples: Samples, mask: Mask) -> tuple[Constant
     for value, step, change in moves.values():
         moved = replace(fit, law=change(law, value + step)).predict(samples)[mask]
         columns.append((moved - base) / step)
-    for k in range(1 if len(law.thresholds) > 1 else 0, len(law.coefficients)):
+    for k in range(len(law.coefficients)):
         size = max(map(abs, law.coefficients)) or 1.0
         more = list(law.coefficients)
         more[k] += _STEP * size
@@ -91,17 +93,27 @@ def judge_constants(fit: Fitted, samples: Samples, mask: Mask) -> tuple[Constant
         columns.append((moved - base) / _STEP)
     slope = np.hstack([np.stack(columns, axis=-1), samples.terms[mask]])
     left = samples.outputs[mask] - base
-    errors = _find_errors(slope, left)
+    # Sizes of weights have the sum 1: what they share with the curve is none of theirs.
+    some = [weight for weight in law.weights if weight and len(law.weights) > 1]
+    errors = _find_errors(slope, left, np.sign(np.array(some)))
     found = []
     for (label, (value, _, _)), error in zip(moves.items(), errors.tolist(), strict=False):
         side = _SIDE * error
-        least = 1.0 if label == "exponent" else 0.0
-        known = side < abs(value - least) or label in ("exponent", "beta fraction", "apex")
+        widest = {"apex": law.reach, "beta fraction": 0.5}.get(label, abs(value))
+        low, high = _find_limits(law, label)
         found.append(
-            Constant(name=label, value=value, low=value - side, high=value + side,
-                     is_determined=bool(known))
+            Constant(name=label, value=value, low=max(value - side, low),
+                     high=min(value + side, high), is_determined=bool(side < widest))
         )  # fmt: skip
     return tuple(found)
+
+
+def _find_limits(law: LoopLaw, label: str) -> tuple[float, float]:
+    """Return the lowest and highest legal value of a constant."""
+    name = label.replace(" ", "_")
+    if name in list_quantities(LoopLaw):
+        return legal_range(law, name)
+    return 0.0 if label == "half width" else -math.inf, math.inf
 
 
 def identify_tendon(
@@ -116,8 +128,9 @@ def identify_tendon(
         input / output = 1 + q (exp(f) - 1) / f  pulled,  1 + q (1 - exp(-f)) / f  let out
 
     with q the compliance of the tendon times the stiffness of what it moves: two equations for
-    both, where input and output are lengths. Of an output in another unit only a lower bound of f
-    is known, ``2 atanh(fan)``, that of a tendon much softer than what it moves.
+    both, where input and output are lengths. Of angles only a lower bound of f is known,
+    ``2 atanh(fan)``, that of a tendon much softer than what it moves. Of other units, or none,
+    nothing is told: that may be no tendon.
 
     Parameters
     ----------
@@ -128,7 +141,8 @@ def identify_tendon(
         As in the titles.
     """
     fan = next((item for item in known if item.name == "fan"), None)
-    if fan is None:
+    both = input_unit, output_unit
+    if fan is None or not all(any(_is_unit(one, kind) for kind in _TENDON) for one in both):
         return ()
     ends = [min(max(share, 1e-9), 0.95) for share in (fan.value, fan.low, fan.high)]
     if _is_unit(input_unit, "force"):
@@ -148,6 +162,7 @@ def identify_tendon(
     return (_gather(f"{_WRAP}, at least", bounds, fan),)
 
 
+_TENDON = ("length", "angle", "force")
 _WRAP = "friction times wrap angle"
 _COMPLIANCE = "compliance times stiffness"
 
@@ -184,16 +199,25 @@ def _change_field(name: str) -> Callable[[LoopLaw, float], LoopLaw]:
     return change
 
 
-def _find_errors(slope: Floats, left: Floats) -> Floats:
-    """Return standard errors (k,) of what moves the model by `slope` (n, k)."""
-    sizes = np.linalg.norm(slope, axis=0)
+def _find_errors(slope: Floats, left: Floats, sides: Floats) -> Floats:
+    """Return standard errors (k,) of what moves the model by `slope` (n, k).
+
+    The first of these times `sides` have a sum that stays.
+    """
+    ways = np.eye(slope.shape[1])
+    if count := len(sides):
+        ways[:count, :count] = np.linalg.svd(sides[None])[2].T
+        ways = ways[:, 1:]  # the first is along the sides
+    moves = slope @ ways
+    sizes = np.linalg.norm(moves, axis=0)
     scales = np.where(sizes > 0.0, sizes, 1.0)
-    _, values, directions = np.linalg.svd(slope / scales, full_matrices=False)
+    _, values, directions = np.linalg.svd(moves / scales, full_matrices=False)
     inverse = np.where(values > 1e-9 * values[0], 1.0 / np.maximum(values, 1e-300), 1e9)
-    spread = np.sqrt(np.square(inverse[:, None] * directions).sum(axis=0))
+    spread = np.linalg.norm((ways / scales) @ (directions.T * inverse), axis=1)
     away = left - left.mean()
     total = float(away @ away)
     share = min(max(float(away[1:] @ away[:-1]) / total, 0.0), 0.999) if total > 0.0 else 0.0
-    freedom = max(len(left) - slope.shape[1], 1)
+    freedom = max(len(left) - moves.shape[1], 1)
     variance = total / freedom * (1.0 + share) / (1.0 - share)
-    return np.where(sizes > 0.0, np.sqrt(variance) * spread / scales, np.inf)
+    known = np.linalg.norm(slope, axis=0) > 0.0
+    return np.where(known, np.sqrt(variance) * spread, np.inf)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 from ..checks import quantity
+from ..errors import InputError
 from ..io.sheets import parse_columns
 from ..progress import Progress, no_progress
 from ..task import Task
@@ -38,18 +39,16 @@ class LoopTable:
         example="angle [deg]=col3",
     )
 
-    def read(
-        self, path: str, *, needs_output: bool = True, like: LoopTitles | None = None
-    ) -> LoopRuns:
+    def read(self, path: str, *, like: LoopTitles | None = None) -> LoopRuns:
         """Return the runs in a file; titles that are not given are those of `like`."""
         columns = parse_columns(self.column)
         titles = LoopTitles(
-            input=self.input or (like.input if like else ""),
-            output=self.output or (like.output if like else ""),
+            input=self.input or "",
+            output=self.output or "",
             time=self.time or "",
             run=self.run_title or "",
         )
-        return read_loops(path, titles, columns=columns, needs_output=needs_output)
+        return read_loops(path, titles, columns=columns, like=like)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -156,7 +155,7 @@ class LoopPredicting(Task):
         """Return the prediction."""
         file = read_law(self.fitted)
         like = LoopTitles(input=file.input, output=file.output)
-        runs = self.reading.read(self.table, needs_output=False, like=like)
+        runs = self.reading.read(self.table, like=like)
         return predict_loops(file, runs, resume=self.resume)
 
     def describe(self, found: LoopPrediction) -> str:
@@ -174,6 +173,8 @@ class LoopPredicting(Task):
 def _take_share(text: str, labels: Sequence[str]) -> float | tuple[str, ...]:
     """Return labels of runs, or a share of rows; 0 is none, whatever the labels are."""
     names = tuple(part.strip() for part in text.split(",") if part.strip())
+    if not names:
+        raise InputError(f"hold out is '{text}': it must be a share or labels of runs")
     if text != "0" and set(names) <= set(labels):
         return names
     try:
