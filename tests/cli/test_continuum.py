@@ -673,6 +673,12 @@ def test_a_robot_is_pushed_into_a_tract_in_time(run, tube):
     assert "wall_N" in Path("tip.csv").read_text().splitlines()[0]
 
 
+def test_energy_from_nowhere_ends_the_command_with_a_note(run, tube, monkeypatch):
+    monkeypatch.setattr("bozzini.continuum.dynamics.GAINED", -1.0)
+    code, out, _ = run("simulate", "passive.yaml", "times.csv")
+    assert code == 1 and "note: " in out and "take smaller steps" in out
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [

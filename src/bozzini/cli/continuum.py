@@ -1143,7 +1143,7 @@ def simulate_command(
     those with friction hold their tension evenly. The walls of --tract give way (--wall-stiffness);
     with --speed the base is pushed in from the first time on, until the whole robot is in.
 
-    Exit code 0: simulated to the end; 1: not, and where; 2: bad input.
+    Exit code 0: simulated to the end; 1: not, and where, or energy came from nowhere; 2: bad input.
     """
     from ..continuum import ContactModel, push_in, read_timed_commands, simulate, write_mcap
     from ..continuum.motion_log import check_mcap
@@ -1186,7 +1186,7 @@ def simulate_command(
     else:
         answer.write(found.list_columns(), found.plot)
     answer.give({**found.to_dict(), "file": answer.out}, _describe_motion(found))
-    if not found.converged:
+    if not found.converged or found.notes:
         run_exit(EXIT_NEGATIVE)
 
 
@@ -1224,6 +1224,7 @@ def _describe_motion(found: ShapeHistory) -> str:
             ),
             f"work {balance.work[-1]:.4g} N mm, dissipated {balance.dissipated[-1]:.4g} N mm, "
             f"out of balance by {found.residual:.2g} N mm at most",
+            *(f"note: {line}" for line in found.notes),
         ]
     )
 

@@ -77,6 +77,12 @@ PLAY_MM = 0.1
 TOLERANCE_MM = 1e-6
 """Error of tendon lengths in the equilibrium at the start [mm]."""
 
+GAINED = 0.1
+"""Share of energy that may come from nowhere before it is told."""
+
+LEAST_ENERGY = 1e-5
+"""Energy of which shares are taken at least [N mm]."""
+
 PRESLIDING = 1e-5
 """Slip at which friction of tendons acts in full, as a share of the robot's length."""
 
@@ -104,8 +110,8 @@ class DynamicsOptions:
         Error of the place of any segment's end in one step [mm], by its estimate: steps are as
         small as it asks for, 1/1024 of the largest at least. Unless given, all are the largest.
     spectral_radius : float
-        What is left of infinitely fast motion after one step, in [0, 1]: 1 keeps the energy of all
-        motion, 0 damps most what the step does not resolve.
+        What is left of infinitely fast motion after one step, in [0, 1]: 1 keeps the energy of
+        small motions, 0 damps most what the step does not resolve.
 
     Raises
     ------
@@ -234,6 +240,14 @@ class EnergyBalance:
         """Energy that came from nowhere since the first time [N mm], shape (k,)."""
         return np.asarray(self.total - self.total[0] - self.work + self.dissipated)
 
+    @property
+    def gain(self) -> Floats:
+        """Share that came from nowhere of the most there, done or lost up to a time, shape (k,)."""
+        height = np.abs(self.gravity - self.gravity[0])
+        there = self.kinetic + self.elastic + height + np.abs(self.tendons) + self.walls
+        most = np.max([there, np.abs(self.work), np.abs(self.dissipated)], axis=0)
+        return np.asarray(self.residual / np.maximum(np.maximum.accumulate(most), LEAST_ENERGY))
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ShapeHistory(Result):
@@ -293,8 +307,21 @@ class ShapeHistory(Result):
 
     @property
     def residual(self) -> float:
-        """Largest energy that came from nowhere [N mm]."""
+        """Largest energy that came from nowhere, or went there [N mm]."""
         return float(np.abs(self.energy.residual).max())
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What is wrong with a motion that goes on: energy from nowhere, a tenth or more."""
+        gain = self.energy.gain
+        worst = int(np.argmax(gain))
+        if gain[worst] <= GAINED:
+            return ()
+        return (
+            f"{self.energy.residual[worst]:.3g} N mm of energy came from nowhere up to "
+            f"{self.time[worst]:.4g} s, {100.0 * gain[worst]:.0f} % of the most that was there or "
+            "done: take smaller steps, damping or a spectral radius below 0.5",
+        )
 
     @property
     def points(self) -> Floats:
@@ -322,6 +349,7 @@ class ShapeHistory(Result):
         return {
             "converged": self.converged,
             "reason": self.reason,
+            "notes": list(self.notes),
             "residual_N_mm": self.residual,
             "time_s": self.time.tolist(),
             "tip_mm": self.tip.tolist(),
@@ -678,8 +706,9 @@ def simulate(
 
     Notes
     -----
-    The equilibrium at the start knows of no wall. A step in which a wall presses is of first order
-    and loses energy: a blow takes the speed across the wall.
+    The equilibrium at the start knows of no wall. A step in which a wall presses is of first order:
+    a blow takes the speed across the wall. Large steps may win energy, in walls, of tendons with
+    friction and of undamped motions in space; a tenth or more of it is in the `notes`.
     """
     check_robot(robot)
     check_kind("options", options, DynamicsOptions)
