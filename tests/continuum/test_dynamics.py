@@ -337,6 +337,25 @@ def test_large_steps_of_a_planar_motion_win_no_energy(per_period: int) -> None:
     assert np.all(np.diff(moved.energy.total) < 1e-6 * moved.energy.total[0])
 
 
+@pytest.mark.parametrize(("steps", "told"), [(3, True), (30, False)])
+def test_energy_from_nowhere_is_told(steps: int, told: bool) -> None:
+    options = dataclasses.replace(FREE, max_step=0.03 / steps)
+    held = [PointLoad(force=(0.1, 0.0, 0.0)), PointLoad(force=(0.0, 0.07, 0.0), arc_length=100.0)]
+    moved = simulate(make_wire(12), np.linspace(0.0, 0.6, 21), held_by=held, options=options)
+    balance = moved.energy
+    assert moved.converged and bool(moved.notes) is told
+    assert bool(balance.total.max() > 1.1 * balance.total[0]) is told
+    assert all("spectral radius" in note for note in moved.notes)
+    assert moved.to_dict()["notes"] == list(moved.notes)
+
+
+def test_energies_too_small_to_matter_are_not_told() -> None:
+    others = "elastic", "gravity", "tendons", "work", "dissipated", "walls", "friction"
+    kinetic = np.array([0.0, 1e-13, 1e-9])
+    tiny = EnergyBalance(kinetic=kinetic, **dict.fromkeys(others, np.zeros(3)))
+    assert tiny.gain.max() < 1e-3
+
+
 @pytest.mark.parametrize("segment", ["chord", "arc", "channel"])
 @pytest.mark.parametrize("given", ["tensions", "displacements"])
 def test_motion_ends_at_the_static_equilibrium(segment: str, given: str) -> None:
@@ -635,6 +654,9 @@ def test_a_motion_among_walls_goes_on_from_where_it_was() -> None:
     )
     assert whole.wall_sum[5] > 0.0
     np.testing.assert_allclose(second.tip[-1], whole.tip[-1], atol=2e-3)
+    np.testing.assert_allclose(second.wall_forces[0], first.wall_forces[-1], atol=1e-3)
+    np.testing.assert_allclose(second.gaps[0], first.gaps[-1], atol=1e-3)
+    assert second.energy.walls[0] == pytest.approx(first.energy.walls[-1], rel=1e-2)
 
 
 @pytest.mark.parametrize(

@@ -1054,6 +1054,9 @@ def _run(
         reached = advance((0, 0), (count - 1, 0), fresh)
     else:
         moved = memory[0][0][0]  # places and velocities of the last stage
+        if fresh == 1:  # an equilibrium knows of no wall, a state does
+            contacts.before[2][:] = _place_ends(rod, state, tables[1][0, 3])
+            contacts.look(contacts.before[2])
         reached = advance((0, 0), (0, 0), fresh)
         contacts.before[2][:] = moved[1][1:]
         sizes = np.repeat(np.diff(tables[0]) / steps, steps)
@@ -1101,6 +1104,16 @@ def _run(
             beyond=beyond,
         ),
     )
+
+
+def _place_ends(rod: MovingRod, state: RodMotion, base: Floats) -> Floats:
+    """Return the ends of segments (n, 3) in a state; `base` is its place and rotation vector."""
+    from scipy.spatial.transform import Rotation
+
+    ends = rod.grid.place_frames(state.rotation_vectors[None])[0, 1:, :3, 3]
+    free = len(state.ground) > 0
+    turn = state.ground[:3] if free else Rotation.from_rotvec(base[3:]).as_matrix()
+    return np.asarray(ends @ turn.T + (state.ground[3] if free else base[:3]))
 
 
 def _take_commands(
