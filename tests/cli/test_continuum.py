@@ -673,6 +673,28 @@ def test_a_robot_is_pushed_into_a_tract_in_time(run, tube):
     assert "wall_N" in Path("tip.csv").read_text().splitlines()[0]
 
 
+@pytest.mark.parametrize(
+    ("kind", "unit", "scale", "command"),
+    [("tension", "N", 0.5, 10.0), ("displacement", "mm", 0.5, 1.0)],
+)
+def test_a_calibrated_robot_at_rest_is_where_pose_has_it(run, tube, kind, unit, scale, command):
+    text = Path("passive.yaml").read_text().replace("angle: 0 deg", "angle: 0 deg, stiffness: 5 kN")
+    zeros = "  zeros: {T1: 0.4}\n" if kind == "displacement" else ""
+    text += f"calibration:\n  command: {kind}\n  scale: {scale}\n{zeros}"
+    Path("fitted.yaml").write_text(text)
+    rows = "".join(f"{time},{command}\n" for time in (0, 0.01))
+    Path("held.csv").write_text(f"time [s],T1 {kind} [{unit}]\n{rows}")
+    line = ("simulate", "fitted.yaml", "held.csv", "--segment-kind", "channel", "--json")
+    code, out, err = run(*line)
+    assert code == 0, err
+    given = ("--model", "energy", f"--{kind}", f"T1={command}{unit}", "--json")
+    code, still, _ = run("pose", "fitted.yaml", *given)
+    assert code == 0
+    moved, posed = json.loads(out)["tip_mm"][0], json.loads(still)["tip_mm"]
+    assert posed[0] > 3.0
+    np.testing.assert_allclose(moved, posed, atol=0.3)
+
+
 def test_energy_from_nowhere_ends_the_command_with_a_note(run, tube, monkeypatch):
     monkeypatch.setattr("bozzini.continuum.dynamics.GAINED", -1.0)
     code, out, _ = run("simulate", "passive.yaml", "times.csv")

@@ -1140,8 +1140,10 @@ def simulate_command(
     TABLE has 'time [s]', and 'T1 tension [N]' or 'T1 displacement [mm]' of tendons; between rows
     they change evenly, and there is a row of the answer for each. Masses follow from the weights in
     the robot file. Tendons have no mass; their displacements need their stiffness. At the start
-    those with friction hold their tension evenly. The walls of --tract give way (--wall-stiffness);
-    with --speed the base is pushed in from the first time on, until the whole robot is in.
+    those with friction hold their tension evenly. A calibrated robot converts the commands, as in
+    pose; places are in the frame of the base at rest. The walls of --tract give way
+    (--wall-stiffness); with --speed the base is pushed in from the first time on, until the whole
+    robot is in.
 
     Exit code 0: simulated to the end; 1: not, and where, or energy came from nowhere; 2: bad input.
     """
@@ -1160,9 +1162,9 @@ def simulate_command(
     duct: Duct | None = None
     commands: MotionCommands = {"loads": [parse_load(text) for text in load]}
     if given.command == "tension":
-        commands["tensions"] = given.commands
+        commands["tensions"] = robot.to_tensions(given.commands)
     else:
-        commands["displacements"] = given.commands
+        commands["displacements"] = robot.to_displacements(given.commands, in_time=True)
     if drive_rate is not None:
         commands["drive_rate"] = drive_rate
     placed: RobotDesign = robot
