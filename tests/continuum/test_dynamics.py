@@ -349,6 +349,19 @@ def test_energy_from_nowhere_is_told(steps: int, told: bool) -> None:
     assert moved.to_dict()["notes"] == list(moved.notes)
 
 
+def test_tensions_may_be_given_by_name() -> None:
+    robot = make_arm()
+    name, pulls = robot.tendon_names[1], np.eye(6)[1]
+    named, plain = (
+        simulate(robot, [0.0, 0.01], tensions=one, options=FREE) for one in ({name: 1.0}, pulls)
+    )
+    np.testing.assert_array_equal(named.tip, plain.tip)
+    named, plain = (linearise(robot, tensions=one, options=FREE) for one in ({name: 1.0}, pulls))
+    np.testing.assert_array_equal(named.frequency, plain.frequency)
+    with pytest.raises(InputError, match="no tendon 'zz'"):
+        simulate(robot, [0.0, 0.01], tensions={"zz": 1.0})
+
+
 def test_energies_too_small_to_matter_are_not_told() -> None:
     others = "elastic", "gravity", "tendons", "work", "dissipated", "walls", "friction"
     kinetic = np.array([0.0, 1e-13, 1e-9])

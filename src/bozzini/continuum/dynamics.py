@@ -627,8 +627,9 @@ class MotionCommands(TypedDict, total=False):
     Attributes
     ----------
     tensions, displacements : (k, t) or (t,) array_like, or mapping
-        Of the tendons [N], [mm]; one of both, linear between times. Without either they have no
-        tension.
+        Of the tendons [N], [mm]; one of both, linear between times: what reaches them, which
+        `to_tensions` and `to_displacements` of a calibrated robot give. Without either they have
+        no tension.
     drive_rate : float
         Largest speed of drives that follow displacements, from where they are at the first time
         [mm/s]; unless given they are there at once.
