@@ -445,6 +445,10 @@ def test_loads_that_turn_with_the_body_do_the_work_that_moves_it() -> None:
     assert moved.residual < 5e-3 * np.ptp(moved.energy.work)
     with pytest.raises(InputError, match="axes of the body"):
         linearise(make_arm(), loads=FOLLOWING)
+    for frame in ("base", "world"):
+        twisted = PointLoad(moment=(0.0, 0.0, 10.0), frame=frame)
+        with pytest.raises(InputError, match="a load has a moment"):
+            linearise(make_wire(), loads=[twisted])
 
 
 FREE_FREE = 4.7300407449**2 / (2.0 * math.pi * LENGTH**2) * math.sqrt(BENDING / LINE_MASS)

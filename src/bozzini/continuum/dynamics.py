@@ -1266,8 +1266,11 @@ def linearise(
 
     Parameters
     ----------
-    robot, loads, options
+    robot, options
         As of `simulate`.
+    loads : sequence of PointLoad or LineLoad
+        Forces in the axes of the base or the world. Moments of fixed axes have no energy, as loads
+        that turn with the body: modes are not of their kind, and `simulate` takes them.
     tensions, displacements : (t,) array_like or mapping, optional
         Of the tendons [N], [mm]; what is given is held, and is the input of the state space.
 
@@ -1289,6 +1292,11 @@ def linearise(
         raise InputError(
             "a load is given in the axes of the body: small oscillations are of loads in those of "
             "the base or the world"
+        )
+    if rod.load_vectors[1].any():
+        raise InputError(
+            "a load has a moment: small oscillations are of forces, a moment of fixed axes has no "
+            "energy (simulate takes it)"
         )
     command, held = _take_commands(rod, 1, tensions, displacements)
     factors = np.ones(len(rod.loads))
