@@ -695,6 +695,20 @@ def test_a_calibrated_robot_at_rest_is_where_pose_has_it(run, tube, kind, unit, 
     np.testing.assert_allclose(moved, posed, atol=0.3)
 
 
+def test_a_motion_states_its_frame_and_what_of_the_table_is_ignored(run, tube):
+    Path("typo.csv").write_text("time [s],T1 tension [N],T2 tensoin [N]\n0,1,2\n0.01,1,2\n")
+    line = ("simulate", "passive.yaml", "typo.csv")
+    code, out, _ = run(*line, "--json", "--out", "tip.csv")
+    found = json.loads(out)
+    assert (code, found["frame"]) == (0, "base at rest")
+    assert found["notes"] == ["ignored columns: T2 tensoin [N]"]
+    head, first, *_ = Path("tip.csv").read_text().splitlines()
+    assert (head.split(",")[-1], first.split(",")[-1]) == ("frame", "base at rest")
+    code, out, _ = run(*line)
+    assert code == 0 and "in the frame of the base at rest" in out
+    assert "note: ignored columns: T2 tensoin [N]" in out
+
+
 def test_energy_from_nowhere_ends_the_command_with_a_note(run, tube, monkeypatch):
     monkeypatch.setattr("bozzini.continuum.dynamics.GAINED", -1.0)
     code, out, _ = run("simulate", "passive.yaml", "times.csv")

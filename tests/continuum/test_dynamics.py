@@ -349,6 +349,12 @@ def test_energy_from_nowhere_is_told(steps: int, told: bool) -> None:
     assert moved.to_dict()["notes"] == list(moved.notes)
 
 
+def test_a_state_of_another_robot_is_refused() -> None:
+    first = simulate(make_wire(10), [0.0, 1e-3], options=FREE)
+    with pytest.raises(InputError, match="initial is of another robot"):
+        simulate(make_arm(10), [0.0, 1e-3], initial=first, options=FREE)
+
+
 def test_tensions_may_be_given_by_name() -> None:
     robot = make_arm()
     name, pulls = robot.tendon_names[1], np.eye(6)[1]

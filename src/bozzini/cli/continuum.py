@@ -1187,7 +1187,10 @@ def simulate_command(
         write_mcap(found, answer.out)
     else:
         answer.write(found.list_columns(), found.plot)
-    answer.give({**found.to_dict(), "file": answer.out}, _describe_motion(found))
+    result = {**found.to_dict(), "file": answer.out}
+    result["notes"] += given.notes
+    lines = [_describe_motion(found), *(f"note: {line}" for line in given.notes)]
+    answer.give(result, "\n".join(lines))
     if not found.converged or found.notes:
         run_exit(EXIT_NEGATIVE)
 
@@ -1212,6 +1215,7 @@ def _describe_motion(found: ShapeHistory) -> str:
     import numpy as np
 
     last = f"after {found.time[-1]:.4g} s the tip is at {format_place(found.tip[-1])} mm"
+    last += ", in the frame of the base at rest"
     speed = np.linalg.norm(found.velocities[:, -1], axis=1)
     balance, walls = found.energy, found.wall_sum
     return "\n".join(

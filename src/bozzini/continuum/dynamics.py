@@ -77,6 +77,9 @@ PLAY_MM = 0.1
 TOLERANCE_MM = 1e-6
 """Error of tendon lengths in the equilibrium at the start [mm]."""
 
+FRAME = "base at rest"
+"""What places and velocities of a motion are in."""
+
 GAINED = 0.1
 """Share of energy that may come from nowhere before it is told."""
 
@@ -350,6 +353,7 @@ class ShapeHistory(Result):
             "converged": self.converged,
             "reason": self.reason,
             "notes": list(self.notes),
+            "frame": FRAME,
             "residual_N_mm": self.residual,
             "time_s": self.time.tolist(),
             "tip_mm": self.tip.tolist(),
@@ -369,7 +373,7 @@ class ShapeHistory(Result):
         }
 
     def list_columns(self) -> dict[str, NDArray[np.generic]]:
-        """Return the columns of `to_frame`: tip, its velocity, tendons and energies by time."""
+        """Return the columns of `to_frame`: tip, its velocity, tendons, energies; and the frame."""
         columns: dict[str, NDArray[np.generic]] = {"time_s": self.time}
         columns |= list_coordinates("tip", self.tip)
         columns |= {f"tip_v{axis}_mm_s": self.velocities[:, -1, k] for k, axis in enumerate("xyz")}
@@ -377,7 +381,8 @@ class ShapeHistory(Result):
             columns[f"{name}_N"] = self.tensions[:, k]
             columns[f"{name}_mm"] = self.displacements[:, k]
         columns["wall_N"] = self.wall_sum
-        return columns | {f"{name}_N_mm": value for name, value in vars(self.energy).items()}
+        columns |= {f"{name}_N_mm": value for name, value in vars(self.energy).items()}
+        return columns | {"frame": np.full(len(self.time), FRAME)}
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the coordinates of the tip over time."""
@@ -687,7 +692,8 @@ def simulate(
     held_by : sequence of PointLoad or LineLoad, optional
         What holds the robot at rest before the first time, in place of `loads`.
     initial : ShapeHistory, optional
-        What went before, with the same segments; the equilibrium at the first time unless given.
+        What went before, of the same lengths, tendons and segments; the equilibrium at the first
+        time unless given.
     options : DynamicsOptions
     **commands
         See `MotionCommands`.
@@ -779,6 +785,15 @@ def simulate(
         if free:
             state = state._replace(ground=np.eye(16, 3))
     else:
+        own, before = (
+            ([section.length for section in one.sections], one.tendon_names)
+            for one in (robot, initial.robot)
+        )
+        if own != before:
+            raise InputError(
+                f"initial is of another robot, with sections of {before[0]} mm and "
+                f"{len(before[1])} tendons: this one has {own[0]} mm and {len(own[1])}"
+            )
         if initial.state.rotation_vectors.shape != rod.grid.rest.shape:
             raise InputError(
                 f"initial has {len(initial.state.rotation_vectors)} segments: it must have the "
