@@ -785,14 +785,14 @@ def simulate(
         if free:
             state = state._replace(ground=np.eye(16, 3))
     else:
-        own, before = (
+        (own, names), (other, others) = (
             ([section.length for section in one.sections], one.tendon_names)
             for one in (robot, initial.robot)
         )
-        if own != before:
+        if own != other or names != others:
             raise InputError(
-                f"initial is of another robot, with sections of {before[0]} mm and "
-                f"{len(before[1])} tendons: this one has {own[0]} mm and {len(own[1])}"
+                f"initial is of another robot, with sections of {other} mm and {len(others)} "
+                f"tendons: this one has {own} mm and {len(names)}"
             )
         if initial.state.rotation_vectors.shape != rod.grid.rest.shape:
             raise InputError(
