@@ -722,6 +722,13 @@ def test_a_robot_pushed_in_slowly_ends_as_one_in_equilibrium_at_each_step() -> N
     assert found.gaps.min() > -0.5
 
 
+def test_a_robot_that_starts_a_little_in_a_wall_has_the_energy_from_it() -> None:
+    times, tub = np.linspace(0.0, 0.5, 6), Tub(half=17.9)
+    moved = simulate(make_level_arm(), times, options=FALLING, duct=tub, contact=SOFT)
+    assert moved.energy.walls[0] > 0.01 and moved.gaps[0].min() < -0.5
+    assert not moved.notes and moved.energy.gain.max() < 1e-6  # steps in a wall lose it
+
+
 def test_a_robot_that_starts_in_a_wall_is_refused() -> None:
     with pytest.raises(GeometryError, match="deep in a wall"):
         simulate(make_level_arm(), [0.0, 0.1], options=FALLING, duct=Tub(half=2.0), contact=SOFT)

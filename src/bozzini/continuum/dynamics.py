@@ -1070,15 +1070,15 @@ def _run(
         reached = advance((0, 0), (count - 1, 0), fresh)
     else:
         moved = memory[0][0][0]  # places and velocities of the last stage
-        if fresh == 1:  # an equilibrium knows of no wall, a state does
-            contacts.before[2][:] = _place_ends(rod, state, tables[1][0, 3])
-            contacts.look(contacts.before[2])
+        contacts.before[2][:] = _place_ends(rod, state, tables[1][0, 3])
+        contacts.look(contacts.before[2])
+        if fresh == 2:
+            contacts.check_start()
+            if contacts.planes[1].min() >= 0.0:  # an equilibrium beside walls knows of none
+                contacts.planes[1][:] = math.inf
         reached = advance((0, 0), (0, 0), fresh)
         contacts.before[2][:] = moved[1][1:]
         sizes = np.repeat(np.diff(tables[0]) / steps, steps)
-        if fresh == 2:
-            contacts.look(moved[1][1:])
-            contacts.check_start()
         for row, step, size in zip(*_number_steps(steps), sizes, strict=True):
             if reached < count:
                 break
