@@ -674,6 +674,48 @@ def test_a_robot_is_pushed_into_a_tract_in_time(run, tube):
 
 
 @pytest.mark.parametrize(
+    ("kind", "unit", "scale", "command"),
+    [("tension", "N", 0.5, 10.0), ("displacement", "mm", 0.5, 1.0)],
+)
+def test_a_calibrated_robot_at_rest_is_where_pose_has_it(run, tube, kind, unit, scale, command):
+    text = Path("passive.yaml").read_text().replace("angle: 0 deg", "angle: 0 deg, stiffness: 5 kN")
+    zeros = "  zeros: {T1: 0.4}\n" if kind == "displacement" else ""
+    text += f"calibration:\n  command: {kind}\n  scale: {scale}\n{zeros}"
+    Path("fitted.yaml").write_text(text)
+    rows = "".join(f"{time},{command}\n" for time in (0, 0.01))
+    Path("held.csv").write_text(f"time [s],T1 {kind} [{unit}]\n{rows}")
+    line = ("simulate", "fitted.yaml", "held.csv", "--segment-kind", "channel", "--json")
+    code, out, err = run(*line)
+    assert code == 0, err
+    given = ("--model", "energy", f"--{kind}", f"T1={command}{unit}", "--json")
+    code, still, _ = run("pose", "fitted.yaml", *given)
+    assert code == 0
+    moved, posed = json.loads(out)["tip_mm"][0], json.loads(still)["tip_mm"]
+    assert posed[0] > 3.0
+    np.testing.assert_allclose(moved, posed, atol=0.3)
+
+
+def test_a_motion_states_its_frame_and_what_of_the_table_is_ignored(run, tube):
+    Path("typo.csv").write_text("time [s],T1 tension [N],T2 tensoin [N]\n0,1,2\n0.01,1,2\n")
+    line = ("simulate", "passive.yaml", "typo.csv")
+    code, out, _ = run(*line, "--json", "--out", "tip.csv")
+    found = json.loads(out)
+    assert (code, found["frame"]) == (0, "base at rest")
+    assert found["notes"] == ["ignored columns: T2 tensoin [N]"]
+    head, first, *_ = Path("tip.csv").read_text().splitlines()
+    assert (head.split(",")[-1], first.split(",")[-1]) == ("frame", "base at rest")
+    code, out, _ = run(*line)
+    assert code == 0 and "in the frame of the base at rest" in out
+    assert "note: ignored columns: T2 tensoin [N]" in out
+
+
+def test_energy_from_nowhere_ends_the_command_with_a_note(run, tube, monkeypatch):
+    monkeypatch.setattr("bozzini.continuum.dynamics.GAINED", -1.0)
+    code, out, _ = run("simulate", "passive.yaml", "times.csv")
+    assert code == 1 and "note: " in out and "take smaller steps" in out
+
+
+@pytest.mark.parametrize(
     ("arguments", "words"),
     [
         (SOFT[:2], "wall_stiffness is not given"),

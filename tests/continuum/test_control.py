@@ -16,10 +16,12 @@ from bozzini.continuum import (
     TENDON_CONTROLLERS,
     AimedTip,
     ContinuumRobot,
+    ContinuumTracking,
     DynamicsOptions,
     LinearQuadratic,
     ProportionalIntegral,
     ResolvedRates,
+    RobotCalibration,
     Section,
     StaticTensions,
     Tendon,
@@ -254,3 +256,20 @@ def test_track_command(tmp_path, capsys):
     path.write_text(yaml.safe_dump(bare))
     assert main(words) == 2
     assert "parts without mass" in capsys.readouterr().err
+
+
+def test_limits_of_a_calibrated_robot_are_those_commanded(tmp_path, monkeypatch) -> None:
+    seen = {}
+
+    def keep(controllers, wanted, **others):
+        seen.update(controllers)
+        raise InterruptedError
+
+    monkeypatch.setattr("bozzini.continuum.tracking.compare_tendons", keep)
+    known = RobotCalibration(command="tension", scale=0.5)
+    path = tmp_path / "fitted.yaml"
+    dataclasses.replace(ARM, calibration=known).to_yaml(path)
+    with pytest.raises(InterruptedError):
+        ContinuumTracking(robot=str(path), radius=5.0, highest=10.0, rate=60.0).run()
+    limits = {(controller.highest, controller.rate) for controller in seen.values()}
+    assert limits == {(5.0, 30.0)}

@@ -27,7 +27,7 @@ from bozzini.continuum import (
     push_in,
     simulate,
 )
-from bozzini.continuum.dynamics import MovingRod, _Contacts
+from bozzini.continuum.dynamics import EnergyBalance, MovingRod, _Contacts
 from bozzini.continuum.kernels import dynamics as kernels
 from bozzini.duct import RoundCones
 from bozzini.errors import GeometryError, InputError
@@ -328,13 +328,51 @@ def test_energy_is_kept_over_a_hundred_periods() -> None:
 
 
 @pytest.mark.parametrize("per_period", [2, 20, 100])
-def test_large_steps_lose_energy_but_never_win_any(per_period: int) -> None:
+def test_large_steps_of_a_planar_motion_win_no_energy(per_period: int) -> None:
     options = dataclasses.replace(FREE, spectral_radius=0.5, max_step=1.0 / FIRST / per_period)
     times = np.linspace(0.0, 5.0 / FIRST, 51)
     held = [PointLoad(force=(8.0, 0.0, 0.0))]  # the tip hangs almost sideways
     moved = simulate(make_wire(10), times, held_by=held, options=options)
     assert moved.converged
     assert np.all(np.diff(moved.energy.total) < 1e-6 * moved.energy.total[0])
+
+
+@pytest.mark.parametrize(("steps", "told"), [(3, True), (30, False)])
+def test_energy_from_nowhere_is_told(steps: int, told: bool) -> None:
+    options = dataclasses.replace(FREE, max_step=0.03 / steps)
+    held = [PointLoad(force=(0.1, 0.0, 0.0)), PointLoad(force=(0.0, 0.07, 0.0), arc_length=100.0)]
+    moved = simulate(make_wire(12), np.linspace(0.0, 0.6, 21), held_by=held, options=options)
+    balance = moved.energy
+    assert moved.converged and bool(moved.notes) is told
+    assert bool(balance.total.max() > 1.1 * balance.total[0]) is told
+    assert all("spectral radius" in note for note in moved.notes)
+    assert moved.to_dict()["notes"] == list(moved.notes)
+
+
+def test_a_state_of_another_robot_is_refused() -> None:
+    first = simulate(make_wire(10), [0.0, 1e-3], options=FREE)
+    with pytest.raises(InputError, match="initial is of another robot"):
+        simulate(make_arm(10), [0.0, 1e-3], initial=first, options=FREE)
+
+
+def test_tensions_may_be_given_by_name() -> None:
+    robot = make_arm()
+    name, pulls = robot.tendon_names[1], np.eye(6)[1]
+    named, plain = (
+        simulate(robot, [0.0, 0.01], tensions=one, options=FREE) for one in ({name: 1.0}, pulls)
+    )
+    np.testing.assert_array_equal(named.tip, plain.tip)
+    named, plain = (linearise(robot, tensions=one, options=FREE) for one in ({name: 1.0}, pulls))
+    np.testing.assert_array_equal(named.frequency, plain.frequency)
+    with pytest.raises(InputError, match="no tendon 'zz'"):
+        simulate(robot, [0.0, 0.01], tensions={"zz": 1.0})
+
+
+def test_energies_too_small_to_matter_are_not_told() -> None:
+    others = "elastic", "gravity", "tendons", "work", "dissipated", "walls", "friction"
+    kinetic = np.array([0.0, 1e-13, 1e-9])
+    tiny = EnergyBalance(kinetic=kinetic, **dict.fromkeys(others, np.zeros(3)))
+    assert tiny.gain.max() < 1e-3
 
 
 @pytest.mark.parametrize("segment", ["chord", "arc", "channel"])
@@ -413,6 +451,10 @@ def test_loads_that_turn_with_the_body_do_the_work_that_moves_it() -> None:
     assert moved.residual < 5e-3 * np.ptp(moved.energy.work)
     with pytest.raises(InputError, match="axes of the body"):
         linearise(make_arm(), loads=FOLLOWING)
+    for frame in ("base", "world"):
+        twisted = PointLoad(moment=(0.0, 0.0, 10.0), frame=frame)
+        with pytest.raises(InputError, match="a load has a moment"):
+            linearise(make_wire(), loads=[twisted])
 
 
 FREE_FREE = 4.7300407449**2 / (2.0 * math.pi * LENGTH**2) * math.sqrt(BENDING / LINE_MASS)
@@ -635,6 +677,9 @@ def test_a_motion_among_walls_goes_on_from_where_it_was() -> None:
     )
     assert whole.wall_sum[5] > 0.0
     np.testing.assert_allclose(second.tip[-1], whole.tip[-1], atol=2e-3)
+    np.testing.assert_allclose(second.wall_forces[0], first.wall_forces[-1], atol=1e-3)
+    np.testing.assert_allclose(second.gaps[0], first.gaps[-1], atol=1e-3)
+    assert second.energy.walls[0] == pytest.approx(first.energy.walls[-1], rel=1e-2)
 
 
 @pytest.mark.parametrize(
@@ -675,6 +720,13 @@ def test_a_robot_pushed_in_slowly_ends_as_one_in_equilibrium_at_each_step() -> N
     assert np.linalg.norm(tip - still.last.points[-1]) < 0.5
     assert found.wall_sum[-1] == pytest.approx(still.last.normal_forces.sum(), rel=0.1)
     assert found.gaps.min() > -0.5
+
+
+def test_a_robot_that_starts_a_little_in_a_wall_has_the_energy_from_it() -> None:
+    times, tub = np.linspace(0.0, 0.5, 6), Tub(half=17.9)
+    moved = simulate(make_level_arm(), times, options=FALLING, duct=tub, contact=SOFT)
+    assert moved.energy.walls[0] > 0.01 and moved.gaps[0].min() < -0.5
+    assert not moved.notes and moved.energy.gain.max() < 1e-6  # steps in a wall lose it
 
 
 def test_a_robot_that_starts_in_a_wall_is_refused() -> None:

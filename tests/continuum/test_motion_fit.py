@@ -23,6 +23,7 @@ from bozzini.continuum import (
     parse_unknowns,
     predict_points,
     read_robot_measurements,
+    simulate,
 )
 from bozzini.continuum.observation import Observation
 from bozzini.errors import InputError, UnitError
@@ -100,6 +101,37 @@ def test_derivatives_obey_the_scaling_of_time() -> None:
     np.testing.assert_allclose(left, 0.5 * speed, atol=2e-3 * np.abs(speed).max())
     assert np.abs(modulus).max() > 0.1 * np.abs(speed).max()
     assert np.abs(damping).max() > 0.01 * np.abs(speed).max()
+
+
+def test_derivatives_at_a_bound_are_those_of_finer_differences() -> None:
+    times = np.linspace(0.0, 0.2, 6)
+    options = dataclasses.replace(OPTIONS, max_step=2e-3)
+    pulls = np.outer(times, [60.0, 30.0, 0.0])
+
+    def rub(friction: float) -> np.ndarray:
+        section = make_robot().sections[0]
+        tendons = (dataclasses.replace(one, friction=friction) for one in section.tendons)
+        robot = ContinuumRobot((dataclasses.replace(section, tendons=tuple(tendons)),))
+        return simulate(robot, times, tensions=pulls, options=options).tip
+
+    found = differentiate_motion(
+        make_robot(), times, by=["tendons.*.friction"], options=options, tensions=pulls
+    )
+    none, little, more = (rub(friction) for friction in (0.0, 1e-3, 2e-3))
+    finer = (4.0 * little - 3.0 * none - more) / 2e-3
+    size = np.abs(finer).max()
+    assert size > 0.1
+    np.testing.assert_allclose(found.tip[..., 0], finer, atol=5e-4 * size)
+
+
+def test_derivatives_of_round_off_are_none_to_doubt() -> None:
+    options = dataclasses.replace(OPTIONS, gravity=(0.0, 0.0, 0.0), drag=1e-6, max_step=5e-3)
+    even = np.full(3, 0.5)
+    found = differentiate_motion(
+        make_robot(), [0.0, 0.01, 0.02], by=["motion.drag"], options=options, tensions=even
+    )
+    assert np.abs(found.tip).max() < 1e-9
+    assert found.converged, found.reason
 
 
 def test_derivatives_of_a_fit_are_those_of_finer_differences() -> None:

@@ -24,9 +24,10 @@ def test_a_log_has_the_motion(tmp_path) -> None:
     shapes, tendons = (
         [one for one in read if one.channel.topic == topic] for topic in ("/shape", "/tendons")
     )
-    assert [one.message.log_time for one in shapes] == [k * 10**7 for k in range(6)]
+    assert [one.message.log_time for one in shapes] == [2 * 10**9 + k * 10**7 for k in range(6)]
     last = shapes[-1].decoded_message
-    assert last.header.stamp.nanosec == 5 * 10**7 and last.header.frame_id == "world"
+    assert last.header.stamp.sec == 2 and last.header.stamp.nanosec == 5 * 10**7
+    assert last.header.frame_id == "world"
     poses = [one.pose for one in last.poses]
     places = [[one.position.x, one.position.y, one.position.z] for one in poses]
     np.testing.assert_allclose(np.array(places), 1e-3 * moved.points[-1], atol=1e-12)
@@ -45,3 +46,10 @@ def test_another_ending_is_refused(tmp_path) -> None:
     with pytest.raises(OutputError, match=r"\.mcap"):
         write_mcap(moved, tmp_path / "motion.bag")
     assert not list(tmp_path.iterdir())
+
+
+def test_times_before_zero_are_told_from_the_first_on(tmp_path) -> None:
+    path = write_mcap(simulate(make_arm(), [-1.0, -0.99]), tmp_path / "motion.mcap")
+    with path.open("rb") as file:
+        stamps = {message.log_time for _, _, message in make_reader(file).iter_messages()}
+    assert stamps == {0, 10**7}

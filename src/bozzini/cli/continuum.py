@@ -1140,10 +1140,12 @@ def simulate_command(
     TABLE has 'time [s]', and 'T1 tension [N]' or 'T1 displacement [mm]' of tendons; between rows
     they change evenly, and there is a row of the answer for each. Masses follow from the weights in
     the robot file. Tendons have no mass; their displacements need their stiffness. At the start
-    those with friction hold their tension evenly. The walls of --tract give way (--wall-stiffness);
-    with --speed the base is pushed in from the first time on, until the whole robot is in.
+    those with friction hold their tension evenly. A calibrated robot converts the commands, as in
+    pose; places are in the frame of the base at rest. The walls of --tract give way
+    (--wall-stiffness); with --speed the base is pushed in from the first time on, until the whole
+    robot is in.
 
-    Exit code 0: simulated to the end; 1: not, and where; 2: bad input.
+    Exit code 0: simulated to the end; 1: not, and where, or energy came from nowhere; 2: bad input.
     """
     from ..continuum import ContactModel, push_in, read_timed_commands, simulate, write_mcap
     from ..continuum.motion_log import check_mcap
@@ -1160,9 +1162,9 @@ def simulate_command(
     duct: Duct | None = None
     commands: MotionCommands = {"loads": [parse_load(text) for text in load]}
     if given.command == "tension":
-        commands["tensions"] = given.commands
+        commands["tensions"] = robot.to_tensions(given.commands)
     else:
-        commands["displacements"] = given.commands
+        commands["displacements"] = robot.to_displacements(given.commands, in_time=True)
     if drive_rate is not None:
         commands["drive_rate"] = drive_rate
     placed: RobotDesign = robot
@@ -1185,8 +1187,11 @@ def simulate_command(
         write_mcap(found, answer.out)
     else:
         answer.write(found.list_columns(), found.plot)
-    answer.give({**found.to_dict(), "file": answer.out}, _describe_motion(found))
-    if not found.converged:
+    result = {**found.to_dict(), "file": answer.out}
+    result["notes"] += given.notes
+    lines = [_describe_motion(found), *(f"note: {line}" for line in given.notes)]
+    answer.give(result, "\n".join(lines))
+    if not found.converged or found.notes:
         run_exit(EXIT_NEGATIVE)
 
 
@@ -1210,6 +1215,7 @@ def _describe_motion(found: ShapeHistory) -> str:
     import numpy as np
 
     last = f"after {found.time[-1]:.4g} s the tip is at {format_place(found.tip[-1])} mm"
+    last += ", in the frame of the base at rest"
     speed = np.linalg.norm(found.velocities[:, -1], axis=1)
     balance, walls = found.energy, found.wall_sum
     return "\n".join(
@@ -1224,6 +1230,7 @@ def _describe_motion(found: ShapeHistory) -> str:
             ),
             f"work {balance.work[-1]:.4g} N mm, dissipated {balance.dissipated[-1]:.4g} N mm, "
             f"out of balance by {found.residual:.2g} N mm at most",
+            *(f"note: {line}" for line in found.notes),
         ]
     )
 

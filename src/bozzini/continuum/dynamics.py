@@ -77,6 +77,15 @@ PLAY_MM = 0.1
 TOLERANCE_MM = 1e-6
 """Error of tendon lengths in the equilibrium at the start [mm]."""
 
+FRAME = "base at rest"
+"""What places and velocities of a motion are in."""
+
+GAINED = 0.1
+"""Share of energy that may come from nowhere before it is told."""
+
+LEAST_ENERGY = 1e-5
+"""Energy of which shares are taken at least [N mm]."""
+
 PRESLIDING = 1e-5
 """Slip at which friction of tendons acts in full, as a share of the robot's length."""
 
@@ -104,8 +113,8 @@ class DynamicsOptions:
         Error of the place of any segment's end in one step [mm], by its estimate: steps are as
         small as it asks for, 1/1024 of the largest at least. Unless given, all are the largest.
     spectral_radius : float
-        What is left of infinitely fast motion after one step, in [0, 1]: 1 keeps the energy of all
-        motion, 0 damps most what the step does not resolve.
+        What is left of infinitely fast motion after one step, in [0, 1]: 1 keeps the energy of
+        small motions, 0 damps most what the step does not resolve.
 
     Raises
     ------
@@ -234,6 +243,14 @@ class EnergyBalance:
         """Energy that came from nowhere since the first time [N mm], shape (k,)."""
         return np.asarray(self.total - self.total[0] - self.work + self.dissipated)
 
+    @property
+    def gain(self) -> Floats:
+        """Share that came from nowhere of the most there, done or lost up to a time, shape (k,)."""
+        height = np.abs(self.gravity - self.gravity[0])
+        there = self.kinetic + self.elastic + height + np.abs(self.tendons) + self.walls
+        most = np.max([there, np.abs(self.work), np.abs(self.dissipated)], axis=0)
+        return np.asarray(self.residual / np.maximum(np.maximum.accumulate(most), LEAST_ENERGY))
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ShapeHistory(Result):
@@ -293,8 +310,21 @@ class ShapeHistory(Result):
 
     @property
     def residual(self) -> float:
-        """Largest energy that came from nowhere [N mm]."""
+        """Largest energy that came from nowhere, or went there [N mm]."""
         return float(np.abs(self.energy.residual).max())
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What is wrong with a motion that goes on: energy from nowhere, a tenth or more."""
+        gain = self.energy.gain
+        worst = int(np.argmax(gain))
+        if gain[worst] <= GAINED:
+            return ()
+        return (
+            f"{self.energy.residual[worst]:.3g} N mm of energy came from nowhere up to "
+            f"{self.time[worst]:.4g} s, {100.0 * gain[worst]:.0f} % of the most that was there or "
+            "done: take smaller steps, damping or a spectral radius below 0.5",
+        )
 
     @property
     def points(self) -> Floats:
@@ -322,6 +352,8 @@ class ShapeHistory(Result):
         return {
             "converged": self.converged,
             "reason": self.reason,
+            "notes": list(self.notes),
+            "frame": FRAME,
             "residual_N_mm": self.residual,
             "time_s": self.time.tolist(),
             "tip_mm": self.tip.tolist(),
@@ -341,7 +373,7 @@ class ShapeHistory(Result):
         }
 
     def list_columns(self) -> dict[str, NDArray[np.generic]]:
-        """Return the columns of `to_frame`: tip, its velocity, tendons and energies by time."""
+        """Return the columns of `to_frame`: tip, its velocity, tendons, energies; and the frame."""
         columns: dict[str, NDArray[np.generic]] = {"time_s": self.time}
         columns |= list_coordinates("tip", self.tip)
         columns |= {f"tip_v{axis}_mm_s": self.velocities[:, -1, k] for k, axis in enumerate("xyz")}
@@ -349,7 +381,8 @@ class ShapeHistory(Result):
             columns[f"{name}_N"] = self.tensions[:, k]
             columns[f"{name}_mm"] = self.displacements[:, k]
         columns["wall_N"] = self.wall_sum
-        return columns | {f"{name}_N_mm": value for name, value in vars(self.energy).items()}
+        columns |= {f"{name}_N_mm": value for name, value in vars(self.energy).items()}
+        return columns | {"frame": np.full(len(self.time), FRAME)}
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the coordinates of the tip over time."""
@@ -599,8 +632,9 @@ class MotionCommands(TypedDict, total=False):
     Attributes
     ----------
     tensions, displacements : (k, t) or (t,) array_like, or mapping
-        Of the tendons [N], [mm]; one of both, linear between times. Without either they have no
-        tension.
+        Of the tendons [N], [mm]; one of both, linear between times: what reaches them, which
+        `to_tensions` and `to_displacements` of a calibrated robot give. Without either they have
+        no tension.
     drive_rate : float
         Largest speed of drives that follow displacements, from where they are at the first time
         [mm/s]; unless given they are there at once.
@@ -658,7 +692,8 @@ def simulate(
     held_by : sequence of PointLoad or LineLoad, optional
         What holds the robot at rest before the first time, in place of `loads`.
     initial : ShapeHistory, optional
-        What went before, with the same segments; the equilibrium at the first time unless given.
+        What went before, of the same lengths, tendons and segments; the equilibrium at the first
+        time unless given.
     options : DynamicsOptions
     **commands
         See `MotionCommands`.
@@ -678,8 +713,9 @@ def simulate(
 
     Notes
     -----
-    The equilibrium at the start knows of no wall. A step in which a wall presses is of first order
-    and loses energy: a blow takes the speed across the wall.
+    The equilibrium at the start knows of no wall. A step in which a wall presses is of first order:
+    a blow takes the speed across the wall. Large steps may win energy, in walls, of tendons with
+    friction and of undamped motions in space; a tenth or more of it is in the `notes`.
     """
     check_robot(robot)
     check_kind("options", options, DynamicsOptions)
@@ -749,6 +785,15 @@ def simulate(
         if free:
             state = state._replace(ground=np.eye(16, 3))
     else:
+        (own, names), (other, others) = (
+            ([section.length for section in one.sections], one.tendon_names)
+            for one in (robot, initial.robot)
+        )
+        if own != other or names != others:
+            raise InputError(
+                f"initial is of another robot, with sections of {other} mm and {len(others)} "
+                f"tendons: this one has {own} mm and {len(names)}"
+            )
         if initial.state.rotation_vectors.shape != rod.grid.rest.shape:
             raise InputError(
                 f"initial has {len(initial.state.rotation_vectors)} segments: it must have the "
@@ -1025,12 +1070,15 @@ def _run(
         reached = advance((0, 0), (count - 1, 0), fresh)
     else:
         moved = memory[0][0][0]  # places and velocities of the last stage
+        contacts.before[2][:] = _place_ends(rod, state, tables[1][0, 3])
+        contacts.look(contacts.before[2])
+        if fresh == 2:
+            contacts.check_start()
+            if contacts.planes[1].min() >= 0.0:  # an equilibrium beside walls knows of none
+                contacts.planes[1][:] = math.inf
         reached = advance((0, 0), (0, 0), fresh)
         contacts.before[2][:] = moved[1][1:]
         sizes = np.repeat(np.diff(tables[0]) / steps, steps)
-        if fresh == 2:
-            contacts.look(moved[1][1:])
-            contacts.check_start()
         for row, step, size in zip(*_number_steps(steps), sizes, strict=True):
             if reached < count:
                 break
@@ -1072,6 +1120,16 @@ def _run(
             beyond=beyond,
         ),
     )
+
+
+def _place_ends(rod: MovingRod, state: RodMotion, base: Floats) -> Floats:
+    """Return the ends of segments (n, 3) in a state; `base` is its place and rotation vector."""
+    from scipy.spatial.transform import Rotation
+
+    ends = rod.grid.place_frames(state.rotation_vectors[None])[0, 1:, :3, 3]
+    free = len(state.ground) > 0
+    turn = state.ground[:3] if free else Rotation.from_rotvec(base[3:]).as_matrix()
+    return np.asarray(ends @ turn.T + (state.ground[3] if free else base[:3]))
 
 
 def _take_commands(
@@ -1223,8 +1281,11 @@ def linearise(
 
     Parameters
     ----------
-    robot, loads, options
+    robot, options
         As of `simulate`.
+    loads : sequence of PointLoad or LineLoad
+        Forces in the axes of the base or the world. Moments of fixed axes have no energy, as loads
+        that turn with the body: modes are not of their kind, and `simulate` takes them.
     tensions, displacements : (t,) array_like or mapping, optional
         Of the tendons [N], [mm]; what is given is held, and is the input of the state space.
 
@@ -1246,6 +1307,11 @@ def linearise(
         raise InputError(
             "a load is given in the axes of the body: small oscillations are of loads in those of "
             "the base or the world"
+        )
+    if rod.load_vectors[1].any():
+        raise InputError(
+            "a load has a moment: small oscillations are of forces, a moment of fixed axes has no "
+            "energy (simulate takes it)"
         )
     command, held = _take_commands(rod, 1, tensions, displacements)
     factors = np.ones(len(rod.loads))

@@ -12,7 +12,7 @@ from typing import get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_kind, check_points, check_word, quantity
+from ..checks import check_kind, check_points, check_word, quantity, take_named
 from ..errors import InputError
 from ..numeric.arrays import Floats
 from .checks import check_values
@@ -51,8 +51,10 @@ def place_stations(robot: RobotDesign, between: int, *, corners: bool = False) -
 
 
 def check_tension_commands(robot: RobotDesign, tensions: ArrayLike) -> Floats:
-    """Return tensions (..., t) [N] as an array; a cable's must not be negative."""
-    pulls = check_points("tensions", tensions, dim=len(robot.tendons))
+    """Return tensions (..., t) [N], perhaps by name, as an array; no cable's may be negative."""
+    named = take_named("tensions", tensions)
+    given = tensions if named is None else robot.order_tensions(named)
+    pulls = check_points("tensions", given, dim=len(robot.tendons))
     low = np.where(robot.pushes, -math.inf, 0.0)
     if np.any(pulls < low):
         place = np.argwhere(pulls < low)[0]

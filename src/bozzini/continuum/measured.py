@@ -270,11 +270,14 @@ class TimedCommands(NamedTuple):
         Times [s].
     commands : (n, t) ndarray
         Displacements [mm] or tensions [N], 0 of tendons without a column.
+    notes : tuple of str
+        What of the table was ignored.
     """
 
     command: Command
     times: Floats
     commands: Floats
+    notes: tuple[str, ...] = ()
 
 
 def read_timed_commands(path: str | os.PathLike[str], robot: RobotDesign) -> TimedCommands:
@@ -308,7 +311,13 @@ def read_timed_commands(path: str | os.PathLike[str], robot: RobotDesign) -> Tim
     for name, place in places.items():
         commands[:, robot.tendon_names.index(name)] = values[place]
     kind: Command = "displacement" if command == "displacement" else "tension"
-    return TimedCommands(kind, values[timed], commands)
+    return TimedCommands(kind, values[timed], commands, _note_ignored(titles, kinds))
+
+
+def _note_ignored(titles: Sequence[str], used: Collection[int]) -> tuple[str, ...]:
+    """Return a note on the columns of a table that are not at the places `used`, if any."""
+    ignored = [title for place, title in enumerate(titles) if place not in used]
+    return (f"ignored columns: {', '.join(ignored)}",) if ignored else ()
 
 
 def _find_times(titles: Sequence[str]) -> int:
@@ -364,8 +373,7 @@ def _take_sheet(
     lacking = [name for name in own if name not in seen]
     if lacking:
         notes.append(f"markers of the robot without columns are left out: {', '.join(lacking)}")
-    ignored = [title for place, title in enumerate(titles) if place not in (*kinds, label)]
-    notes += [f"ignored columns: {', '.join(ignored)}"] if ignored else []
+    notes += _note_ignored(titles, (*kinds, label))
     words = [str(row[label]) for row in sheet.rows] if blocks else [""] * len(sheet.rows)
     return RobotMeasurements(
         command="displacement" if command == "displacement" else "tension",

@@ -1,8 +1,9 @@
 """How the motion of a robot depends on its numbers: stiffness, tendons, friction, damping.
 
 By central differences of whole motions with two steps, one twice the other, whose combination is of
-fourth order; by how much they differ says how far a derivative is to be trusted. No derivative is
-exact: each is one of the motion as it is computed, with its steps of time.
+fourth order, or of second where a bound is near (a friction of 0); by how much they differ says how
+far a derivative is to be trusted. No derivative is exact: each is one of the motion as it is
+computed, with its steps of time.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from .coupling import check_displacements
 from .dynamics import DEFAULT_OPTIONS, DynamicsOptions, MotionCommands, ShapeHistory, simulate
 from .elastic import check_tension_commands
 from .kinematics import ContinuumRobot
+from .profile import ROUND_OFF_MM
 from .unknowns import RobotSetup, Unknown, change_setup, parse_unknowns
 
 if TYPE_CHECKING:
@@ -46,7 +48,8 @@ class MotionSensitivity(Result):
     points : (k, s, 3, p) ndarray
         Derivatives of the stations' places over time, in the frame of the base [mm by unit].
     errors : (p,) ndarray
-        Largest difference of the two differences that each is made of, by the largest derivative.
+        Largest difference of the two differences that each is made of, by the largest derivative;
+        of one that moves nothing by more than round-off (1e-9 mm), by that.
     """
 
     history: ShapeHistory = field(repr=False)
@@ -152,11 +155,16 @@ def differentiate_motion(
     history = _move(setup, times, commands)
     points, errors = [], []
     for one in unknowns:
-        near, far = (_difference(setup, one, size, times, commands) for size in (STEP, 2.0 * STEP))
-        found = (4.0 * near - far) / 3.0
+        (near, near_off), (far, far_off) = (
+            _difference(setup, one, size, times, commands) for size in (STEP, 2.0 * STEP)
+        )
+        if near_off == far_off:
+            found = (4.0 * near - far) / 3.0
+        else:  # at a bound: without the error that is linear in where the middle is
+            found = (far_off * near - near_off * far) / (far_off - near_off)
         points.append(found)
-        most = float(np.abs(found).max())
-        errors.append(float(np.abs(near - far).max()) / most if most > 0.0 else 0.0)
+        most = max(float(np.abs(found).max()), ROUND_OFF_MM / STEP)
+        errors.append(float(np.abs(near - far).max()) / most)
     return MotionSensitivity(
         history=history,
         names=tuple(one.name for one in unknowns),
@@ -168,15 +176,15 @@ def differentiate_motion(
 
 def _difference(
     setup: RobotSetup, one: Unknown, size: float, times: ArrayLike, commands: MotionCommands
-) -> Floats:
-    """Return the central difference of the points (k, s, 3) by a step each way."""
+) -> tuple[Floats, float]:
+    """Return the difference of the points (k, s, 3) by a step each way, and where its middle is."""
     low, high, _ = one.limit(setup)
     up, down = min(size, high), max(-size, low)
     there, back = (
         _move(change_setup(setup, [one], np.array([step])), times, commands).points
         for step in (up, down)
     )
-    return np.asarray((there - back) / (up - down))
+    return np.asarray((there - back) / (up - down)), 0.5 * (up + down)
 
 
 def _move(setup: RobotSetup, times: ArrayLike, commands: MotionCommands) -> ShapeHistory:

@@ -1,6 +1,7 @@
 """Logs of motions as MCAP files of ROS 2 messages, which Foxglove and ``ros2 bag`` play.
 
-Lengths are in metres, as ROS 2 has them (REP 103); times are those of the motion.
+Lengths are in metres, as ROS 2 has them (REP 103); times are those of the motion,
+from its first one where they are none of ROS (negative, or from 2^31 s on).
 """
 
 from __future__ import annotations
@@ -19,6 +20,9 @@ if TYPE_CHECKING:
 
 METRE = 1e-3
 """Of a millimetre."""
+
+LAST_S = 2.0**31 - 1.0
+"""Where the stamps of ROS 2 end [s]."""
 
 _RULE = "\n" + 80 * "=" + "\n"
 _HEADER = "std_msgs/Header header\n"
@@ -95,8 +99,10 @@ def _put_log(history: ShapeHistory, place: Path) -> None:
             )
             for topic, (kind, text, parts) in _MESSAGES.items()
         }
+        first, last = float(history.time[0]), float(history.time[-1])
+        zero = 0.0 if first >= 0.0 and last < LAST_S else first
         for row, time in enumerate(history.time):
-            moment = round(1e9 * (float(time) - float(history.time[0])))
+            moment = round(1e9 * (float(time) - zero))
             stamp = {"sec": moment // 10**9, "nanosec": moment % 10**9}
             header = {"stamp": stamp, "frame_id": "world"}
             poses = [

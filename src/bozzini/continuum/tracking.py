@@ -174,7 +174,8 @@ class ContinuumTracking(Task):
     The robot is softer than the controllers believe; they are told the rest, but for the friction
     of its tendons. The tip goes round twice, from rest, across the axis of the base; the first turn
     is not counted. Commands are tensions, which hold for a period and act some periods later; they
-    keep to limits of tension and rate. What controllers see of the tip has noise.
+    keep to limits of tension and rate, which of a calibrated robot are those commanded. What
+    controllers see of the tip has noise.
 
     The baseline is the static inverse of the wrong robot, which sees nothing. Resolved rates use
     the Jacobian at rest; proportional-integral and linear quadratic control move the place that
@@ -213,6 +214,7 @@ class ContinuumTracking(Task):
         """Return how all controllers do."""
         robot = ContinuumRobot.from_yaml(self.robot)
         plant = soften(robot, self.softer)
+        scale = float(robot.to_tensions([1.0])[0])  # controllers plan what reaches the tendons
         wanted = trace_places(
             "circle", radius=self.radius, frequency=self.frequency, period=self.period
         )
@@ -223,8 +225,8 @@ class ContinuumTracking(Task):
                 options=self.options,
                 period=self.period,
                 delay=self.delay,
-                highest=self.highest,
-                rate=self.rate,
+                highest=scale * self.highest,
+                rate=scale * self.rate,
                 **({"noise": self.noise} if issubclass(kind, EstimatingController) else {}),
             )
         return compare_tendons(

@@ -15,9 +15,10 @@ these are Hamilton's equations, with the static model's equilibria. Tendons have
 *In time* they are solved by the generalised alpha method for systems of first order (Jansen,
 Whiting and Hulbert 2000), which has one parameter, the spectral radius rho of an infinitely fast
 mode after one step: ``a_m = (3 - rho) / (2 + 2 rho)``, ``a_f = 1 / (1 + rho)``, ``g = 1/2 + a_m -
-a_f``. It is of second order and stable at any step; rho = 1 is the implicit midpoint rule, which is
-symplectic and keeps energy, rho = 0 forgets fast modes in one step. A stage has the unknown ``q``
-alone: with ``s = a_m / (a_f g dt)``, ``q' = s (q - q_h)`` and ``pi' = s (pi - pi_h)``.
+a_f``. It is of second order; rho = 1 is the implicit midpoint rule, rho = 0 forgets fast modes in
+one step. Small motions are stable at any step; of large ones without damping, planar ones were at
+rho = 0.5, those in space can win energy at steps of a tenth of a period. A stage has ``q`` alone:
+with ``s = a_m / (a_f g dt)``, ``q' = s (q - q_h)`` and ``pi' = s (pi - pi_h)``.
 
 *Newton's method* takes the tangent ``s^2 J^T m J + s (J^T c J + tau K) + d2V/dq2``; gyroscopic
 terms, of the order of the rotation in one step, are left out, so it converges by about that factor.
@@ -31,8 +32,8 @@ x_0)`` that its gap has where the end is expected, and a gap ``c`` below 0 gives
 e`` along ``n``, with the wall's compliance ``e``, as in `kernels.contact`. Friction is a spring of
 the slip ``u`` across ``n``: ``f = -mu N u / max(|u|, u_0)``, with the normal force N of the step
 before; u grows with the motion and is never longer than u_0 after a step (Coulomb with elastic
-slip). A step with a wall's force is one of the implicit Euler method (a_m = a_f = g = 1): it is of
-first order, loses energy, and remembers no blow, which the other method does, and gains energy.
+slip). A step with a wall's force is one of the implicit Euler method (a_m = a_f = g = 1), of first
+order: it remembers no blow, which the other method does, and gains energy. Large steps may still.
 
 *A base that is free* has a place, and a rotation vector from its turn at the step's start. Its
 momenta are the whole rod's, linear and about the origin, whose rates are all forces and moments: so
