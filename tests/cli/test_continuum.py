@@ -638,6 +638,8 @@ TUBE = {
     ],
 }
 SOFT = ("--tract", "tube.json", "--wall-stiffness", "0.5MPa", "--between", "1")
+MOVED = ("--speed", "40mm/s", "--max-step", "5ms")
+PUSHED = ("simulate", "passive.yaml", "times.csv", *SOFT, *MOVED)
 
 
 @pytest.fixture
@@ -654,17 +656,7 @@ def tube(tmp_path):
 
 
 def test_a_robot_is_pushed_into_a_tract_in_time(run, tube):
-    line = (
-        "simulate",
-        "passive.yaml",
-        "times.csv",
-        *SOFT,
-        "--speed",
-        "40mm/s",
-        "--max-step",
-        "5ms",
-    )
-    code, out, _ = run(*line, "--damping-time", "20ms", "--json", "--out", "tip.csv")
+    code, out, _ = run(*PUSHED, "--damping-time", "20ms", "--json", "--out", "tip.csv")
     found = json.loads(out)
     assert code == 0
     assert found["wall_N"][0] == 0.0 < found["wall_N"][-1]
@@ -732,17 +724,7 @@ def test_walls_of_a_motion_are_refused_in_one_line(run, tube, arguments, words):
 
 
 def test_a_motion_is_a_page_with_a_step_for_each_time(run, tube):
-    line = (
-        "simulate",
-        "passive.yaml",
-        "times.csv",
-        *SOFT,
-        "--speed",
-        "40mm/s",
-        "--max-step",
-        "5ms",
-    )
-    code, _, err = run(*line, "--quiet", "--out", "motion.html")
+    code, _, err = run(*PUSHED, "--quiet", "--out", "motion.html")
     assert (code, err) == (0, "")
     assert "Robot in motion: passive, 0 to 2 s" in Path("motion.html").read_text("utf-8")
 
