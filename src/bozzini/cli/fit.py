@@ -278,11 +278,9 @@ def command(
     with answer.show_progress() as progress:
         if start == "auto":
             staged = fit_in_stages(setup, data, options=options, progress=progress)
-        found = (
-            fit_robot(setup, data, free=free, options=options, progress=progress)
-            if staged is None
-            else staged.fit
-        )
+            found = staged.fit
+        else:
+            found = fit_robot(setup, data, free=free, options=options, progress=progress)
     result, lines = found.to_dict(), [found.format_table()]
     if staged is not None:
         result |= staged.to_dict()

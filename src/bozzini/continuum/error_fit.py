@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from ..checks import check_array, check_kind, check_word
 from ..errors import InputError
 from ..numeric.arrays import Floats
+from ..numeric.estimation import find_conformal_limit
 from ..progress import Progress, no_progress
 from ..results import Json, Result, take_axes
 from .estimation import ModelError, ShapeEstimator
@@ -119,10 +120,7 @@ class AheadPrediction:
 
     def find_widening(self) -> float:
         """Return the factor by which 95 % intervals hold 95 % of these numbers (conformal)."""
-        known = np.isfinite(self.misses)
-        scores = np.sort((np.abs(self.misses) / self.deviations)[known])
-        place = min(math.ceil(0.95 * (len(scores) + 1)), len(scores)) - 1
-        return float(scores[place]) / LIMIT
+        return find_conformal_limit(np.abs(self.misses) / self.deviations, 0.95) / LIMIT
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -10,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..numeric.arrays import Floats
+from ..numeric.estimation import find_conformal_limit
 from ..results import Json
 
 MOVES = 0.2
@@ -128,22 +128,16 @@ class PredictionBand:
         )
 
 
-def _find_radius(distances: Floats, level: float) -> float:
-    """Return the conformal quantile of distances; the largest where they are too few."""
-    known = np.sort(distances[np.isfinite(distances)])
-    return float(known[min(math.ceil((len(known) + 1) * level), len(known)) - 1])
-
-
 def _make_radii(
     distances: Floats, kinds: NDArray[np.str_], level: float
 ) -> dict[str, tuple[float, ...]]:
-    whole = tuple(_find_radius(column, level) for column in distances.T)
+    whole = tuple(find_conformal_limit(column, level) for column in distances.T)
     radii = {}
     for kind in np.unique(kinds):
         own = distances[kinds == kind]
         enough = (np.isfinite(own).sum(axis=0) >= ENOUGH).tolist()
         radii[str(kind)] = tuple(
-            _find_radius(column, level) if many else radius
+            find_conformal_limit(column, level) if many else radius
             for column, many, radius in zip(own.T, enough, whole, strict=True)
         )
     return radii

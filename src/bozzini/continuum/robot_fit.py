@@ -1016,7 +1016,7 @@ def make_folds(data: RobotMeasurements, options: RobotFitOptions) -> Folds:
     return tuple(np.sort(part) for part in np.array_split(rows, options.folds))
 
 
-def name_motions(search: _Search, found: _Found) -> NDArray[np.str_]:
+def _name_motions(search: _Search, found: _Found) -> NDArray[np.str_]:
     """Return the kinds of motion of the rows fitted, by the sections that bend."""
     observation = search.observation
     setup = change_setup(observation.setup, search.unknowns, found.changes)
@@ -1031,7 +1031,7 @@ def _name_sections(robot: ContinuumRobot) -> tuple[str, ...]:
 
 def _split_kinds(search: _Search, found: _Found) -> Folds:
     """Return the rows of each kind of motion that there are enough of."""
-    kinds, rows = name_motions(search, found), search.observation.rows
+    kinds, rows = _name_motions(search, found), search.observation.rows
     blocks = [rows[kinds == kind] for kind in np.unique(kinds)]
     folds = tuple(block for block in blocks if len(block) >= FEWEST_OF_KIND)
     if len(folds) < 2:

@@ -67,13 +67,11 @@ class SectionStates:
         bends = Rotation.from_matrix(turns.reshape(-1, 3, 3)).as_rotvec().reshape(-1, count, 3)
         tensions = np.nan_to_num(np.maximum(shape.tensions, 0.0))
         own = [np.flatnonzero(robot.tendon_sections == k) for k in range(count)]
-        pulls = [
-            tensions[:, which].mean(axis=1)
-            if len(which) and tensions.size
-            else 0.0 * pivots[:, 0, 0, 0]
-            for which in own
-        ]
-        values = np.concatenate([bends[..., :2], np.stack(pulls, axis=-1)[..., None]], axis=-1)
+        pulls = np.zeros((len(frames), count))
+        for k, which in enumerate(own):
+            if len(which) and tensions.size:
+                pulls[:, k] = tensions[:, which].mean(axis=1)
+        values = np.concatenate([bends[..., :2], pulls[..., None]], axis=-1)
         values = np.where(found[..., None], values, np.nan)
         arms = points[:, :, None] - pivots
         axes = np.swapaxes(first[..., :3, :3], -1, -2)[:, None]  # rows are x, y, z

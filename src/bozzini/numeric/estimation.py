@@ -10,6 +10,7 @@ block must be long against the rows over which errors stay alike.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
@@ -287,3 +288,14 @@ def judge_fit(free: Sequence[str], correlations: Floats, condition: float) -> li
                 f"{correlations[i, j]:+.3f}"
             )
     return warnings
+
+
+def find_conformal_limit(scores: Floats, level: float) -> float:
+    """Return what a share of new scores stays within, from scores of rows left out.
+
+    The ``ceil((n + 1) level)``-th smallest of the n that are finite, or the largest where they are
+    too few: split conformal prediction (Vovk, Gammerman, Shafer, *Algorithmic Learning in a Random
+    World*, 2005).
+    """
+    known = np.sort(scores[np.isfinite(scores)])
+    return float(known[min(math.ceil((len(known) + 1) * level), len(known)) - 1])
