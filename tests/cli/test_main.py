@@ -75,6 +75,27 @@ def test_every_command_of_the_table_exists_and_explains_itself(
     assert capsys.readouterr().out.startswith(f"Usage: bozzini {name}")
 
 
+@pytest.mark.parametrize(("other", "name"), cli.OTHER_NAMES.items())
+def test_another_name_of_a_command_is_that_command(
+    other: str, name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.main([name, "pose", "--help"]) == 0
+    answer = capsys.readouterr().out
+    assert cli.main([other, "pose", "--help"]) == 0
+    assert capsys.readouterr().out == answer
+
+
+@pytest.mark.parametrize(
+    ("word", "said"),
+    [("mucsle", ", did you mean 'muscle'?"), ("robt", ", did you mean 'robot'?"), ("xyz", " (")],
+)
+def test_a_command_that_is_misspelt(
+    word: str, said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.main([word, "solve"]) == 2
+    assert f"there is no command '{word}'{said}" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("outcome", "code"),
     [

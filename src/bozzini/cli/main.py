@@ -8,6 +8,7 @@ by that signal.
 
 from __future__ import annotations
 
+import difflib
 import errno
 import importlib
 import os
@@ -34,37 +35,53 @@ if TYPE_CHECKING:
 
 __all__ = ["COMMANDS", "COMPLETE", "main", "root"]
 
-COMMANDS = {
-    "demo": "Run the main job on a phantom tract: plan, report, 3-D scene.",
-    "plan": "Plan a scope's motion through your own scan or surface.",
-    "certify": "Check a saved plan, and prove its clearance again.",
-    "execute": "Drive a motion with contact: forces, errors, loops.",
-    "export": "Write a plan for simulators and robots: MJCF, URDF, ROS 2.",
-    "tree": "List the branches of airways, vessels and other trees.",
-    "reach": "Find how far scopes come into every branch of a tree.",
-    "live": "Keep a scope clear in a tract that moves, frame by frame.",
-    "cockpit": "See a motion and drive the tip, in the browser.",
-    "show": "Show plans, tracts, shapes and robots in 3-D, on one page.",
-    "record": "Film a plan: MP4 or GIF.",
-    "phantom": "Write a phantom upper gastro-intestinal tract to a file.",
-    "segment": "Find the gas-filled lumen in a CT without labels.",
-    "data": "List and fetch public anatomy.",
-    "duct": "Fit shapes to a tract, show them, find the longest link.",
-    "hysteresis": "Fit laws with memory to loops of any input and output.",
-    "muscle": "Solve a pneumatic muscle, compare models with data, fit them.",
-    "continuum": "Bend a tendon robot: pose, reach, compare models, workspace.",
-    "rig": "Drive the pneumatic rig, emulated or on the bench.",
-    "effector": "Bend a catheter tip by pneumatic muscles: pose, reach, trace.",
-    "head": "Look down on a catheter tip: a distal head's view and reach.",
-    "study": "Compute many rows from one file: sweeps, tolerances, maps.",
-    "uncertainty": "State how sure a plan or a study is, and what that comes of.",
-    "vision": "Measure lengths, shapes and points in pictures; calibrate.",
-    "new": "Write a file to start from: a plan, muscle, robot or study.",
-    "schema": "Write the JSON Schema of a plan, muscle, robot or study.",
-    "completion": "Write the script that completes commands in the shell.",
-    "doctor": "Tell what is installed and found here, for a report of a fault.",
+JOBS = {
+    "Plan a motion": {
+        "demo": "Run the main job on a phantom tract: plan, report, 3-D scene.",
+        "plan": "Plan a scope's motion through your own scan or surface.",
+        "certify": "Check a saved plan, and prove its clearance again.",
+        "reach": "Find how far scopes come into every branch of a tree.",
+        "live": "Keep a scope clear in a tract that moves, frame by frame.",
+        "cockpit": "See a motion and drive the tip, in the browser.",
+        "execute": "Drive a motion with contact: forces, errors, loops.",
+        "export": "Write a plan for simulators and robots: MJCF, URDF, ROS 2.",
+        "show": "Show plans, tracts, shapes and robots in 3-D, on one page.",
+        "record": "Film a plan: MP4 or GIF.",
+    },
+    "Tracts": {
+        "segment": "Find the gas-filled lumen in a CT without labels.",
+        "phantom": "Write a phantom upper gastro-intestinal tract to a file.",
+        "data": "List and fetch public anatomy.",
+        "duct": "Fit shapes to a tract, show them, find the longest link.",
+        "tree": "List the branches of airways, vessels and other trees.",
+    },
+    "Robots and muscles": {
+        "continuum": "Bend a tendon robot: pose, reach, compare models, workspace.",
+        "effector": "Bend a catheter tip by pneumatic muscles: pose, reach, trace.",
+        "head": "Look down on a catheter tip: a distal head's view and reach.",
+        "muscle": "Solve a pneumatic muscle, compare models with data, fit them.",
+        "hysteresis": "Fit laws with memory to loops of any input and output.",
+        "rig": "Drive the pneumatic rig, emulated or on the bench.",
+        "vision": "Measure lengths, shapes and points in pictures; calibrate.",
+    },
+    "Many runs": {
+        "study": "Compute many rows from one file: sweeps, tolerances, maps.",
+        "uncertainty": "State how sure a plan or a study is, and what that comes of.",
+    },
+    "Files and help": {
+        "new": "Write a file to start from: a plan, muscle, robot or study.",
+        "schema": "Write the JSON Schema of a plan, muscle, robot or study.",
+        "completion": "Write the script that completes commands in the shell.",
+        "doctor": "Tell what is installed and found here, for a report of a fault.",
+    },
 }
-"""Each command and its line in the help; its code is ``bozzini.cli.<name>.command``."""
+"""Each command and its line in the help, by the job it belongs to; its code is
+``bozzini.cli.<name>.command``."""
+
+COMMANDS = {name: line for commands in JOBS.values() for name, line in commands.items()}
+
+OTHER_NAMES = {"robot": "continuum", "tip": "effector"}
+"""Names that a newcomer tries, each with the command that answers to it."""
 
 EXIT_INTERNAL_ERROR = 70
 EXIT_INTERRUPTED = 130
@@ -94,6 +111,22 @@ class LazyGroup(click.Group):
         command: click.Command = importlib.import_module(f".{cmd_name}", __package__).command
         return command
 
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Return the command of the first word, which may be another name of it."""
+        name = args[0]
+        if name in COMMANDS or name.startswith("-") or ctx.resilient_parsing:
+            return super().resolve_command(ctx, args)
+        known = self.list_commands(ctx)
+        if name not in known:
+            name = OTHER_NAMES.get(name, name)
+        if name not in known:
+            near = difflib.get_close_matches(name, [*known, *OTHER_NAMES], n=1)
+            meant = f", did you mean '{near[0]}'?" if near else ""
+            raise click.UsageError(f"there is no command '{name}'{meant}", ctx)
+        return super().resolve_command(ctx, [name, *args[1:]])
+
     def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
         """Return commands and options that begin so, without importing any command."""
         from click.shell_completion import CompletionItem
@@ -107,8 +140,14 @@ class LazyGroup(click.Group):
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the table of commands without importing any of them."""
-        with formatter.section("Commands"):
-            formatter.write_dl(list({**COMMANDS, **_list_tasks()}.items()))
+        listed = {name for commands in JOBS.values() for name in commands}
+        others = {
+            name: line for name, line in {**COMMANDS, **_list_tasks()}.items() if name not in listed
+        }
+        for job, commands in {**JOBS, "Others": others}.items():
+            if commands:
+                with formatter.section(job):
+                    formatter.write_dl(list(commands.items()))
         for point in entry_points(group="bozzini.tasks"):
             if point.name in COMMANDS:
                 reason = f"left out, as a command of Bozzini is called '{point.name}'"
