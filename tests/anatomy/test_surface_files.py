@@ -123,6 +123,66 @@ def test_every_form_of_vtk_gives_the_same_surface(tmp_path, name):
     assert len(tract.vertices) == 8
 
 
+def vtu(points, cells, kinds):
+    """An unstructured grid in text."""
+    ends = np.cumsum([len(cell) for cell in cells])
+    arrays = {"connectivity": np.concatenate(cells), "offsets": ends, "types": kinds}
+    texts = [
+        f'<DataArray type="Int64" Name="{name}" format="ascii">{" ".join(map(str, values))}'
+        "</DataArray>"
+        for name, values in arrays.items()
+    ]
+    return (
+        '<VTKFile type="UnstructuredGrid" version="1.0"><UnstructuredGrid><Piece><Points>'
+        '<DataArray type="Float64" NumberOfComponents="3" format="ascii">'
+        f"{' '.join(map(str, np.ravel(points)))}</DataArray></Points>"
+        f"<Cells>{''.join(texts)}</Cells></Piece></UnstructuredGrid></VTKFile>"
+    )
+
+
+HEXAHEDRON = (0, 4, 6, 2, 1, 5, 7, 3)
+"""The corners of the box in VTK's order."""
+TETRAHEDRA = [
+    [HEXAHEDRON[k] for k in row]
+    for row in ((0, 1, 2, 5), (0, 2, 3, 7), (0, 5, 7, 4), (2, 7, 5, 6), (0, 2, 7, 5))
+]
+WEDGES = ((0, 1, 2, 4, 5, 6), (0, 2, 3, 4, 6, 7))
+MIDDLE = np.vstack((CORNERS, CORNERS.mean(axis=0)))
+
+
+@pytest.mark.parametrize(
+    ("points", "cells", "kinds"),
+    [
+        (CORNERS, QUADS, [9] * 6),
+        (CORNERS, [HEXAHEDRON], [12]),
+        (CORNERS, [HEXAHEDRON, *QUADS], [12] + [9] * 6),  # its faces beside it, as Gmsh writes
+        (CORNERS, TETRAHEDRA, [10] * 5),
+        (CORNERS, [[HEXAHEDRON[k] for k in row] for row in WEDGES],
+         [13, 13]),
+        (MIDDLE, [[*reversed(quad), 8] for quad in QUADS], [14] * 6),
+    ],
+    ids=["flat", "hexahedron", "with-faces", "tetrahedra", "wedges", "pyramids"],
+)  # fmt: skip
+def test_a_grid_of_cells_gives_its_boundary(tmp_path, points, cells, kinds):
+    (tmp_path / "box.vtu").write_text(vtu(points, cells, kinds))
+    tract = read_surface(tmp_path / "box.vtu")
+    assert tract.volume == pytest.approx(VOLUME)
+
+
+@pytest.mark.parametrize(
+    ("cells", "kinds", "said"),
+    [
+        ([range(8)], [24], "VTK's type 24"),
+        ([range(4)], [12], "damaged"),
+        ([[0, 1, 99]], [5], "99|open|vertices"),
+    ],
+)
+def test_a_grid_of_other_cells_is_refused(tmp_path, cells, kinds, said):
+    (tmp_path / "odd.vtu").write_text(vtu(CORNERS, cells, kinds))
+    with pytest.raises(BozziniError, match=said):
+        read_surface(tmp_path / "odd.vtu")
+
+
 def surfaces():
     box = trimesh.creation.box((20.0, 30.0, 40.0)).subdivide()
     exported = {f"box.{kind}": box.export(file_type=kind) for kind in ("stl", "ply", "glb", "off")}

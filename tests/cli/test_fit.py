@@ -365,7 +365,7 @@ def test_a_calibration_of_other_tendons_is_refused(
 @pytest.mark.skipif(sys.platform == "win32", reason="signals are others there")
 @pytest.mark.parametrize("jobs", ["1", "2"])
 def test_an_interrupt_leaves_nothing(folder: Path, jobs: str) -> None:
-    # So many rows that a fast machine is not done when it first speaks of blocks, after ten seconds.
+    # So many rows that no machine is done when it first speaks of blocks, after ten seconds.
     write_rows(folder / "rows.csv", range(1600), noise=0.5)
     before = sorted(folder.iterdir())
     words = ["continuum", "fit", "robot.yaml", "rows.csv", MARKER, "--free",

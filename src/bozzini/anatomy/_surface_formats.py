@@ -31,7 +31,7 @@ from ..results import Json
 from .files import FRAME_KEY, explain, has_suffix, quiet_libraries
 from .tract import Finding, Organ, Point, Tract, count_noun, to_point
 
-SURFACE_SUFFIXES = (".stl", ".ply", ".obj", ".glb", ".off", ".vtk", ".vtp")
+SURFACE_SUFFIXES = (".stl", ".ply", ".obj", ".glb", ".off", ".vtk", ".vtp", ".vtu")
 
 Vertices = NDArray[np.float64]
 Faces = NDArray[np.int64]
@@ -70,7 +70,8 @@ def read_parts(file: Path, *, repair: bool = False) -> SurfaceFile:
     FileFormatError
         If the file is broken.
     """
-    for suffix, reader in ((".stl", _read_stl), (".vtk", _read_vtk), (".vtp", _read_vtp)):
+    readers = {".stl": _read_stl, ".vtk": _read_vtk, ".vtp": _read_vtp, ".vtu": _read_vtu}
+    for suffix, reader in readers.items():
         if has_suffix(file, (suffix,)):
             return SurfaceFile([("1", *reader(file))])
     short = 0
@@ -500,13 +501,21 @@ def _join(faces: list[Faces]) -> Faces:
 
 def _read_vtp(path: Path) -> Mesh:
     """Read the triangles of a VTK XML PolyData file."""
-    root, reader = open_vtp(path)
+    root, reader = open_xml(path)
     with tell_damage(path):
         return join_meshes([_read_piece(piece, reader) for piece in root.iter("Piece")])
 
 
-def open_vtp(path: Path) -> tuple[ElementTree.Element, XmlArrays]:
-    """Open a VTK XML PolyData file with inline or appended data, plain or packed with zlib."""
+def _read_vtu(path: Path) -> Mesh:
+    """Read the boundary of a VTK XML UnstructuredGrid."""
+    root, reader = open_xml(path, "UnstructuredGrid")
+    with tell_damage(path):
+        return join_meshes([_read_grid(path, piece, reader) for piece in root.iter("Piece")])
+
+
+def open_xml(path: Path, kind: str = "PolyData") -> tuple[ElementTree.Element, XmlArrays]:
+    """Open a VTK XML file of a kind with inline or appended data, plain or packed with zlib."""
+    name = path.suffix[1:].upper()
     data = path.read_bytes()
     appended = b""
     start = data.find(b"<AppendedData")
@@ -520,13 +529,13 @@ def open_vtp(path: Path) -> tuple[ElementTree.Element, XmlArrays]:
     else:
         encoding = None
     if b"<!DOCTYPE" in data or b"<!ENTITY" in data:
-        raise FileFormatError(f"{path} is not a VTP file: it declares XML entities")
+        raise FileFormatError(f"{path} is not a {name} file: it declares XML entities")
     try:
         root = ElementTree.fromstring(data)
     except ElementTree.ParseError as error:
-        raise FileFormatError(f"{path} is not a VTP file: {error}") from None
-    if root.tag != "VTKFile" or root.get("type") != "PolyData":
-        raise FileFormatError(f"{path} is not a VTP file: it is no VTKFile of type PolyData")
+        raise FileFormatError(f"{path} is not a {name} file: {error}") from None
+    if root.tag != "VTKFile" or root.get("type") != kind:
+        raise FileFormatError(f"{path} is not a {name} file: it is no VTKFile of type {kind}")
     packer = root.get("compressor", "")
     if packer not in ("", "vtkZLibDataCompressor"):
         raise FileFormatError(
@@ -553,6 +562,64 @@ def _read_piece(piece: ElementTree.Element, reader: XmlArrays) -> Mesh:
         if table is not None:
             faces.append(split(*table))
     return reader.read_points(piece), _join(faces)
+
+
+_FLAT = (5, 7, 9)
+"""Numbers of VTK's triangle, polygon and quadrilateral."""
+
+_SOLID = {
+    10: ((0, 1, 3), (1, 2, 3), (2, 0, 3), (0, 2, 1)),
+    12: ((0, 4, 7, 3), (1, 2, 6, 5), (0, 1, 5, 4), (3, 7, 6, 2), (0, 3, 2, 1), (4, 5, 6, 7)),
+    13: ((0, 1, 2), (3, 5, 4), (0, 3, 4, 1), (1, 4, 5, 2), (2, 5, 3, 0)),
+    14: ((0, 3, 2, 1), (0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4)),
+}
+"""The faces, seen from outside, of VTK's tetrahedron, hexahedron, wedge and pyramid."""
+
+_NO_AREA = (1, 2, 3, 4)
+"""Points and lines, which are left out."""
+
+
+def _read_grid(path: Path, piece: ElementTree.Element, reader: XmlArrays) -> Mesh:
+    """Read the faces that no two solid cells share; without solid cells the flat ones."""
+    table = reader.read_cells(piece, "Cells")
+    items = {item.get("Name"): item for item in piece.findall("Cells/DataArray")}
+    if table is None or "types" not in items:
+        raise ValueError("no cells")
+    corners, starts = table
+    kinds = reader.read(items["types"]).astype(np.int64)
+    sizes = _check_offsets(corners, starts)
+    if len(kinds) != len(sizes):
+        raise ValueError("types do not add up")
+    foreign = np.setdiff1d(kinds, (*_FLAT, *_SOLID, *_NO_AREA))
+    if foreign.size:
+        raise FileFormatError(
+            f"{path} has cells of VTK's type {foreign[0]}: triangles, quadrilaterals, polygons, "
+            "tetrahedra, hexahedra, wedges and pyramids with straight edges are read"
+        )
+    points = reader.read_points(piece)
+    if not np.isin(kinds, tuple(_SOLID)).any():
+        flat = np.flatnonzero(np.isin(kinds, _FLAT))
+        rows = [corners[starts[k] : starts[k + 1]] for k in flat]
+        ends = np.cumsum([0, *map(len, rows)])
+        return points, _split_polygons(np.concatenate([np.zeros(0, np.int64), *rows]), ends)
+    faces: dict[int, list[Faces]] = {3: [], 4: []}
+    for kind, sides in _SOLID.items():
+        chosen = starts[:-1][kinds == kind, None]
+        if (sizes[kinds == kind] != max(map(max, sides)) + 1).any():
+            raise ValueError("a solid cell has other corners than its type")
+        for side in sides:
+            faces[len(side)].append(corners[chosen + np.array(side)])
+    triangles, quads = (_find_single(np.concatenate(found)) for found in faces.values())
+    return points, _join([triangles, quads[:, :3], quads[:, (0, 2, 3)]])
+
+
+def _find_single(faces: Faces) -> Faces:
+    """Return the faces whose corners no other face has."""
+    _, first, count = np.unique(
+        np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True
+    )
+    single: Faces = faces[first[count == 1]]
+    return single
 
 
 class XmlArrays:

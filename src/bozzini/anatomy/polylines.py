@@ -19,7 +19,7 @@ from ..numeric.polylines import measure_arc_length
 from ._surface_formats import (
     Numbers,
     load_legacy,
-    open_vtp,
+    open_xml,
     read_point_data,
     split_lines,
     tell_damage,
@@ -78,7 +78,7 @@ def has_lines(path: str | os.PathLike[str]) -> bool:
     if has_suffix(path, (".vtk",)):
         found = load_legacy(file)
         return bool(found.lines) and len(found.faces) == 0
-    root, _ = open_vtp(file)
+    root, _ = open_xml(file)
     counts = {
         name: sum(int(piece.get(f"NumberOf{name}", "0") or 0) for piece in root.iter("Piece"))
         for name in ("Lines", "Polys", "Strips")
@@ -128,7 +128,7 @@ def _read_poly_data(path: Path) -> RoundLines:
                 arrays = read_point_data(found.rest, found.take)
                 pieces.append((found.points, found.lines, arrays[_choose_radius(path, arrays)]))
     else:
-        root, reader = open_vtp(path)
+        root, reader = open_xml(path)
         with tell_damage(path):
             fields = [item for item in root.iter("Array") if item.get("Name") == "SPACE"]
             codes = [bytes(reader.read(item).astype(np.uint8)) for item in fields]

@@ -175,7 +175,8 @@ def read_surface(
     Parameters
     ----------
     path : path-like
-        A ``.stl``, ``.ply``, ``.obj``, ``.glb``, ``.off``, ``.vtk`` (legacy) or ``.vtp`` file.
+        A ``.stl``, ``.ply``, ``.obj``, ``.glb``, ``.off``, ``.vtk`` (legacy), ``.vtp`` or ``.vtu``
+        file.
     part : str, int or sequence of them, optional
         Parts by name or number (1 is the largest), ``"all"``; several are united. A file of
         one mesh has its connected parts, numbered from the largest.
