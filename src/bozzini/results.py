@@ -33,15 +33,35 @@ SHOWN_ROWS = 20
 """Rows of a table that a notebook shows."""
 
 
+SHOWN_LENGTH = 100
+"""Characters of a field that a representation shows."""
+
+
 def show_briefly(self: object) -> str:
-    """Return the name and the fields of a dataclass, for its `__repr__`: of an array the shape."""
+    """Return the name and the fields of a dataclass, for its `__repr__`, where not the default.
+
+    Of a large array the shape is shown, of what is long else the type, and how many there are.
+    """
     texts = []
     for field in dataclasses.fields(self):  # type: ignore[arg-type]
         value = getattr(self, field.name)
-        if field.repr:
-            large = getattr(value, "size", 0) > SHOWN_NUMBERS
-            texts.append(f"{field.name}={f'<{value.shape}>' if large else repr(value)}")
+        default = field.default
+        if field.repr and not (type(value) is type(default) and value == default):
+            texts.append(f"{field.name}={_show_field(value)}")
     return f"{type(self).__name__}({', '.join(texts)})"
+
+
+def _show_field(value: object) -> str:
+    if getattr(value, "size", 0) > SHOWN_NUMBERS:
+        return f"<{getattr(value, 'shape', '')}>"
+    text = repr(value)
+    if len(text) <= SHOWN_LENGTH:
+        return text
+    if isinstance(value, (tuple, list)):
+        return f"<{len(value)} {type(value[0]).__name__}>"
+    if isinstance(value, Mapping):
+        return f"<{len(value)} {type(next(iter(value.values()))).__name__}>"
+    return f"<{type(value).__name__}>"
 
 
 class Result:

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from ..checks import check_array, check_kind, take_named
 from ..errors import InputError
 from ..numeric.arrays import Floats
+from ..results import show_briefly
 from .arc import ArcModel, jacobian
 from .calibration import RobotCalibration, convert_commands
 from .coupling import check_displacements, find_crooked
@@ -65,6 +66,7 @@ class ContinuumRobot(RobotDesign):
 
     # Holds mappings: equal robots have equal hashes without it.
     calibration: RobotCalibration | None = field(default=None, kw_only=True, hash=False)
+    __repr__ = show_briefly
 
     def __post_init__(self) -> None:
         super().__post_init__()

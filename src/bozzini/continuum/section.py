@@ -24,6 +24,7 @@ from ..checks import (
 )
 from ..errors import InputError
 from ..numeric.arrays import Floats
+from ..results import show_briefly
 from .checks import check_items, check_name, check_text, check_travel, take_items
 from .profile import (
     ROUND_OFF_MM,
@@ -150,6 +151,7 @@ class Tendon:
     tension_limit: float = quantity(
         "force", "Largest tension.", low=0.0, low_open=True, default=math.inf
     )
+    __repr__ = show_briefly
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "name", check_name("tendon", self.name))
@@ -439,6 +441,7 @@ class Section:
     )
     line_weight: float = quantity("line force", "Weight per length.", low=0.0, default=0.0)
     disc_weight: float = quantity("force", "Weight of each disc.", low=0.0, default=0.0)
+    __repr__ = show_briefly
 
     def __post_init__(self) -> None:
         check_fields(self, "section ", skip=("disc_positions", "curvature", *STIFFNESSES))

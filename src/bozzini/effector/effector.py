@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from ..checks import check_kind
 from ..errors import InputError
 from ..muscle import MODELS, MuscleModel
+from ..results import show_briefly
 from .design import PRESET_MODELS, effector_preset
 from .inverse import EffectorInverse, solve_inverse
 from .model import EffectorModel
@@ -53,6 +54,7 @@ class Effector(EffectorModel):
 
     motion: EffectorMotion = field(default_factory=EffectorMotion)
     pulls: tuple[MusclePull, ...] | None = None
+    __repr__ = show_briefly
 
     def __post_init__(self) -> None:
         super().__post_init__()
