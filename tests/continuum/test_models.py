@@ -23,7 +23,6 @@ from bozzini.continuum import (
     Shape,
     arc_frames,
     displacements_for,
-    jacobian,
     sample_workspace,
     solve_curve,
     solve_pose,
@@ -144,7 +143,14 @@ def test_inverse_takes_a_place_a_pose_and_a_curve() -> None:
     found = ROBOT.inverse(tip=shape.tip_frame, starts=8)
     assert found.bends.tolist() == solve_pose(ROBOT, shape.tip_frame, starts=8).bends.tolist()
     assert found.shape().tip == pytest.approx(found.tip)
-    assert ROBOT.jacobian(bends=BENDS).tolist() == jacobian(ROBOT, BENDS).tolist()
+    moved = ROBOT.jacobian(PULLED)
+    # No cable stretches, so that this one can only be let out.
+    eased = PULLED - 1e-3 * np.eye(len(ROBOT.tendons))[0]
+    ends = [ROBOT.forward(pulled, model="energy").require().tip for pulled in (PULLED, eased)]
+    assert moved.by_displacement[-1, 3:, 0] == pytest.approx((ends[0] - ends[1]) / 1e-3, abs=2e-3)
+    assert ROBOT.jacobian(tensions=np.ones(len(ROBOT.tendons))).held == "tensions"
+    with pytest.raises(InputError, match="the arc model has no derivatives"):
+        ROBOT.jacobian(PULLED, model="arc")
     assert ROBOT.workspace(100, seed=3).sample.bends.tolist() == (
         sample_workspace(ROBOT, 100, seed=3).bends.tolist()
     )

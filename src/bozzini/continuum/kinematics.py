@@ -15,10 +15,12 @@ from ..checks import check_array, check_kind, take_named
 from ..errors import InputError
 from ..numeric.arrays import Floats
 from ..results import show_briefly
-from .arc import ArcModel, jacobian
+from .arc import ArcModel
 from .calibration import RobotCalibration, convert_commands
 from .coupling import check_displacements, find_crooked
+from .elastic import ElasticModel
 from .elastic_inverse import solve_elastic
+from .gradients import ShapeJacobian
 from .inverse import (
     ContinuumInverse,
     InverseOptions,
@@ -208,12 +210,40 @@ class ContinuumRobot(RobotDesign):
             raise InputError(f"target has shape {shape}: a direction goes with a place, (3,), only")
         return (solve_pose if shape == (4, 4) else solve_curve)(self, tip, **options)
 
-    def jacobian(self, *, bends: ArrayLike) -> Floats:
-        """Return how the tip moves and turns with the bends; see `bozzini.continuum.jacobian`.
+    def jacobian(
+        self,
+        displacements: ArrayLike | Mapping[str, ArrayLike] | None = None,
+        *,
+        tensions: ArrayLike | Mapping[str, ArrayLike] | None = None,
+        model: str | None = None,
+        **options: object,
+    ) -> ShapeJacobian:
+        """Return how the robot moves and turns, all along it, with tendons, loads and stiffness.
 
-        `bends` are ``shape.section_parameters``; by keyword, for `forward` takes displacements.
+        What is given is held while others change. By bends: `bozzini.continuum.jacobian`.
+
+        Parameters
+        ----------
+        displacements, tensions, model, **options
+            As `forward` takes them; the model is ``"energy"`` or ``"rod"``.
+
+        Raises
+        ------
+        InputError
+            As `forward` does, or if the model has no such derivatives.
+        GeometryError
+            If there is no shape under them.
         """
-        return jacobian(self, bends)
+        if model is None:
+            known = self.choose_model(options, pulled=tensions is not None)
+            model = "energy" if known == "arc" else known
+        elastic = self.model(model, **options)
+        if not isinstance(elastic, ElasticModel):
+            raise InputError(f"the {model} model has no derivatives: it must be energy or rod")
+        shape = self.forward(displacements, tensions=tensions, model=model, **options)
+        return elastic.jacobian(
+            shape, held="tensions" if displacements is None else "displacements"
+        )
 
     def workspace(self, count: int = 20_000, *, seed: int = 0) -> ContinuumWorkspace:
         """Return where the tip can go; see `sample_workspace` and `measure_workspace`."""
