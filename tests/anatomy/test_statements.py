@@ -332,6 +332,21 @@ def test_a_named_version_gives_names_and_organ(tmp_path, version, number, layout
     assert stomach.label_names == {6: "stomach"} and stomach.organ == "upper-tract"
 
 
+@pytest.mark.parametrize(
+    ("version", "number", "layout"), [("v1", 57, VERSION_1), ("v2", 20, VERSION_2)]
+)
+def test_a_version_that_alone_fits_is_found(tmp_path, version, number, layout):
+    path = save_labels(tmp_path / "scan.nii.gz", abdomen(**layout))
+    tract = read_tract(path, labels=["Colon"])
+    assert (tract.label_names, tract.organ) == ({number: "colon"}, "colon")
+    said = codes(tract)["version-assumed"].message
+    assert f"totalsegmentator-{version}, which alone fits: colon is label {number}, " in said
+    # Both have 6 for the stomach: there is nothing to choose.
+    assert read_tract(path, labels="stomach").label_names == {6: "stomach"}
+    with pytest.raises(InputError, match="states no names"):
+        read_tract(path, labels=["duodenum"])  # it is not there
+
+
 def test_every_way_to_give_labels_keeps_names_and_organ(tmp_path):
     array = np.zeros((20, 20, 40), dtype=np.uint8)
     array[4:8, 4:8, 4:36] = 20

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from .names import VERSIONS
+from .names import VERSIONS, normalise
 from .tract import Finding, show_volume
 
 if TYPE_CHECKING:
@@ -117,6 +117,33 @@ def check_version(
         if mine.doubt:
             found.append(Finding("version-doubtful", "warning", f"{message}; check the version"))
     return found
+
+
+def name_version(
+    labels: Sequence[int | str], *, runs: Runs, axes: NDArray[np.float64]
+) -> tuple[Sequence[int | str], list[Finding]]:
+    """Return organs as labels of the one version in which all of them can be what they are.
+
+    Labels that are other than names of organs, or that fit no version or two, stay as they are.
+    """
+    organs = [normalise(str(label)).replace(" ", "_") for label in labels]
+    there = set(np.unique(runs.labels).tolist())
+    fitting: dict[tuple[int, ...], str] = {}
+    shown = ""
+    for version, numbers in VERSIONS.items():
+        asked = tuple(numbers.get(organ, 0) for organ in organs)
+        if not asked or not set(asked) <= there:
+            continue
+        bodies = [_judge(version, organ, runs, axes) for organ in organs]
+        if not any(body.against or body.doubt for body in bodies):
+            fitting[asked] = version
+            shown = ", ".join(f"{o} is {body}" for o, body in zip(organs, bodies, strict=True))
+    if len(fitting) != 1:
+        return labels, []
+    version = fitting.popitem()[1]
+    message = f"the file states no names; taken as {version}, which alone fits: {shown}"
+    found = Finding("version-assumed", "warning", message)
+    return [f"{version}:{organ}" for organ in organs], [found]
 
 
 def _judge(version: str, organ: str, runs: Runs, axes: NDArray[np.float64]) -> _Body:

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import ceil_mm, check_points
 from ..errors import GeometryError, InputError
-from ._version import check_version
+from ._version import check_version, name_version
 from .frame import check_frame, find_axis, measure_shift
 from .names import (
     VERSIONS,
@@ -237,6 +237,10 @@ def tract_from_volume(volume: Volume, *, labels: Labels | None = None) -> LabelT
     if len(sizes) == 0:
         raise GeometryError(f"{source} is empty: every voxel is 0")
     voxel = measure_voxel(matrix)
+    if labels and not volume.names and not wants_all(labels):
+        given = [labels] if isinstance(labels, str) else list(labels)
+        labels, assumed = name_version(given, runs=runs, axes=axes)
+        found += assumed
     wanted = select_labels(sizes, labels, volume.names, source, voxel)
     asked = find_version([labels] if isinstance(labels, str) else labels or ())
     if asked is not None:
