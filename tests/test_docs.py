@@ -251,6 +251,13 @@ def test_a_build_names_links_that_lead_nowhere(tmp_path: Path) -> None:
 GUIDE = [page for page in DOCS if page.parent.name == "guide"]
 
 
+def test_every_guide_has_topics_for_the_search() -> None:
+    hook = _load_hook("search")
+    assert {f"guide/{page.name}" for page in GUIDE} <= set(hook.TOPICS)
+    assert all((ROOT / "docs" / page).exists() for page in hook.TOPICS)
+    assert hook.BOOSTS["guide"] > hook.BOOSTS["theory"] > hook.OTHERS > hook.BOOSTS["api"]
+
+
 @pytest.mark.parametrize(
     ("folder", "most"), [("guide", 14_800), ("rig", 7_400), ("theory", 18_000), ("**", 60_000)]
 )
