@@ -308,7 +308,7 @@ def _defocus(radiance: Floats, depth: Floats, focal: float, sensor: Sensor) -> F
     part = _find_range(seen.any(axis=1), margin), _find_range(seen.any(axis=0), margin)
     sharp, radius, result = radiance[part], radius[part], radiance.copy()
     result[part] = 0.0
-    for i, level in enumerate(levels):
+    for level in levels:
         share = 1.0
         if len(levels) > 1:
             share = np.clip(1.0 - np.abs(radius - level) / (levels[1] - levels[0]), 0.0, 1.0)
