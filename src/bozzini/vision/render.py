@@ -305,7 +305,8 @@ def _defocus(radiance: Floats, depth: Floats, focal: float, sensor: Sensor) -> F
     levels = np.linspace(low, high, 1 if high - low < 0.1 else _BLUR_LEVELS)
     # Further from what is seen than the largest disc the background is even.
     margin = math.ceil(high) + 1
-    part = _find_range(seen.any(axis=1), margin), _find_range(seen.any(axis=0), margin)
+    rows, columns = (np.flatnonzero(seen.any(axis=axis)) for axis in (1, 0))
+    part = _widen(rows, margin), _widen(columns, margin)
     sharp, radius, result = radiance[part], radius[part], radiance.copy()
     result[part] = 0.0
     for level in levels:
@@ -316,9 +317,8 @@ def _defocus(radiance: Floats, depth: Floats, focal: float, sensor: Sensor) -> F
     return result
 
 
-def _find_range(chosen: NDArray[np.bool_], margin: int) -> slice:
-    """Return the range from the first to the last chosen, and so many more at each end."""
-    places = np.flatnonzero(chosen)
+def _widen(places: NDArray[np.intp], margin: int) -> slice:
+    """Return the range from the first to the last place, and so many more at each end."""
     return slice(max(int(places[0]) - margin, 0), int(places[-1]) + margin + 1)
 
 
