@@ -32,7 +32,7 @@ endif
 
 RIG_TOOLS := $(RUN) -c 'from bozzini.rig.firmware import find_missing_tools as f; print(*f().values())'
 
-.PHONY: help demo test test-all kernels rig opencv oldest fuzz bench validate dist docs check format picture figures gallery thesis clean
+.PHONY: help demo test test-all compiled kernels rig opencv oldest fuzz bench validate dist docs check format picture figures gallery thesis clean
 
 help: ## Show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "make %-9s %s\n", $$1, $$2}' Makefile
@@ -40,12 +40,17 @@ help: ## Show this list
 demo: $(CORE) ## Plan a scope through a phantom tract; report in bozzini-demo/
 	@$(DEMO)
 
-test: $(DEV) ## Run the tests
-	@$(RUN) -m bozzini doctor --compile --quiet >$(VENV)/doctor.log || { cat $(VENV)/doctor.log >&2; exit 1; }
+test: compiled ## Run the tests
 	@BOZZINI_COMPILED=yes $(RUN) -m pytest -m "not slow" -n $(WORKERS) --dist loadfile
 
+# Files without slow tests need not be read.
+SLOW_TESTS = $(sort $(shell grep -rl --include='test_*.py' 'mark\.slow' tests))
+
 test-all: test opencv ## Run all tests, those that take minutes too
-	@$(RUN) -m pytest -m slow -n $(WORKERS) --dist worksteal
+	@$(RUN) -m pytest -m slow -n $(WORKERS) --dist worksteal $(SLOW_TESTS)
+
+compiled: $(DEV)
+	@$(RUN) -m bozzini doctor --compile --quiet >$(VENV)/doctor.log || { cat $(VENV)/doctor.log >&2; exit 1; }
 
 rig: $(DEV) ## Build the firmware and run the tests of the rig (installs nothing)
 	@missing="$$($(RIG_TOOLS))" && if [ -n "$$missing" ]; then \

@@ -64,15 +64,16 @@ def predict_ahead(
     *,
     error: ModelError,
     blocks: int,
+    wanted: Sequence[int],
 ) -> dict[int, tuple[AheadPrediction, float]]:
-    """Return predictions of all rows, each block by what was fitted to the others.
+    """Return predictions of the blocks of rows wanted, each by what was fitted to the others.
 
     Beside each, the share within 95 % intervals that the rows fitted have widened (conformal).
     """
     block = np.arange(len(data)) * blocks // len(data)
     parts: dict[int, list[AheadPrediction]] = {steps: [] for steps in AHEAD}
     inside: dict[int, list[float]] = {steps: [] for steps in AHEAD}
-    for k in range(blocks):
+    for k in wanted:
         setup = fit(block != k)
         record = make_record(setup, data, times)
         estimator = make_estimator(setup, data, error, 0.5)

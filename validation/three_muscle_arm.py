@@ -103,7 +103,7 @@ def split_runs(data: EffectorMeasurements) -> tuple[EffectorMeasurements, Effect
     return data.select([name for name in names if name not in CHECKED]), data.select(CHECKED)
 
 
-def count_held(arms: int = ARMS, *, seed: int = 1) -> tuple[int, int]:
+def count_held(arms: int, *, seed: int = 1) -> tuple[int, int]:
     """Return how many 95 % intervals held the truth, and how many there were.
 
     Arms with numbers about those of the fitted one are recorded with noise, and fitted.
@@ -267,7 +267,7 @@ def validate(folder: Path, images: Path) -> Section:
     rest_cm = {name: 0.1 * there.measure_error(with_rest, name) for name in CHECKED}
     assert best.band is not None
     share = 100.0 * there.measure_coverage(best.band)
-    held, total = count_held()
+    held, total = count_held(ARMS)
     count = len(best.estimates)
     tracked = track_fitted(best)
     return Section(

@@ -74,6 +74,8 @@ KINDS = {
 """Kinds of motion, as the labels of the table begin after the number of the repeat."""
 PAIR = "pair"
 """So begin the kinds of two sections at the same time, which come after the others."""
+QUARTERS = (0, 1, 2, 3)
+"""Of the recording, those that are predicted from the tips before."""
 AHEAD_MM = (1.6, 3.5, 4.6)
 """Largest errors 1, 5 and 20 rows ahead [mm]."""
 BEGIN = ModelError(
@@ -278,7 +280,7 @@ def fit_errors(
     def fit(rows: NDArray[np.bool_]) -> RobotSetup:
         return fit_form(keep_points(data, rows), robot, CHOSEN, folds=0).setup
 
-    return predict_ahead(data, times - times[0], fit, error=BEGIN, blocks=4)
+    return predict_ahead(data, times - times[0], fit, error=BEGIN, blocks=4, wanted=QUARTERS)
 
 
 def describe_estimates(ahead: dict[int, tuple[AheadPrediction, float]]) -> str:

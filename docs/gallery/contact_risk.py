@@ -12,6 +12,6 @@ field = bz.build_field(tract, voxel=2.0)
 line = bz.find_centreline(field)
 plan = bz.plan_insertion(field, line, scope=bz.Scope(diameter=9.0, link_length=12.0))
 
-options = ContactRiskOptions(sd=0.5, correlation=10.0, draws=2000)
+options = ContactRiskOptions(sd=0.5, correlation=10.0, draws=500)
 found = study_contact(plan, tract, options=options, duct=field)
 figure = found.draw()

@@ -281,7 +281,7 @@ def lump(random, count, *, snap):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("snap", [False, True])
-@pytest.mark.parametrize("seed", [0, *(pytest.param(k, marks=pytest.mark.slow) for k in (1, 2, 3))])
+@pytest.mark.parametrize("seed", [0, 1])
 def test_every_node_agrees_with_winding_number_and_exact_distance(seed, snap):
     random = np.random.default_rng(seed)
     mesh = lump(random, 4, snap=snap)

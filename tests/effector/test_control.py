@@ -283,7 +283,7 @@ def test_the_command_tracks_and_draws(tmp_path, capsys):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("trace", ["circle", "line"])
-@pytest.mark.parametrize("frequency", [0.1, 0.5])
+@pytest.mark.parametrize("frequency", [0.25, 0.5])
 def test_four_controllers(trace, frequency):
     wanted = trace_places(trace, radius=5.0, frequency=frequency, period=PERIOD)
     found = compare_controllers(make_arm(MOTION), wanted)

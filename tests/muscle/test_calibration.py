@@ -154,11 +154,11 @@ COVERED = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", COVERED)
-def test_intervals_hold_the_truth_in_90_to_99_percent_of_200_draws(name):
+def test_intervals_hold_the_truth_in_90_to_99_percent_of_100_draws(name):
     """From a start far from the truth. Of 1000 draws it is 93 to 97 %, see the guide."""
     truth, free, branches = COVERED[name]
     clean = measure(*branches, muscle=truth)
-    draws = 200
+    draws = 100
     random = np.random.default_rng(7)
     held = dict.fromkeys(free, 0)
     for _ in range(draws):

@@ -28,8 +28,8 @@ STUDY = {
         "length": {"range": ["40 mm", "55 mm"]},
         "segments": {"integers": [10, 20]},
     },
-    "sampling": {"method": "sobol", "count": 20_000, "seed": 7},
-    "chunk": 400,
+    "sampling": {"method": "sobol", "count": 10_000, "seed": 7},
+    "chunk": 200,
 }
 
 
@@ -106,7 +106,7 @@ def test_kills_lose_and_double_nothing(tmp_path: Path) -> None:
     parts[0].write_bytes(parts[0].read_bytes()[:-100])
     (rows / ".part-000003.left.parquet").write_bytes(b"")
     found = run_study(study, folder, engine=Engine(workers=1))
-    assert found.converged and found.done == 20_000
+    assert found.converged and found.done == 10_000
     assert not list(rows.glob(".*"))
     whole = tmp_path / "whole" / "rows"
     for part in sorted(rows.iterdir()):

@@ -272,7 +272,7 @@ def test_the_commands_measure_what_the_demonstration_renders(tmp_path, capsys):
 def test_the_fit_recovers_the_muscle_of_the_demonstration(tmp_path):
     muscle, within = preset("effector-45"), 0
     setup = LengthSetup(pitch=0.1, columns=820, rows=660)
-    for seed in range(12):
+    for seed in range(6):
         folder, target = tmp_path / f"demo{seed}", tmp_path / f"out{seed}"
         options = DemoOptions(repeats=2, steps=5, seed=seed)
         write_demo(folder, options=options, setup=setup)
@@ -283,4 +283,4 @@ def test_the_fit_recovers_the_muscle_of_the_demonstration(tmp_path):
         within += all(
             intervals[name][0] <= value <= intervals[name][1] for name, value in truth.items()
         )
-    assert within >= 10
+    assert within >= 5

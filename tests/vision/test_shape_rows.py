@@ -1,4 +1,4 @@
-"""Shapes of 12 tubes or more in rendered pictures of each kind, against the true curves."""
+"""Shapes of 8 tubes in rendered pictures of each kind, against the true curves."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class Row:
     background: float = 0.03
     gloss: float = 0.0
     covered: bool = False
-    count: int = 12
+    count: int = 8
     tip: float = 0.20
     curve: float = 0.25
     refused: int = 0
@@ -60,13 +60,13 @@ ROWS = {
     "blur": Row(Sensor(blur=2.5)),
     "noise": Row(Sensor(noise=0.05)),
     "jpeg": Row(Sensor(jpeg=50)),
-    "dark": Row(Sensor(exposure=0.08), LARGE, count=20),
+    "dark": Row(Sensor(exposure=0.08), LARGE),
     "uneven": Row(Sensor(uneven=0.7)),
-    "defocus": Row(Sensor(aperture=8.0, focus=240.0), LARGE, count=20, refused=2),
+    "defocus": Row(Sensor(aperture=8.0, focus=240.0), LARGE, refused=1),
     "all": Row(Sensor(blur=2.0, noise=0.03, jpeg=60, uneven=0.6)),
     "gloss": Row(gloss=0.5, refused=1),
     # The bar hides a ring, or a part of the tube.
-    "covered": Row(cameras=LARGE, covered=True, refused=2),
+    "covered": Row(cameras=LARGE, covered=True, refused=1),
 }
 
 

@@ -390,15 +390,15 @@ def _filter(
     # Slopes are by the modes of the first one: those of the other are as many times larger.
     other, noise = changed
     scale, variance = first.measure_scale(other), noise**2
+    ways = [slopes * scale for slopes in rows.slopes]
     state = other.begin()
     found: list[tuple[list[Floats], list[Floats]]] = [([], []) for _ in ahead]
     last = rows.times[0]
-    for row, (time, missed, slopes) in enumerate(zip(*rows, strict=True)):
+    for row, (time, missed, own) in enumerate(zip(rows.times, rows.missed, ways, strict=True)):
         state = other.wait(state, float(time - last))
         last = time
         if not len(missed):
             continue
-        own = slopes * scale
         crossed = own @ state.covariance
         inner = crossed @ own.T + variance * np.eye(len(own))
         gain = np.linalg.solve(inner, crossed).T
@@ -413,17 +413,21 @@ def _filter(
                 elapsed = float(rows.times[later] - time)
                 if elapsed >= APART:
                     continue
-                then, way = other.wait(state, elapsed), rows.slopes[later] * scale
-                found[place][0].append(rows.missed[later] - way @ then.mean)
-                found[place][1].append(way @ then.covariance @ way.T + variance * np.eye(len(way)))
+                kept, grown = other.fade(elapsed)
+                way, near = ways[later], ways[later] * kept
+                found[place][0].append(rows.missed[later] - near @ state.mean)
+                spread = near @ state.covariance @ near.T + (way * grown) @ way.T
+                found[place][1].append(spread + variance * np.eye(len(way)))
     return found
 
 
 def _measure_tails(misses: list[Floats], spreads: list[Floats]) -> float:
     """Return the negative logarithm of a likelihood with tails."""
     total = 0.0
-    for miss, spread in zip(misses, spreads, strict=True):
-        square = float(miss @ np.linalg.solve(spread, miss))
-        total += 0.5 * float(np.linalg.slogdet(spread)[1])
-        total += 0.5 * (TAILS + len(miss)) * math.log1p(square / (TAILS - 2.0))
+    for count in {len(miss) for miss in misses}:
+        own = [k for k, miss in enumerate(misses) if len(miss) == count]
+        miss, spread = (np.array([values[k] for k in own]) for values in (misses, spreads))
+        square = np.sum(miss * np.linalg.solve(spread, miss[..., None])[..., 0], axis=1)
+        total += 0.5 * float(np.sum(np.linalg.slogdet(spread)[1]))
+        total += 0.5 * (TAILS + count) * float(np.sum(np.log1p(square / (TAILS - 2.0))))
     return total

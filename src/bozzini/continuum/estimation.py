@@ -274,12 +274,20 @@ class ShapeEstimator:
 
     def wait(self, state: EstimatorState, elapsed: float = 1.0) -> EstimatorState:
         """Return what is known of it later, after so many seconds without a reading."""
+        kept, grown = self.fade(elapsed)
+        covariance = kept[:, None] * state.covariance * kept + np.diag(grown)
+        return dataclasses.replace(state, mean=kept * state.mean, covariance=covariance)
+
+    def fade(self, elapsed: float) -> tuple[Floats, Floats]:
+        """Return the share of each number of the state left after so many seconds, and its gain.
+
+        The gain is the variance that is added.
+        """
         spread, error = self._deviations, self.error
         share = 1.0 if error.memory is None else math.exp(-elapsed / error.memory)
         kept = np.where(self._forgets, share, 1.0)
         grown = np.where(self._forgets, 1.0 - kept**2, error.drift**2 * elapsed) * spread**2
-        covariance = kept[:, None] * state.covariance * kept + np.diag(grown)
-        return dataclasses.replace(state, mean=kept * state.mean, covariance=covariance)
+        return kept, grown
 
     def estimate(
         self,

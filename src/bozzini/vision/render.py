@@ -296,18 +296,30 @@ def _defocus(radiance: Floats, depth: Floats, focal: float, sensor: Sensor) -> F
     """Blur each pixel by the disc of its depth, between blurs by a few discs."""
     from scipy.ndimage import convolve
 
-    seen = np.where(np.isfinite(depth), depth, np.max(depth[np.isfinite(depth)], initial=1.0))
-    radius = 0.5 * sensor.aperture * focal * np.abs(1.0 / seen - 1.0 / sensor.focus)
+    seen = np.isfinite(depth)
+    if not seen.any():
+        return radiance
+    nearest = np.where(seen, depth, np.max(depth[seen]))
+    radius = 0.5 * sensor.aperture * focal * np.abs(1.0 / nearest - 1.0 / sensor.focus)
     low, high = float(radius.min()), float(radius.max())
     levels = np.linspace(low, high, 1 if high - low < 0.1 else _BLUR_LEVELS)
-    result = np.zeros_like(radiance)
-    for i, level in enumerate(levels):
-        blurred = convolve(radiance, _make_disc(level), mode="nearest")
-        if len(levels) == 1:
-            return np.asarray(blurred)
-        step = levels[1] - levels[0]
-        result += np.clip(1.0 - np.abs(radius - levels[i]) / step, 0.0, 1.0) * blurred
+    # Further from what is seen than the largest disc the background is even.
+    margin = math.ceil(high) + 1
+    rows, columns = (np.flatnonzero(seen.any(axis=axis)) for axis in (1, 0))
+    part = _widen(rows, margin), _widen(columns, margin)
+    sharp, radius, result = radiance[part], radius[part], radiance.copy()
+    result[part] = 0.0
+    for level in levels:
+        share = 1.0
+        if len(levels) > 1:
+            share = np.clip(1.0 - np.abs(radius - level) / (levels[1] - levels[0]), 0.0, 1.0)
+        result[part] += share * convolve(sharp, _make_disc(level), mode="nearest")
     return result
+
+
+def _widen(places: NDArray[np.intp], margin: int) -> slice:
+    """Return the range from the first to the last place, and so many more at each end."""
+    return slice(max(int(places[0]) - margin, 0), int(places[-1]) + margin + 1)
 
 
 def _make_disc(radius: float) -> Floats:
