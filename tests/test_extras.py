@@ -25,6 +25,7 @@ COMMANDS = {
     "cockpit": [("websockets", "cockpit")],
     "ct": [("SimpleITK", "plan series")],
     "film": [("imageio_ffmpeg", "record plan.npz --out film.mp4")],
+    "igtl": [("pyigtl", "plan tract.stl --igtl 18944")],
     "mcap": [("mcap_ros2", "continuum simulate study.yaml plan.npz --out motion.mcap")],
     "physics": [("mujoco", "execute plan.npz tract.stl")],
     "rig": [

@@ -11,6 +11,7 @@ from ..effector.design import DEFAULT_PRESET
 from ..errors import InputError
 from ..rig.choices import CONTROLLERS
 from ..study.options import PathOptions, ReadOptions
+from ._slicer import igtl_option, open_slicer
 from ._tract_options import MovingBody, list_given, tract_options
 from .common import (
     EXIT_NEGATIVE,
@@ -80,6 +81,7 @@ __all__ = ["command"]
     "Let a script draw with the stick, write how well the tip follows, and end.",
     ("line", "circle"),
 )
+@igtl_option
 @answer_options(
     ".html",
     ".csv",
@@ -103,6 +105,7 @@ def command(
     host_names: tuple[str, ...],
     no_browser: bool,
     operator: str | None,
+    igtl: str | None,
     answer: Answer,
 ) -> None:
     """See the motion through the tract in INPUT, plan it anew, and drive the tip.
@@ -158,6 +161,7 @@ def command(
             targets=targets or 5,
             operator=operator,  # type: ignore[arg-type]
             is_shown=not no_browser,
+            slicer=open_slicer(igtl),
         )
         cockpit = Cockpit(job, chosen, listener=listener)
         cockpit.run(lambda address: click.echo(address, err=answer.as_json or operator is not None))

@@ -597,7 +597,7 @@ def spell_command() -> str:
 
 ARGUMENTS = "bozzini.arguments"
 """Where a context keeps what was typed after the name of the command."""
-_NO_CONTENT = ("out", "force", "as_json", "quiet", "options")
+_NO_CONTENT = ("out", "force", "as_json", "quiet", "options", "igtl")
 """Options that change where the answer goes, or whose values are spelled out."""
 
 
