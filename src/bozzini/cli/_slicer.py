@@ -1,4 +1,4 @@
-"""What the commands share that show their work in 3D Slicer: the option, the link, its points."""
+"""What the commands share that show their work in 3D Slicer: the link, its points."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import click
 
 from ..anatomy.tract import name_place, to_point
 from ..study.options import PathOptions
-from .common import ARGUMENTS, option
+from .common import ARGUMENTS, Answer
 
 if TYPE_CHECKING:
     from ..anatomy.tract import LabelTract, SurfaceTract
@@ -17,14 +17,10 @@ if TYPE_CHECKING:
 
 _Options = TypeVar("_Options", bound=PathOptions)
 
-igtl_option = option(
-    "--igtl HOST:PORT",
-    "Show it in 3D Slicer (OpenIGTLinkIF), and take points called start, end, target from there.",
-)
 
-
-def open_slicer(address: str | None) -> SlicerLink | None:
+def open_slicer(answer: Answer) -> SlicerLink | None:
     """Return a link that lasts as long as the command, if one was asked for."""
+    address = answer.igtl
     if address is None:
         return None
     from ..scene.slicer import SlicerLink, is_loopback, parse_address

@@ -11,7 +11,7 @@ from ..effector.design import DEFAULT_PRESET
 from ..errors import InputError
 from ..rig.choices import CONTROLLERS
 from ..study.options import PathOptions, ReadOptions
-from ._slicer import igtl_option, open_slicer
+from ._slicer import open_slicer
 from ._tract_options import MovingBody, list_given, tract_options
 from .common import (
     EXIT_NEGATIVE,
@@ -81,11 +81,11 @@ __all__ = ["command"]
     "Let a script draw with the stick, write how well the tip follows, and end.",
     ("line", "circle"),
 )
-@igtl_option
 @answer_options(
     ".html",
     ".csv",
     *PICTURES,
+    igtl=True,
     help="What the operator drew: a report (.html), a table, a picture; with --head the touches.",
 )
 def command(
@@ -105,7 +105,6 @@ def command(
     host_names: tuple[str, ...],
     no_browser: bool,
     operator: str | None,
-    igtl: str | None,
     answer: Answer,
 ) -> None:
     """See the motion through the tract in INPUT, plan it anew, and drive the tip.
@@ -161,7 +160,7 @@ def command(
             targets=targets or 5,
             operator=operator,  # type: ignore[arg-type]
             is_shown=not no_browser,
-            slicer=open_slicer(igtl),
+            slicer=open_slicer(answer),
         )
         cockpit = Cockpit(job, chosen, listener=listener)
         cockpit.run(lambda address: click.echo(address, err=answer.as_json or operator is not None))

@@ -13,7 +13,7 @@ from ..checks import ceil_mm, check_number, floor_mm, quantity
 from ..errors import InputError
 from ..motion.live import LiveOptions
 from ..study.options import InsertionOptions, PathOptions, ReadOptions
-from ._slicer import igtl_option, open_slicer, take_points
+from ._slicer import open_slicer, take_points
 from ._tract_options import MovingBody, read_with_options, report_findings, tract_options
 from .common import (
     EXIT_NEGATIVE,
@@ -113,9 +113,11 @@ class TissueOptions:
 @options_of(PathOptions, "options", leave_out=("inflate",))
 @options_of(TissueOptions, "tissue")
 @options_of(LiveOptions, "loop")
-@igtl_option
 @answer_options(
-    *PICTURES, ".csv", help="A picture (.png, .svg, .pdf), or a table of the frames (.csv)."
+    *PICTURES,
+    ".csv",
+    igtl=True,
+    help="A picture (.png, .svg, .pdf), or a table of the frames (.csv).",
 )
 def command(
     source: Path,
@@ -124,7 +126,6 @@ def command(
     options: PathOptions,
     tissue: TissueOptions,
     loop: LiveOptions,
-    igtl: str | None,
     answer: Answer,
 ) -> None:
     """Keep a scope clear in the tract in INPUT while it moves.
@@ -139,7 +140,7 @@ def command(
     from ..study import run_insertion
 
     make_motion = tissue.prepare()
-    link = open_slicer(igtl)
+    link = open_slicer(answer)
     tract = read_with_options(source, reading, answer)
     if link is not None:
         link, options = take_points(link, tract, options)

@@ -11,7 +11,7 @@ import click
 
 from ..checks import ceil_mm, floor_mm, list_fields
 from ..study.options import InsertionOptions, ReadOptions
-from ._slicer import igtl_option, open_slicer, take_points
+from ._slicer import open_slicer, take_points
 from ._tract_options import (
     PLAN_OPTIONS,
     MovingBody,
@@ -50,8 +50,8 @@ __all__ = ["command", "write_result"]
     is_flag=True,
     help="Also write the distance field and the lumen as NIfTI volumes.",
 )
-@igtl_option
 @answer_options(
+    igtl=True,
     default="bozzini-plan",
     show_default=True,
     metavar="DIRECTORY",
@@ -63,7 +63,6 @@ def command(
     body: MovingBody,
     options: InsertionOptions,
     export: bool,
-    igtl: str | None,
     answer: Answer,
 ) -> None:
     """Plan how a scope moves through the lumen in INPUT.
@@ -76,7 +75,7 @@ def command(
     is made too: tendons.csv is the time table of its drives. Exit code 0: it fits; 1: it does not,
     or that is not proved, and the report names the place; 2: bad input.
     """
-    link = open_slicer(igtl)
+    link = open_slicer(answer)
     reserve_target(answer)
     options.check(body.scope)
     from ..study import run_insertion
