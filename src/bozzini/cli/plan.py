@@ -67,7 +67,7 @@ def command(
 ) -> None:
     """Plan how a scope moves through the lumen in INPUT.
 
-    INPUT is a label volume (.nii, .nii.gz, .nrrd, .nhdr, .mha, .mhd, or a folder of masks), a
+    INPUT is a label volume (.nii, .nii.gz, .nrrd, .nhdr, .mha, .mhd, .dcm, or a folder of masks), a
     surface (.stl, .ply, .obj, .off, .glb, .vtk, .vtp, .vtu), or shapes (.json, .yaml), of which
     triangles are made. Lengths take units (5mm, 0.5cm). The organ decides which end is the entry:
     a colon is entered from its lower end, other organs from the higher one; of an unknown organ
