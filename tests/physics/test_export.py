@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import runpy
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -54,6 +56,15 @@ def test_a_scene_in_metres_moves_as_one_in_millimetres(clear: Scenery) -> None:
         ends.append(data.site("tip").xpos / unit)
     assert np.linalg.norm(ends[0] - clear.plan.joints[0, 0]) > 1.0
     assert ends[1] == pytest.approx(ends[0], abs=1e-3)
+
+
+def test_the_player_takes_the_tip_to_the_end_of_the_plan(clear: Scenery, tmp_path) -> None:
+    player = runpy.run_path(str(Path(__file__).parents[2] / "examples" / "play_plan.py"))
+    files = tmp_path / "scene.xml", tmp_path / "trajectory.yaml"
+    files[0].write_text(format_mjcf(clear.plan, clear.make_wall("plan")))
+    files[1].write_text(format_trajectory(clear.plan, speed=100.0))
+    tip = 1e3 * player["play"](*files).site("tip").xpos
+    assert tip == pytest.approx(clear.plan.joints[-1, 0], abs=0.1)
 
 
 def read_log(path) -> dict[str, list[tuple[int, object]]]:
