@@ -34,6 +34,7 @@ def test_every_example_is_tested():
         "fabricate",
         "insertion_baselines",
         "muscle_calibration",
+        "play_plan",
         "routed_tendons",
     }
 

@@ -23,8 +23,9 @@ COMMANDS = {
     # The module that is not there, and a command that needs it.
     "cad": [("OCP", "effector fabricate --step --out parts")],
     "cockpit": [("websockets", "cockpit")],
-    "ct": [("SimpleITK", "plan series")],
+    "ct": [("SimpleITK", "plan series"), ("highdicom", "plan segments.dcm")],
     "film": [("imageio_ffmpeg", "record plan.npz --out film.mp4")],
+    "igtl": [("pyigtl", "plan tract.stl --igtl 18944")],
     "mcap": [("mcap_ros2", "continuum simulate study.yaml plan.npz --out motion.mcap")],
     "physics": [("mujoco", "execute plan.npz tract.stl")],
     "rig": [
@@ -73,6 +74,8 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     make_plan().save(tmp_path / "plan.npz")
     (tmp_path / "series").mkdir()
     (tmp_path / "series" / "1.dcm").write_bytes(bytes(128) + b"DICM")
+    segmentation = bytes(128) + b"DICM 1.2.840.10008.5.1.4.1.1.66.4"
+    (tmp_path / "segments.dcm").write_bytes(segmentation)
     (tmp_path / "tract.stl").write_text("solid\n")
     assert main(["new", "study"]) == 0
     text = (tmp_path / "study.yaml").read_text("utf-8").partition("sampling:")[0]

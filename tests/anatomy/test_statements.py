@@ -256,8 +256,6 @@ def test_what_slices_state_is_compared_with_where_they_are(tmp_path):
         assert found.severity == severity and word in found.message
     with pytest.raises(FileFormatError, match=r"slice0\.dcm and slice3\.dcm differ by up to"):
         read_volume(write_slices(tmp_path / "odd", itk, sides=(1.6, 0.9, 1.0), **same))
-    with pytest.raises(FileFormatError, match=r"DICOM segmentation: not read"):
-        read_volume(write_slices(tmp_path / "seg", itk, **{"0008_0060": "SEG"}))
 
 
 def test_masks_of_one_folder_keep_their_findings_and_have_one_frame(tmp_path):

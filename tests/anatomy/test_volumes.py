@@ -5,8 +5,10 @@ from __future__ import annotations
 import gzip
 import itertools
 
+import highdicom as hd
 import nibabel
 import numpy as np
+import pydicom
 import pytest
 
 from bozzini.anatomy import read_labels, read_tract, read_volume, write_tract
@@ -305,15 +307,16 @@ def test_a_frame_given_wins_over_the_file_and_says_so(tmp_path):
     np.testing.assert_allclose(other.affine, plain.affine)
 
 
-def write_series(folder, array, positions, itk):
-    folder.mkdir()
+def write_series(folder, array, positions, itk, *, series=4):
+    folder.mkdir(exist_ok=True)
     for k, position in enumerate(positions):
         image = itk.GetImageFromArray(array[..., k].T[None].astype(np.int16))
-        image.SetSpacing((0.8, 0.9, 1.0))
+        image.SetSpacing((0.8, 0.9, 2.5))
         tags = {
-            "0008|0060": "CT", "0020|000d": "1.2.3", "0020|000e": "1.2.3.4",
-            "0008|0018": f"1.2.3.4.{k + 1}", "0020|0013": str(k),
-            "0008|0016": "1.2.840.10008.5.1.4.1.1.2",
+            "0008|0060": "CT", "0020|000d": "1.2.3", "0020|000e": f"1.2.3.{series}",
+            "0008|0018": f"1.2.3.{series}.{k + 1}", "0020|0013": str(k + 1),
+            "0008|0016": "1.2.840.10008.5.1.4.1.1.2", "0008|103e": f"body {series}",
+            "0020|0052": "1.2.3.9", "0018|0050": "2.5", "0010|0010": "no^body", "0010|0020": "1",
             "0020|0032": f"-50\\20\\{position}", "0020|0037": "1\\0\\0\\0\\1\\0",
             "0028|1052": "-1024", "0028|1053": "1",
         }  # fmt: skip
@@ -322,7 +325,9 @@ def write_series(folder, array, positions, itk):
         image.SetOrigin((-50.0, 20.0, float(position)))
         writer = itk.ImageFileWriter()
         writer.KeepOriginalImageUIDOn()
-        writer.SetFileName(str(folder / f"slice{(7 * k) % 100:03d}.dcm"))  # not in their order
+        writer.SetFileName(
+            str(folder / f"slice{series}{(7 * k) % 100:03d}.dcm")
+        )  # not in their order
         writer.Execute(image)
     return folder
 
@@ -340,10 +345,89 @@ def test_a_dicom_series_is_read_in_its_frame(tmp_path, capfd):
     gap = [*positions[:4], *(place + 2.5 for place in positions[4:])]
     with pytest.raises(FileFormatError, match="not evenly spaced, 2.5 to 5 mm"):
         read_volume(write_series(tmp_path / "gap", array, gap, itk))
+    write_series(tmp_path / "scan", array[..., :3], positions[:3], itk, series=5)
+    both = read_volume(tmp_path / "scan")
+    assert (both.array == array).all()
+    left = codes(both)["series-left-out"]
+    assert left.severity == "warning" and "'body 5' (slice5000.dcm and 2 more)" in left.message
+    write_series(tmp_path / "scan", array, positions, itk, series=6)
+    with pytest.raises(FileFormatError, match="3 series, 'body 4' .*'body 6' .*'body 5' "):
+        read_volume(tmp_path / "scan")
     (tmp_path / "empty").mkdir()
     with pytest.raises(FileFormatError, match="DICOM series"):
         read_volume(tmp_path / "empty")
     assert capfd.readouterr() == ("", "")
+
+
+def write_segments(path, masks, slices):
+    """Write masks (nx, ny, nz, segments) of a series by highdicom, named ``stomach``, ``colon``."""
+    code = ("123037004", "SCT", "Anatomical structure")
+    described = [
+        hd.seg.SegmentDescription(
+            segment_number=k + 1, segment_label=name, algorithm_type="MANUAL",
+            segmented_property_category=hd.sr.CodedConcept(*code),
+            segmented_property_type=hd.sr.CodedConcept(*code),
+        )
+        for k, name in enumerate(("stomach", "colon"))
+    ]  # fmt: skip
+    hd.seg.Segmentation(
+        source_images=[pydicom.dcmread(file) for file in slices],
+        pixel_array=np.moveaxis(masks, (2, 1, 0), (0, 1, 2)).astype(np.uint8),
+        segmentation_type="BINARY", segment_descriptions=described,
+        series_instance_uid="1.2.3.7", series_number=7, sop_instance_uid="1.2.3.7.1",
+        instance_number=1, manufacturer="none", manufacturer_model_name="none",
+        software_versions="1", device_serial_number="1",
+    ).save_as(path)  # fmt: skip
+    return path
+
+
+@pytest.mark.parametrize("overlap", [False, True])
+def test_a_dicom_segmentation_has_names_and_the_places_of_its_series(tmp_path, overlap):
+    itk = pytest.importorskip("SimpleITK")
+    scan = np.zeros((10, 12, 8))
+    folder = write_series(tmp_path / "scan", scan, [100.0 + 2.5 * k for k in range(8)], itk)
+    masks = np.zeros((10, 12, 8, 2), dtype=bool)
+    masks[2:5, 3:6, 2:6, 0] = masks[(4 if overlap else 5) : 8, 3:8, 2:6, 1] = True
+    files = sorted(folder.iterdir(), key=lambda file: pydicom.dcmread(file).InstanceNumber)
+    path = write_segments(tmp_path / "organs.dcm", masks, files)
+    for k, name in enumerate(("stomach", "colon")):
+        tract = read_tract(path, labels=[name])
+        assert tract.label_names == {k + 1: name} and tract.organ == ("upper-tract", "colon")[k]
+        assert tract.frame == "LPS"
+        index = np.argwhere(tract.mask) @ tract.affine[:3, :3].T + tract.affine[:3, 3]
+        series = read_volume(folder).affine
+        places = np.argwhere(masks[..., k]) @ series[:3, :3].T + series[:3, 3]
+        order = [rows[np.lexsort(rows.round(3).T)] for rows in (index, places)]
+        np.testing.assert_allclose(*order, atol=1e-4)
+    path.rename(folder / "organs.dcm")
+    assert "organs.dcm" in codes(read_volume(folder))["series-left-out"].message
+    with pytest.raises(FileFormatError, match="a slice: give the folder"):
+        read_tract(files[0])
+
+
+@pytest.mark.parametrize("encoding", ["raw", "gzip"])
+@pytest.mark.parametrize("skip", [0, 7, -1])
+def test_bytes_before_the_voxels_of_a_nrrd_are_skipped(tmp_path, encoding, skip):
+    array = noise((5, 6, 7))
+    data = array.tobytes(order="F")
+    body = bytes(max(skip, 0) or 9 * (skip < 0)) + data
+    header = (
+        "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 5 6 7\nspace: RAS\nspace units: "
+        '"m" "m" "m"\nspace directions: (0.001,0,0) (0,0.001,0) (0,0,0.002)\n'
+        f"encoding: {encoding}\nbyte skip: {skip}\ndata file: x.bin\n"
+    )
+    (tmp_path / "x.nhdr").write_text(header)
+    (tmp_path / "x.bin").write_bytes(body if encoding == "raw" else gzip.compress(body))
+    if encoding == "gzip" and skip < 0:
+        with pytest.raises(FileFormatError, match="'byte skip' is '-1'"):
+            read_volume(tmp_path / "x.nhdr")
+        return
+    volume = read_volume(tmp_path / "x.nhdr")
+    assert (volume.array == array).all()
+    np.testing.assert_allclose(np.diag(volume.affine), [1.0, 1.0, 2.0, 1.0])
+    (tmp_path / "x.bin").write_bytes(body[:5])
+    with pytest.raises(FileFormatError, match="truncated"):
+        read_volume(tmp_path / "x.nhdr")
 
 
 def test_without_simpleitk_the_extra_is_named(tmp_path, monkeypatch):

@@ -7,10 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pyigtl.messages import message_type_to_class_constructor
 
 from bozzini.anatomy import write_tract
 from bozzini.cli.main import main
+from tests.cockpit.conftest import wait_until
 from tests.duct.test_moving import make_tube
+from tests.scene.test_slicer import Model, serve
 
 pytestmark = pytest.mark.slow  # its kernels are compiled for little else
 
@@ -56,6 +59,30 @@ def test_a_wall_too_fast_for_the_rate_is_said_and_drawn(
     assert code == 1
     assert "until the next frame" in out
     assert picture.read_bytes()[:4] == b"\x89PNG"
+
+
+class Kept(dict[str, object]):
+    """All that comes of each device, where pyigtl keeps the last."""
+
+    def __setitem__(self, name: str, message: object) -> None:
+        super().__setitem__(name, [*self.get(name, []), message])
+
+
+def test_slicer_shows_each_frame(capsys: CAPTURE, tube: Path, monkeypatch) -> None:
+    monkeypatch.setitem(message_type_to_class_constructor, "POLYDATA", Model)
+    with serve() as (server, address):
+        server.incoming_messages = Kept()
+        short = ("--duration", "0.1s", "--frame", "RAS", "--igtl", address)
+        code, out, err = live(capsys, tube, *SMALL[:4], *SMALL[6:], *short, "--json")
+        assert code == 0, err
+        wait_until(lambda: len(server.incoming_messages.get("ScopeTip", [])) == 3)
+    shown = server.incoming_messages
+    assert json.loads(out)["frames"] == len(shown["Wall"]) == len(shown["Scope"]) == 3
+    first, _, last = (wall.points for wall in shown["Wall"])
+    assert 1e-3 < np.linalg.norm(last - first, axis=1).max() < 2.0
+    tips = [tip.matrix[:3, 3] for tip in shown["ScopeTip"]]
+    line = shown["Line"][0].points
+    assert np.linalg.norm(line - tips[0], axis=1).min() < 3.0
 
 
 @pytest.mark.parametrize(

@@ -1,8 +1,9 @@
-"""A DICOM series as a volume, by SimpleITK; what its slices state is compared with each other."""
+"""DICOM: a series as a volume, by SimpleITK, its slices compared; a segmentation, by highdicom."""
 
 from __future__ import annotations
 
 import os
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 
 from ..errors import FileFormatError, MissingExtraError
 from ._statements import SAME_SHARE, SAME_SPACING, compare_spacing
-from .files import explain, read_number
+from .files import explain, quiet_libraries, read_number
 from .frame import compare_affines
 from .labels import Volume
 from .tract import Finding
@@ -19,14 +20,27 @@ from .tract import Finding
 LARGEST_UNEVENNESS = 0.02
 """Largest departure of a distance between slices from their mean, by that mean."""
 
+SMALL_SERIES = 0.5
+"""Files of another series by those of the largest, up to which it is only left out."""
+
+_SEGMENTATION = b"1.2.840.10008.5.1.4.1.1.66.4"
+"""Class of a segmentation; surfaces are 66.5."""
+
 
 def read_dicom(folder: Path, suffixes: tuple[str, ...]) -> Volume:
-    """Read the series of a folder by SimpleITK, in its world frame, which is LPS, in mm."""
-    if not any(_is_dicom(file) for file in sorted(folder.iterdir())):
+    """Read the series, or else the segmentation, of a folder, in its world frame, LPS, in mm."""
+    files = [file for file in sorted(folder.iterdir()) if _is_dicom(file)]
+    if not files:
         raise FileFormatError(
             f"{folder} is a folder without volumes: known are a DICOM series, and masks named "
             f"{', '.join(suffixes)}"
         )
+    segmentations = [file for file in files if is_segmentation(file)]
+    if len(segmentations) == len(files):
+        if len(files) > 1:
+            names = ", ".join(file.name for file in files)
+            raise FileFormatError(f"{folder} holds several segmentations: give one of {names}")
+        return read_segmentation(files[0])
     try:
         import SimpleITK
     except ImportError:
@@ -39,12 +53,23 @@ def read_dicom(folder: Path, suffixes: tuple[str, ...]) -> Volume:
             key: list(reader.GetGDCMSeriesFileNames(os.fspath(folder), key))
             for key in reader.GetGDCMSeriesIDs(os.fspath(folder))
         }
+        series = {
+            key: each
+            for key, each in series.items()
+            if not all(Path(file) in segmentations for file in each)
+        }
         if not series:
             raise FileFormatError(f"{folder} holds neither masks nor a DICOM series")
-        files = max(series.values(), key=len)
-        heads = [_read_slice(file) for file in files]
+        chosen, *others = sorted(series.values(), key=len, reverse=True)
+        rest = ", ".join(map(_name_series, others))
+        if others and len(others[0]) > SMALL_SERIES * len(chosen):
+            raise FileFormatError(
+                f"{folder} holds {len(series)} series, {_name_series(chosen)}, {rest}: give a "
+                "folder with one of them"
+            )
+        heads = [_read_slice(file) for file in chosen]
         origins = np.array([head.affine[:3, 3] for head in heads])
-        reader.SetFileNames(files)
+        reader.SetFileNames(chosen)
         image = reader.Execute()
         array = SimpleITK.GetArrayFromImage(image)
         direction = np.reshape(image.GetDirection(), (3, 3))
@@ -62,15 +87,75 @@ def read_dicom(folder: Path, suffixes: tuple[str, ...]) -> Volume:
     affine[:3, :3] = direction * spacing
     affine[:3, 3] = origin
     found: list[Finding] = []
-    if len(files) > 1:
+    if len(chosen) > 1:
         _check_heads(heads, folder)
         affine[:3, 2] = _check_slices(origins, direction, folder)
         found += _compare_steps(heads[0], affine, array.T.shape)
-    if len(series) > 1:
-        message = f"the folder holds {len(series)} series: the one of most files is taken"
+    if others:
+        message = f"series of the folder left out, as another has more files: {rest}"
         found.append(Finding("series-left-out", "warning", message))
+    if segmentations:
+        names = ", ".join(file.name for file in segmentations)
+        message = f"segmentations left out, give the file to read one: {names}"
+        found.append(Finding("series-left-out", "note", message))
     return Volume(
         array=array.T, affine=affine, source=folder.name, frame="LPS", findings=tuple(found)
+    )
+
+
+def _name_series(files: list[str]) -> str:
+    """Return the description of a series, its first file, and how many there are."""
+    import SimpleITK
+
+    reader = SimpleITK.ImageFileReader()
+    reader.SetFileName(files[0])
+    reader.ReadImageInformation()
+    tag = "0008|103e"
+    name = str(reader.GetMetaData(tag)).strip() if reader.HasMetaDataKey(tag) else ""
+    return f"'{name}' ({Path(files[0]).name} and {len(files) - 1} more)"
+
+
+def is_segmentation(file: Path) -> bool:
+    """Whether a file is a DICOM segmentation, by the class in its header."""
+    if not _is_dicom(file):
+        return False
+    with file.open("rb") as handle:
+        return _SEGMENTATION in handle.read(4096)
+
+
+def read_segmentation(file: Path) -> Volume:
+    """Read a DICOM segmentation by highdicom, with the names of its segments, in LPS in mm.
+
+    Where segments overlap the volume has a layer for each.
+    """
+    if not is_segmentation(file):
+        what = "a slice: give the folder of the series" if _is_dicom(file) else "not DICOM"
+        raise FileFormatError(f"{file} is no DICOM segmentation, but {what}")
+    try:
+        from highdicom.seg import segread
+    except ImportError:
+        raise MissingExtraError("highdicom", "ct") from None
+    segments: tuple[tuple[str, int, int], ...] = ()
+    volume = None
+    try:
+        with quiet_libraries():
+            found = segread(os.fspath(file))
+            numbers = found.segment_numbers
+            names = {n: str(found.get_segment_description(n).segment_label) for n in numbers}
+            with suppress(RuntimeError):  # segments overlap
+                volume = found.get_volume(combine_segments=True)
+            if volume is None:
+                volume = segread(os.fspath(file)).get_volume(rescale_fractional=False)
+                segments = tuple((name, 1, layer) for layer, name in enumerate(names.values()))
+    except Exception as error:  # highdicom and pydicom raise many kinds
+        raise FileFormatError(f"{file} cannot be read: {explain(error)}") from None
+    return Volume(
+        array=np.asarray(volume.array),
+        affine=np.array(volume.affine, dtype=np.float64),
+        source=file.name,
+        names=names,
+        frame="LPS",
+        segments=segments,
     )
 
 
@@ -102,10 +187,6 @@ def _read_slice(file: str) -> _Slice:
     def read(tag: str) -> str:
         return str(reader.GetMetaData(tag)).strip() if reader.HasMetaDataKey(tag) else ""
 
-    if read("0008|0060") == "SEG":
-        raise FileFormatError(
-            f"{file} is a DICOM segmentation: not read; save it as .seg.nrrd or .nii.gz"
-        )
     affine = np.eye(4)
     affine[:3, :3] = np.reshape(reader.GetDirection(), (3, 3)) * reader.GetSpacing()
     affine[:3, 3] = reader.GetOrigin()

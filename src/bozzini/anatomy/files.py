@@ -58,7 +58,7 @@ def explain(error: BaseException) -> str:
     return " ".join(str(error).split())[:160] or type(error).__name__
 
 
-_LIBRARIES = ("nibabel", "trimesh", "PIL")
+_LIBRARIES = ("nibabel", "trimesh", "PIL", "pydicom", "highdicom")
 """Whose loggers print on their own, some with a traceback, where they can go on."""
 
 

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from ..errors import BozziniError, FileFormatError, InputError, UnitError
 from ..io.inputs import note_input
 from ..units import parse_quantity
-from ._dicom import read_dicom
+from ._dicom import read_dicom, read_segmentation
 from ._statements import compare_places, compare_spacing, report_unit
 from .files import (
     PathLike,
@@ -223,15 +223,15 @@ def read_nrrd(path: PathLike) -> Volume:
         encoding = fields.get("encoding", "").lower()
         if encoding not in ("raw", "gzip", "gz"):
             raise FileFormatError(f"{path} has the encoding '{encoding}': known are raw and gzip")
-        for word in ("line skip", "byte skip"):
-            if fields.get(word, "0") != "0":
-                raise FileFormatError(f"{path} asks for a {word}: not read")
+        if fields.get("line skip", "0") != "0":
+            raise FileFormatError(f"{path} asks for a line skip: not read")
         spatial, affine, frame, found = _read_nrrd_space(fields, len(sizes), path)
         shape = tuple(int(size) for size in sizes)
         detached = fields.get("data file")
         with _open_data(handle, path, detached) as data:
             packed: Compression = None if encoding == "raw" else "gzip"
-            array = _Layout(path, shape, dtype, packed).read(data)
+            layout = _Layout(path, shape, dtype, packed)
+            array = layout.read(data, _skip_bytes(data, fields.get("byte skip", "0"), layout))
     array = np.moveaxis(array, spatial, (0, 1, 2))
     segments = _list_segments(pairs, path)
     return Volume(
@@ -243,6 +243,23 @@ def read_nrrd(path: PathLike) -> Volume:
         findings=tuple(found),
         segments=segments if array.ndim > 3 and array.shape[3] > 1 else (),
     )
+
+
+def _skip_bytes(data: BinaryIO, text: str, layout: _Layout) -> BinaryIO:
+    """Return the stream of the voxels after so many bytes; after -1 they are the last ones."""
+    if not re.fullmatch(r"\d{1,9}" if layout.packed else r"-1|\d{1,9}", text):
+        raise FileFormatError(f"{layout.path} is damaged: 'byte skip' is '{text[:60]}'")
+    skip = int(text)
+    if layout.packed:  # those of what was compressed
+        stream = _inflate(data, layout.packed)
+        while skip > 0 and (piece := stream.read(min(1 << 22, skip))):
+            skip -= len(piece)
+        return stream
+    begin = data.tell()
+    if skip < 0:
+        skip = max(os.fstat(data.fileno()).st_size - layout.size - begin, 0)
+    data.seek(begin + skip)
+    return data
 
 
 _NRRD_ALIASES = {
@@ -637,7 +654,7 @@ SAME_PLACE_MM = 1e-3
 
 def is_volume(path: PathLike) -> bool:
     """Whether a path is one that `read_labels` takes: by its suffix, or a folder."""
-    return has_suffix(path, LABEL_SUFFIXES) or os.path.isdir(path)
+    return has_suffix(path, (*LABEL_SUFFIXES, ".dcm")) or os.path.isdir(path)
 
 
 def read_labels(
@@ -651,8 +668,8 @@ def read_labels(
     Parameters
     ----------
     path : path-like
-        A ``.nii``, ``.nii.gz``, ``.nrrd``, ``.nhdr``, ``.mha`` or ``.mhd`` file, or a folder of
-        such files, one mask per organ, named by it.
+        A ``.nii``, ``.nii.gz``, ``.nrrd``, ``.nhdr``, ``.mha`` or ``.mhd`` file, a DICOM
+        segmentation (``.dcm``), or a folder of such files, one mask per organ, named by it.
     labels : sequence of int or str, optional
         The labels that make up the lumen, by number or by name (small and capital letters are
         alike), or ``"all"``. A name is that of the file, or for a file of TotalSegmentator
@@ -695,7 +712,7 @@ def read_volume(path: PathLike) -> Volume:
     FileFormatError
         As `read_labels` does.
     MissingExtraError
-        If it is a DICOM series and SimpleITK is not installed.
+        If it is DICOM, and SimpleITK or highdicom is not installed.
     """
     if os.path.isdir(path):
         return read_dicom(Path(path), LABEL_SUFFIXES)
@@ -703,8 +720,9 @@ def read_volume(path: PathLike) -> Volume:
     for suffixes, reader in _READERS.items():
         if has_suffix(path, suffixes):
             return _add_sidecar(Path(path), reader(path))
-    hint = ": give the folder of the series" if has_suffix(path, (".dcm",)) else ""
-    raise FileFormatError(f"{path} is not named {', '.join(LABEL_SUFFIXES)}{hint}")
+    if has_suffix(path, (".dcm",)):
+        return read_segmentation(Path(path))
+    raise FileFormatError(f"{path} is not named {', '.join(LABEL_SUFFIXES)}")
 
 
 def find_sidecars(path: PathLike) -> tuple[dict[int, str], list[Path]]:

@@ -11,6 +11,7 @@ from ..effector.design import DEFAULT_PRESET
 from ..errors import InputError
 from ..rig.choices import CONTROLLERS
 from ..study.options import PathOptions, ReadOptions
+from ._slicer import open_slicer
 from ._tract_options import MovingBody, list_given, tract_options
 from .common import (
     EXIT_NEGATIVE,
@@ -84,6 +85,7 @@ __all__ = ["command"]
     ".html",
     ".csv",
     *PICTURES,
+    igtl=True,
     help="What the operator drew: a report (.html), a table, a picture; with --head the touches.",
 )
 def command(
@@ -158,6 +160,7 @@ def command(
             targets=targets or 5,
             operator=operator,  # type: ignore[arg-type]
             is_shown=not no_browser,
+            slicer=open_slicer(answer),
         )
         cockpit = Cockpit(job, chosen, listener=listener)
         cockpit.run(lambda address: click.echo(address, err=answer.as_json or operator is not None))

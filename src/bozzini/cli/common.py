@@ -597,7 +597,7 @@ def spell_command() -> str:
 
 ARGUMENTS = "bozzini.arguments"
 """Where a context keeps what was typed after the name of the command."""
-_NO_CONTENT = ("out", "force", "as_json", "quiet", "options")
+_NO_CONTENT = ("out", "force", "as_json", "quiet", "options", "igtl")
 """Options that change where the answer goes, or whose values are spelled out."""
 
 
@@ -684,12 +684,13 @@ _TYPES: dict[str, _AnyType | type] = {
 
 @dataclasses.dataclass(frozen=True)
 class Answer:
-    """Where the answer of a command goes: stdout as text or JSON, and perhaps to files."""
+    """Where the answer of a command goes: stdout as text or JSON, perhaps files and 3D Slicer."""
 
     as_json: bool
     quiet: bool = True
     out: Path | None = None
     force: bool = False
+    igtl: str | None = None
 
     @property
     def target(self) -> Path:
@@ -731,8 +732,11 @@ class Answer:
             write_figure(draw(), self.out)
 
 
+_IGTL = "Show it in 3D Slicer (OpenIGTLinkIF), and take its points start, end, target."
+
+
 def answer_options(
-    *suffixes: str, quiet: bool = True, name: str = "--out", **out: Any
+    *suffixes: str, quiet: bool = True, name: str = "--out", igtl: bool = False, **out: Any
 ) -> Callable[[Command], Command]:
     """Return a decorator that adds ``--json`` and the other options of an answer.
 
@@ -747,6 +751,8 @@ def answer_options(
         Whether to add ``--quiet``.
     name : str
         Another name of the option ``--out``.
+    igtl : bool
+        Whether to add ``--igtl``: see `bozzini.cli._slicer`.
     **out
         Of the option ``--out``, for `click.option`; without suffixes and these there is none.
     """
@@ -765,6 +771,8 @@ def answer_options(
     if out:
         given = {"type": OUTPUT, "metavar": "FILE", **out}
         options += [click.option(name, "out", **given), force_option]
+    if igtl:
+        options.append(option("--igtl HOST:PORT", _IGTL))
     options += [json_option, quiet_option] if quiet else [json_option]
     return gather("answer", make, *options)
 

@@ -1148,7 +1148,7 @@ def simulate_command(
     Exit code 0: simulated to the end; 1: not, and where, or energy came from nowhere; 2: bad input.
     """
     from ..continuum import ContactModel, push_in, read_timed_commands, simulate, write_mcap
-    from ..continuum.motion_log import check_mcap
+    from ..io.mcap import check_mcap
 
     logged = answer.out is not None and answer.out.suffix.lower() == ".mcap"
     if answer.out is not None and logged:

@@ -13,6 +13,7 @@ from ..checks import ceil_mm, check_number, floor_mm, quantity
 from ..errors import InputError
 from ..motion.live import LiveOptions
 from ..study.options import InsertionOptions, PathOptions, ReadOptions
+from ._slicer import open_slicer, take_points
 from ._tract_options import MovingBody, read_with_options, report_findings, tract_options
 from .common import (
     EXIT_NEGATIVE,
@@ -32,6 +33,8 @@ if TYPE_CHECKING:
     from ..duct import Centreline
     from ..motion import LiveFrame, LiveRun
     from ..progress import Progress
+    from ..scene import SlicerLink
+    from ..study import InsertionStudy
 
 __all__ = ["command"]
 
@@ -40,6 +43,9 @@ DEPTH_MAX = 0.95
 
 HEAD_STEP_MM = 1.0
 """The head's step in every frame."""
+
+MOST_FACES = 10_000
+"""Of the wall in each frame that 3D Slicer shows."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -108,7 +114,10 @@ class TissueOptions:
 @options_of(TissueOptions, "tissue")
 @options_of(LiveOptions, "loop")
 @answer_options(
-    *PICTURES, ".csv", help="A picture (.png, .svg, .pdf), or a table of the frames (.csv)."
+    *PICTURES,
+    ".csv",
+    igtl=True,
+    help="A picture (.png, .svg, .pdf), or a table of the frames (.csv).",
 )
 def command(
     source: Path,
@@ -131,7 +140,10 @@ def command(
     from ..study import run_insertion
 
     make_motion = tissue.prepare()
+    link = open_slicer(answer)
     tract = read_with_options(source, reading, answer)
+    if link is not None:
+        link, options = take_points(link, tract, options)
     insertion = InsertionOptions(**vars(options), method="tube", head_step=HEAD_STEP_MM)
     with answer.show_progress() as progress:
         study = run_insertion(tract, body.scope, options=insertion, progress=progress)
@@ -154,6 +166,8 @@ def command(
             motion=motion,
         )
         frames = follow_tissue(study.plan, study.field, options=loop, **follow)  # type: ignore[arg-type]
+        if link is not None:
+            frames = _show(frames, link, study, motion)
         duration = motion.period if loop.duration is None else loop.duration
         run = LiveRun.collect(_watch(frames, duration, progress), rate=loop.rate, motion=motion)
     answer.write(run.list_columns(), lambda: _draw(run))
@@ -166,6 +180,20 @@ def command(
 def _watch(frames: Iterator[LiveFrame], duration: float, progress: Progress) -> Iterator[LiveFrame]:
     for frame in frames:
         progress("live", min(frame.time / duration, 1.0))
+        yield frame
+
+
+def _show(
+    frames: Iterator[LiveFrame], link: SlicerLink, study: InsertionStudy, motion: TissueMotion
+) -> Iterator[LiveFrame]:
+    """Show each frame in 3D Slicer as it comes: wall, scope and what is left of the line."""
+    from ..scene.scene import prepare_tract
+
+    wall = prepare_tract(study.find_surface(), max_faces=MOST_FACES)
+    for frame in frames:
+        link.send_wall(wall.vertices + motion.at(frame.time)(wall.vertices), wall.faces)
+        link.send_line(frame.plan.path)
+        link.send_scope(frame.body, radius=frame.plan.get_scope().radius)
         yield frame
 
 

@@ -11,6 +11,7 @@ import click
 
 from ..checks import ceil_mm, floor_mm, list_fields
 from ..study.options import InsertionOptions, ReadOptions
+from ._slicer import open_slicer, take_points
 from ._tract_options import (
     PLAN_OPTIONS,
     MovingBody,
@@ -32,6 +33,7 @@ from .common import (
 )
 
 if TYPE_CHECKING:
+    from ..scene import SlicerLink
     from ..study import InsertionStudy
 
 __all__ = ["command", "write_result"]
@@ -49,6 +51,7 @@ __all__ = ["command", "write_result"]
     help="Also write the distance field and the lumen as NIfTI volumes.",
 )
 @answer_options(
+    igtl=True,
     default="bozzini-plan",
     show_default=True,
     metavar="DIRECTORY",
@@ -64,7 +67,7 @@ def command(
 ) -> None:
     """Plan how a scope moves through the lumen in INPUT.
 
-    INPUT is a label volume (.nii, .nii.gz, .nrrd, .nhdr, .mha, .mhd, or a folder of masks), a
+    INPUT is a label volume (.nii, .nii.gz, .nrrd, .nhdr, .mha, .mhd, .dcm, or a folder of masks), a
     surface (.stl, .ply, .obj, .off, .glb, .vtk, .vtp, .vtu), or shapes (.json, .yaml), of which
     triangles are made. Lengths take units (5mm, 0.5cm). The organ decides which end is the entry:
     a colon is entered from its lower end, other organs from the higher one; of an unknown organ
@@ -72,6 +75,7 @@ def command(
     is made too: tendons.csv is the time table of its drives. Exit code 0: it fits; 1: it does not,
     or that is not proved, and the report names the place; 2: bad input.
     """
+    link = open_slicer(answer)
     reserve_target(answer)
     options.check(body.scope)
     from ..study import run_insertion
@@ -80,13 +84,15 @@ def command(
     begin = time.perf_counter()
     tract = read_with_options(source, reading, answer)
     seconds = {"read": time.perf_counter() - begin}
+    if link is not None:
+        link, options = take_points(link, tract, options)
     inputs = describe_source(source, reading, tract=tract, options=options)
     with answer.show_progress() as progress:
         study = run_insertion(
             tract, body.scope, options=options, robot=body.machine, inputs=inputs, progress=progress
         )
     report_study(study.findings, tract.findings, "the report")
-    write_result(study, seconds, answer, export=export)
+    write_result(study, seconds, answer, export=export, link=link)
 
 
 def reserve_target(answer: Answer) -> None:
@@ -98,15 +104,31 @@ def reserve_target(answer: Answer) -> None:
 
 
 def write_result(
-    study: InsertionStudy, seconds: dict[str, float], answer: Answer, *, export: bool = False
+    study: InsertionStudy,
+    seconds: dict[str, float],
+    answer: Answer,
+    *,
+    export: bool = False,
+    link: SlicerLink | None = None,
 ) -> None:
-    """Write the files of a plan and its summary, and end with the exit code of its verdict."""
+    """Write the files of a plan and its summary, and end with the exit code of its verdict.
+
+    Before it ends the motion is played in 3D Slicer, if there is a link.
+    """
     out = answer.target
     plan = replace(study.plan, more={**study.plan.more, "command": spell_command()})
     study = replace(study, plan=plan, seconds=seconds | study.seconds)
     with answer.show_progress() as progress:
         summary = study.write(out, force=answer.force, export=export, progress=progress)
     answer.give(summary, _describe_result(study, summary, out))
+    if link is not None:
+        from ..scene.scene import SceneOptions, prepare_tract
+
+        wall = prepare_tract(study.find_surface(), max_faces=SceneOptions().max_faces)
+        link.send_wall(wall.vertices, wall.faces)
+        link.send_line(study.line.points)
+        joints, radius = study.place_body()
+        link.play(joints, radius=radius)
     if not study.fits:
         run_exit(EXIT_NEGATIVE)
 

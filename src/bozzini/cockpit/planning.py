@@ -27,7 +27,7 @@ from ..numeric.arrays import Floats
 from ..progress import Progress
 from ..results import Json
 from ..study.options import InsertionOptions, PathOptions, ReadOptions
-from .session import ShownPlan
+from .session import Outline, ShownPlan
 from .wire import Change
 
 if TYPE_CHECKING:
@@ -383,9 +383,17 @@ class Bench:
             wall=wall,
             tendons=moves,
             info=info,
+            outline=self._outline(found),
         )
         _ = shown.frames  # made here, not in the server's event loop
         return shown
+
+    def _outline(self, found: CasePlan) -> Outline:
+        wall = self.view_wall(found.field).surfaces[0]
+        frame = getattr(self.tract, "frame", None)
+        return Outline(
+            vertices=wall.vertices, faces=wall.faces, line=found.line.points, frame=frame
+        )
 
     def _judge(self, found: CasePlan) -> Json:
         """Return the verdict on a plan, as reports and commands state it."""

@@ -21,8 +21,10 @@ from .wire import Change
 
 if TYPE_CHECKING:
     from ..head import TargetRun
+    from ..scene import SlicerLink
     from .drive import EffectorDrive
     from .operator import Drawing, FigureKind
+    from .slicer import SlicerWindow
 
 WAIT_FOR_WINDOW = 10.0
 """How long the operator waits for the page that is opened [s]."""
@@ -56,6 +58,8 @@ class CockpitOptions:
         How many the head's instrument has to touch.
     is_shown : bool
         Whether the page is opened in the browser.
+    slicer : SlicerLink, optional
+        Where else it is shown.
     """
 
     host: str = "127.0.0.1"
@@ -69,6 +73,7 @@ class CockpitOptions:
     head: str | None = None
     targets: int = 5
     is_shown: bool = True
+    slicer: SlicerLink | None = None
 
     @property
     def is_open(self) -> bool:
@@ -102,6 +107,7 @@ class Cockpit:
         self.drawing: Drawing | None = None
         self.run_of_targets: TargetRun | None = None
         self._planning: Planning | None = None
+        self._slicer: SlicerWindow | None = None
         self._late: asyncio.TimerHandle | None = None
         self._has_ended = False
 
@@ -154,13 +160,19 @@ class Cockpit:
             if self.options.is_shown:
                 threading.Thread(target=webbrowser.open, args=(self.address,), daemon=True).start()
 
-        beside = asyncio.create_task(self._prepare())
+        beside = [asyncio.create_task(self._prepare())]
+        if self.options.slicer is not None:
+            from .slicer import SlicerWindow
+
+            self._slicer = SlicerWindow(self.options.slicer, self.session)
+            beside.append(asyncio.create_task(self._slicer.run()))
         try:
             await run_server(self._server, self.listener, session=self.session, when_ready=begin)
         finally:
-            beside.cancel()
-            with suppress(asyncio.CancelledError):
-                await beside
+            for task in beside:
+                task.cancel()
+                with suppress(asyncio.CancelledError):
+                    await task
 
     async def _prepare(self) -> None:
         """Open the drive beside the server, and let the operator draw."""
@@ -227,6 +239,8 @@ class Cockpit:
             self._tell("" if is_final else "looking for what would fit", busy=not is_final)
         elif kind == "moved":
             session.show_moved(*what)
+            if self._slicer is not None:
+                self._slicer.wall = what[1]
         elif kind == "progress":
             session.planning = {**session.planning, "busy": True, "stage": what}
         elif kind == "done":

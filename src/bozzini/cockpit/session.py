@@ -90,6 +90,26 @@ class Distance(Protocol):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class Outline:
+    """Wall and line of a plan, as other programs are shown them.
+
+    Attributes
+    ----------
+    vertices, faces : (n, 3) float, (m, 3) int
+        Of the wall [mm].
+    line : (k, 3) float
+        [mm].
+    frame : str, optional
+        Where the axes point in the patient.
+    """
+
+    vertices: Floats
+    faces: NDArray[np.int64]
+    line: Floats
+    frame: str | None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class ShownPlan:
     """A plan as the windows need it.
 
@@ -109,6 +129,8 @@ class ShownPlan:
         Displacements of a robot's tendons [mm].
     info : dict
         What the page shows of it: verdict, reason, sizes, tendons.
+    outline : Outline, optional
+        What 3D Slicer shows of it.
     """
 
     view: bytes = field(repr=False)
@@ -119,6 +141,7 @@ class ShownPlan:
     wall: Distance | None = field(default=None, repr=False)
     tendons: Floats = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
     info: Json = field(default_factory=dict)
+    outline: Outline | None = field(default=None, repr=False)
 
     @property
     def steps(self) -> int:

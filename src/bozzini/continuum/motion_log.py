@@ -1,70 +1,28 @@
-"""Logs of motions as MCAP files of ROS 2 messages, which Foxglove and ``ros2 bag`` play.
+"""Logs of motions as MCAP files of ROS 2 messages: see `bozzini.io.mcap`.
 
-Lengths are in metres, as ROS 2 has them (REP 103); times are those of the motion,
-from its first one where they are none of ROS (negative, or from 2^31 s on).
+Times are those of the motion, from its first one where they are none of ROS (negative, or from
+2^31 s on).
 """
 
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..errors import MissingExtraError
-from ..io.files import check_new_file, write_atomically
+from ..io.mcap import LAST_S, METRE, Entry, make_header, to_quaternion, to_xyz, write_log
 
 if TYPE_CHECKING:
     from .dynamics import ShapeHistory
 
-METRE = 1e-3
-"""Of a millimetre."""
-
-LAST_S = 2.0**31 - 1.0
-"""Where the stamps of ROS 2 end [s]."""
-
-_RULE = "\n" + 80 * "=" + "\n"
-_HEADER = "std_msgs/Header header\n"
-_PARTS = {
-    "std_msgs/Header": "builtin_interfaces/Time stamp\nstring frame_id\n",
-    "builtin_interfaces/Time": "int32 sec\nuint32 nanosec\n",
-    "geometry_msgs/PoseStamped": f"{_HEADER}geometry_msgs/Pose pose\n",
-    "geometry_msgs/Pose": "geometry_msgs/Point position\ngeometry_msgs/Quaternion orientation\n",
-    "geometry_msgs/Point": "float64 x\nfloat64 y\nfloat64 z\n",
-    "geometry_msgs/Quaternion": "float64 x\nfloat64 y\nfloat64 z\nfloat64 w\n",
+TOPICS = {
+    "/shape": "nav_msgs/Path",
+    "/tendons": "sensor_msgs/JointState",
+    "/wall_force": "std_msgs/Float64",
 }
-"""Messages that those below are made of, as ROS 2 defines them."""
-_STAMP = ("std_msgs/Header", "builtin_interfaces/Time")
-_MESSAGES = {
-    "/shape": ("nav_msgs/msg/Path", f"{_HEADER}geometry_msgs/PoseStamped[] poses\n", tuple(_PARTS)),
-    "/tendons": (
-        "sensor_msgs/msg/JointState",
-        f"{_HEADER}string[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort\n",
-        _STAMP,
-    ),
-    "/wall_force": ("std_msgs/msg/Float64", "float64 data\n", ()),
-}
-"""Type, definition and parts of what stands on each topic."""
-
-
-def check_mcap(path: str | os.PathLike[str]) -> Path:
-    """Return where a log is written.
-
-    Raises
-    ------
-    InputError
-        If it does not end in ``.mcap``, or cannot be written.
-    MissingExtraError
-        If the package that writes it is not installed.
-    """
-    target = Path(path)
-    check_new_file(target, (".mcap",), force=True)
-    try:
-        import mcap_ros2  # noqa: F401
-    except ImportError:
-        raise MissingExtraError("mcap-ros2-support", "mcap") from None
-    return target
 
 
 def write_mcap(history: ShapeHistory, path: str | os.PathLike[str]) -> Path:
@@ -81,50 +39,33 @@ def write_mcap(history: ShapeHistory, path: str | os.PathLike[str]) -> Path:
     MissingExtraError
         If the package that writes it is not installed.
     """
-    target = check_mcap(path)
-    return write_atomically(target, lambda place: _put_log(history, place))
+    return write_log(path, TOPICS, _list_entries(history))
 
 
-def _put_log(history: ShapeHistory, place: Path) -> None:
-    from mcap_ros2.writer import Writer
+def _list_entries(history: ShapeHistory) -> Iterator[Entry]:
     from scipy.spatial.transform import Rotation
 
     frames = history.robot.base_frame @ history.frames
     turns = Rotation.from_matrix(frames[..., :3, :3].reshape(-1, 3, 3)).as_quat()
     turns = turns.reshape(*frames.shape[:2], 4)
-    with place.open("wb") as file, Writer(file) as writer:
-        schemas = {
-            topic: writer.register_msgdef(
-                kind, text + "".join(f"{_RULE}MSG: {part}\n{_PARTS[part]}" for part in parts)
-            )
-            for topic, (kind, text, parts) in _MESSAGES.items()
-        }
-        first, last = float(history.time[0]), float(history.time[-1])
-        zero = 0.0 if first >= 0.0 and last < LAST_S else first
-        for row, time in enumerate(history.time):
-            moment = round(1e9 * (float(time) - zero))
-            stamp = {"sec": moment // 10**9, "nanosec": moment % 10**9}
-            header = {"stamp": stamp, "frame_id": "world"}
-            poses = [
-                {
-                    "header": header,
-                    "pose": {
-                        "position": dict(zip("xyz", point, strict=True)),
-                        "orientation": dict(zip("xyzw", turn, strict=True)),
-                    },
-                }
-                for point, turn in zip(
-                    (METRE * frames[row, :, :3, 3]).tolist(), turns[row].tolist(), strict=True
-                )
-            ]
-            tendons = {
+    first, last = float(history.time[0]), float(history.time[-1])
+    zero = 0.0 if first >= 0.0 and last < LAST_S else first
+    for row, moment in enumerate(history.time):
+        time = float(moment) - zero
+        header = make_header(time)
+        poses = [
+            {
                 "header": header,
-                "name": list(history.robot.tendon_names),
-                "position": (METRE * history.displacements[row]).tolist(),
-                "velocity": [],
-                "effort": history.tensions[row].tolist(),
+                "pose": {"position": to_xyz(point), "orientation": to_quaternion(turn)},
             }
-            wall = {"data": float(np.asarray(history.wall_sum)[row])}
-            messages = {"header": header, "poses": poses}, tendons, wall
-            for (topic, schema), message in zip(schemas.items(), messages, strict=True):
-                writer.write_message(topic, schema, message, log_time=moment, publish_time=moment)
+            for point, turn in zip(METRE * frames[row, :, :3, 3], turns[row], strict=True)
+        ]
+        tendons = {
+            "header": header,
+            "name": list(history.robot.tendon_names),
+            "position": (METRE * history.displacements[row]).tolist(),
+            "effort": history.tensions[row].tolist(),
+        }
+        yield time, "/shape", {"header": header, "poses": poses}
+        yield time, "/tendons", tendons
+        yield time, "/wall_force", {"data": float(np.asarray(history.wall_sum)[row])}

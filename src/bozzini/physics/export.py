@@ -6,7 +6,9 @@ import math
 from xml.etree import ElementTree
 
 import numpy as np
+from mujoco import MjSpec, mjtJoint
 
+from ..io.mcap import METRE, make_header, make_stamp
 from ..motion.plan import Plan
 from ..numeric.arrays import Floats
 from .options import ScopeOptions
@@ -14,20 +16,42 @@ from .robots import PlanDrive
 from .simulate import Chain, Dynamics
 from .walls import LumenWall
 
-METRE = 1e-3
-
 
 def format_mjcf(plan: Plan, wall: LumenWall, *, dynamics: Dynamics | None = None) -> str:
     """Return a scene for MuJoCo as one text: the chain, its servos, a prism for each triangle.
 
-    Units are mm, kg and s, so that forces are in mN. The key ``start`` is the plan's first step;
+    Units are m, kg and s, as in the other files. The key ``start`` is the plan's first step;
     contact is MuJoCo's own, and no tissue stiffness.
     """
     drive = PlanDrive(plan, options=ScopeOptions())
     spec = drive.chain.to_spec(Dynamics() if dynamics is None else dynamics, wall)
-    spec.add_key(name="start", qpos=drive.start, ctrl=drive.start)
+    _convert_to_metres(spec)
+    start = drive.start.copy()
+    start[0] *= METRE
+    spec.add_key(name="start", qpos=start, ctrl=start)
     spec.compile()
     return str(spec.to_xml())
+
+
+def _convert_to_metres(spec: MjSpec) -> None:
+    """Turn a scene in mm, kg and s into one in m, whose motion is the same."""
+    spec.comment = "Units: m, kg, s; forces in N. Made by Bozzini."
+    spec.option.ccd_tolerance *= METRE
+    for part in (*spec.bodies, *spec.geoms, *spec.sites):
+        part.pos = METRE * part.pos
+    for geom in spec.geoms:
+        geom.size, geom.fromto = METRE * geom.size, METRE * geom.fromto
+        geom.density /= METRE**3
+    for mesh in spec.meshes:
+        mesh.uservert = METRE * np.array(mesh.uservert)
+    hinges = {joint.name: joint for joint in spec.joints if joint.type == mjtJoint.mjJNT_HINGE}
+    for joint in hinges.values():
+        joint.armature *= METRE**2
+        joint.stiffness = METRE**2 * joint.stiffness
+        joint.damping = METRE**2 * joint.damping
+    for servo in spec.actuators:
+        if servo.target in hinges:  # that of the slide is a force over a length: mN/mm is N/m
+            servo.gainprm, servo.biasprm = METRE**2 * servo.gainprm, METRE**2 * servo.biasprm
 
 
 def format_urdf(plan: Plan) -> str:
@@ -111,6 +135,27 @@ def _join(values: Floats | list[float]) -> str:
     return " ".join(f"{value:.9g}" for value in values)
 
 
+def name_joints(chain: Chain) -> list[str]:
+    """Return the names of a chain's joints: the slide, then two hinges a link."""
+    hinges = [f"bend{k}{axis}" for k in range(len(chain.lengths)) for axis in "xy"]
+    return ["slide", *hinges]
+
+
+def make_trajectory(drive: PlanDrive) -> dict[str, object]:
+    """Return a plan as the ROS 2 message ``JointTrajectory``, in metres and radians."""
+    points = []
+    for time, row in zip(drive.times, drive.table, strict=True):
+        positions = [METRE * float(row[0]), *map(float, row[1:])]
+        points.append(
+            {
+                "positions": [round(value, 9) for value in positions],
+                "time_from_start": make_stamp(float(time)),
+            }
+        )
+    header = make_header(0.0)
+    return {"header": header, "joint_names": name_joints(drive.chain), "points": points}
+
+
 def format_trajectory(plan: Plan, *, speed: float = 20.0) -> str:
     """Return the plan as a ROS 2 message ``trajectory_msgs/msg/JointTrajectory`` in YAML.
 
@@ -119,26 +164,5 @@ def format_trajectory(plan: Plan, *, speed: float = 20.0) -> str:
     """
     import yaml
 
-    drive = PlanDrive(plan, speed)
-    names = ["slide"]
-    for k in range(len(drive.chain.lengths)):
-        names += [f"bend{k}x", f"bend{k}y"]
-    points = []
-    for time, row in zip(drive.times, drive.table, strict=True):
-        seconds = math.floor(time)
-        positions = [METRE * float(row[0]), *map(float, row[1:])]
-        points.append(
-            {
-                "positions": [round(value, 9) for value in positions],
-                "time_from_start": {
-                    "sec": seconds,
-                    "nanosec": round(1e9 * (float(time) - seconds)),
-                },
-            }
-        )
-    message = {
-        "header": {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": "world"},
-        "joint_names": names,
-        "points": points,
-    }
+    message = make_trajectory(PlanDrive(plan, speed))
     return str(yaml.safe_dump(message, sort_keys=False, default_flow_style=None, width=1000))

@@ -18,6 +18,7 @@ from ..checks import check_word
 from ..duct.base import Duct
 from ..errors import InputError
 from ..io.files import write_text
+from ..io.mcap import has_mcap
 from ..io.sheets import write_table
 from ..motion.actuate.actuation import Actuation
 from ..motion.plan import Plan
@@ -31,6 +32,7 @@ from ..scene.make_view import draw_wall
 from ..scene.page import render_page
 from ..scene.view import Body, Chart, Mark, Surface, View
 from .execute import Execution, execute
+from .log import write_execution_log
 from .manoeuvre import Manoeuvre
 from .options import DRIVES, DriveName, ExecuteOptions, ScopeOptions, WallOptions
 from .robots import Drive, ManoeuvreDrive, PlanDrive, PushDrive, TendonDrive, drag_chain
@@ -396,6 +398,8 @@ class ExecutionStudy(Result):
     def write(self, folder: Path) -> Json:
         """Write tables, figures, the animated scene and the page into a directory.
 
+        Where mcap-ros2-support is installed, logs of ROS 2 messages, too.
+
         Returns
         -------
         dict
@@ -421,6 +425,8 @@ class ExecutionStudy(Result):
                 diameter=2.0 * each.radius,
                 path=self.scenery.line,
             )
+            if has_mcap():
+                write_execution_log(each, folder / f"{name}.mcap", wall=(mesh.vertices, mesh.faces))
         pressed, _ = self.executions[0].displace_wall((mesh.vertices, mesh.faces))
         trimesh.Trimesh(pressed, mesh.faces, process=False).export(folder / "wall.ply")
         plot.write_figure(self.plot(), folder / "force.png")

@@ -369,20 +369,27 @@ class InsertionStudy(Result):
         """Write the wall and the body: the robot's arcs, or the scope's chain."""
         from .. import scene
 
-        joints, diameter = self.plan.joints, float(self.plan.get_scope().diameter)
-        if self.robot is not None:
-            joints = self.robot.place_body(np.arange(self.robot.steps), pitch=5.0)
-            diameter = 2.0 * self.robot.robot.radius
+        joints, radius = self.place_body()
         scene.write_scene(
             target,
-            surface=self._draw_surface(),
+            surface=self.find_surface(),
             joints=joints,
-            diameter=diameter,
+            diameter=2.0 * radius,
             path=self.plan.path,
             options=scene.SceneOptions(title=f"Insertion: {Path(self.tract.source).name}"),
         )
 
-    def _draw_surface(self) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    def place_body(self) -> tuple[NDArray[np.float64], float]:
+        """Return points on the robot, else the scope's joints, at each step, and the radius [mm].
+
+        Shape (steps, points, 3), the head first.
+        """
+        robot = self.robot
+        if robot is None:
+            return self.plan.joints, self.plan.get_scope().radius
+        return robot.place_body(np.arange(robot.steps), pitch=5.0), robot.robot.radius
+
+    def find_surface(self) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         """Return the wall to look at: the surface itself, or the level set of the field."""
         if isinstance(self.tract, SurfaceTract) and self.field.inflation == 0.0:
             return self.tract.vertices, self.tract.faces
