@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 
 import numpy as np
 import pytest
 from scipy.stats import chi2
 
+from bozzini.cli.main import main
 from bozzini.continuum import (
     ContinuumRobot,
     RobotFitOptions,
@@ -300,3 +302,66 @@ def test_the_file_of_a_fit_has_its_band_and_the_error_of_a_tip_states_it(tmp_pat
     assert pulled.within is None and pulled.left_out is None
     # With noise alone the radius is that of the length of a normal vector.
     assert band.radii["1"][0] == pytest.approx(0.1 * np.sqrt(chi2.ppf(0.95, 3)), rel=0.2)
+
+
+def test_what_a_file_predicts_of_a_table_is_what_its_fit_predicts_with_the_band(tmp_path, capsys):
+    truth = RobotSetup(make_robot(lengths=LENGTHS[:1]), MARKERS[:1])
+    data = simulate(truth, rows=120, noise=0.1)
+    fit = fit_robot(truth, data.select(np.arange(80)), free=["commands.backlash"])
+    fit.robot.to_yaml(tmp_path / "fitted.yaml")
+    later = data.select(np.arange(80, 120))
+    later.commands[-1] = 9.0, -4.5, -4.5  # further than any row of the fit
+    points = later.points[:, 0].copy()
+    points[3] = np.nan
+    titles = [f"{name} displacement [mm]" for name in later.tendons]
+    where = [f"tip {axis} [mm]" for axis in "xyz"]
+    write_table(tmp_path / "rows.csv", titles + where, np.hstack([later.commands, points]))
+    write_table(tmp_path / "commands.csv", titles, later.commands)
+    found = predict(tmp_path, "rows.csv", capsys)
+    columns = found["columns"]
+    places = np.stack([columns[f"tip_{axis}_mm"] for axis in "xyz"], axis=-1)
+    expected = fit.predict(later)
+    assert np.allclose(places, expected.predicted[:, 0], atol=1e-9)
+    missed = np.linalg.norm(places - points, axis=-1)
+    assert found["rms_mm"] == pytest.approx(np.sqrt(np.nanmean(missed**2)))
+    kinds = np.array(columns["moved"])
+    assert kinds[-1] == "1 further" and found["outside"] == {"1 further": 1}
+    radii = fit.model_band.find_radii(kinds)[:, 0]
+    assert columns["tip_within_mm"][:-1] == radii[:-1].tolist()
+    assert columns["tip_within_mm"][-1] is None
+    known = np.isfinite(missed[:-1])
+    assert found["coverage"] == pytest.approx((missed <= radii)[:-1][known].mean())
+    # Without points the places are the same, and nothing is said of their error.
+    blind = predict(tmp_path, "commands.csv", capsys)
+    assert blind["columns"]["tip_x_mm"] == columns["tip_x_mm"] and blind["rms_mm"] is None
+    assert "tip_error_mm" not in blind["columns"]
+    # pose says the same of one row.
+    pull = ",".join(
+        f"{name}={value}mm" for name, value in zip(data.tendons, data.commands[0], strict=True)
+    )
+    words = ["continuum", "pose", str(tmp_path / "fitted.yaml"), "--displacement", pull]
+    assert main([*words, "--json"]) == 0
+    band = json.loads(capsys.readouterr().out)["prediction_band"]
+    assert band["radii_mm"]["tip"] == fit.model_band.radii[band["kind"]][0]
+    assert main([*words, "--load", "at=10mm,force=1mN:0:0", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["prediction_band"] is None
+    write_table(tmp_path / "pulled.csv", [f"{data.tendons[0]} tension [N]"], np.ones((2, 1)))
+    assert (
+        main(
+            ["continuum", "predict", *map(str, (tmp_path / "fitted.yaml", tmp_path / "pulled.csv"))]
+        )
+        == 2
+    )
+    assert "was fitted to displacements" in capsys.readouterr().err
+
+
+def write_table(path, titles, rows):
+    np.savetxt(path, rows, delimiter=",", header=",".join(titles), comments="", fmt="%.17g")
+
+
+def predict(folder, table, capsys):
+    code = main(
+        ["continuum", "predict", str(folder / "fitted.yaml"), str(folder / table), "--json"]
+    )
+    assert code == 0
+    return json.loads(capsys.readouterr().out)

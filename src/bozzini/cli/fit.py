@@ -11,6 +11,7 @@ import click
 
 from ..continuum import DynamicsOptions
 from ..errors import InputError
+from ..io.sheets import parse_columns
 from ..units import parse_quantity
 from .common import (
     EXIT_NEGATIVE,
@@ -62,17 +63,11 @@ class FitTable:
         """Return the measurements in a file; markers of the robot hold unless they are typed."""
         from ..continuum.measured import read_robot_measurements
 
-        columns = {}
-        for text in self.column_texts:
-            title, old = _split("--column", text, "TITLE=TITLE IN THE FILE")
-            if old in columns:
-                raise InputError(f"--column names '{old}' more than once: give it once")
-            columns[old] = title
         return read_robot_measurements(
             path,
             robot=robot,
             markers=self.list_markers(),
-            columns=columns,
+            columns=parse_columns(self.column_texts),
             blocks=self.blocks,
             timed=timed,
         )

@@ -55,14 +55,17 @@ from .linkage import LinkageModel
 from .loads import LineLoad, PackedLoads, PointLoad, pack_loads
 from .measured import (
     RobotMeasurements,
+    RobotRows,
     TimedCommands,
     read_robot_measurements,
+    read_robot_rows,
     read_timed_commands,
 )
 from .model import ContinuumModel
 from .models import CONTINUUM_MODELS
 from .motion_gradients import MotionSensitivity, differentiate_motion
 from .motion_log import write_mcap
+from .predicting import PredictedRows, RobotPredicting, predict_rows
 from .prediction_band import PredictionBand
 from .robot import RobotDesign
 from .robot_fit import (
@@ -242,6 +245,11 @@ __all__ = [
     "SensorRecord",
     "fit_model_error",
     "follow_record",
+    "PredictedRows",
+    "RobotPredicting",
+    "RobotRows",
+    "predict_rows",
+    "read_robot_rows",
     "ContinuumEstimating",
     "SensorNoise",
     "SensorTable",

@@ -39,7 +39,7 @@ from ..numeric.least_squares import (
 )
 from ..progress import Progress, no_progress
 from ..results import Json, Result, rows_of, tabulated, take_axes, to_plain
-from .calibration import RobotCalibration
+from .calibration import Command, RobotCalibration
 from .command_baselines import predict_by_commands
 from .dynamics import DynamicsOptions
 from .kinematics import ContinuumRobot
@@ -919,17 +919,28 @@ def make_observation(
                 "the measurements have no times: a fit in time needs those of all rows"
             )
         return Observation(setup, data, MOTION, {}, data.seen_rows)
+    name, options = choose_model(robot, data.command, model, model_options)
+    return Observation(setup, data, name, options, data.seen_rows)
+
+
+def choose_model(
+    robot: ContinuumRobot,
+    command: Command,
+    model: str = "",
+    model_options: Mapping[str, object] | None = None,
+) -> tuple[str, dict[str, object]]:
+    """Return the model of rows at rest and its options: of the calibration, or by default."""
     name = model or (robot.calibration or RobotCalibration()).model
     if not name:
         weighs = robot.has_line_weight or robot.disc_weights.any()
         rubs = robot.tendon_friction.any()
-        name = "rod" if data.command == "tension" or weighs or rubs else "energy"
+        name = "rod" if command == "tension" or weighs or rubs else "energy"
     options = dict(model_options or {})
     if robot.calibration is not None and name == robot.calibration.model:
         options = {**robot.calibration.model_options, **options}
     elif name == "energy":
         options.setdefault("segment", "channel")
-    return Observation(setup, data, name, options, data.seen_rows)
+    return name, options
 
 
 def predict_points(
