@@ -190,11 +190,35 @@ def test_a_better_baseline_is_named():
     wrong = make_robot(lengths=LENGTHS[:1], offset=2.0)
     fit = fit_robot(wrong, data, free=["base.position.x"])
     assert any("predicts rows left out better" in text for text in fit.warnings)
+    assert fit.is_poor and fit.better.rms < fit.error / 1.2
     right = fit_robot(wrong, data, free=["tendons.*.offset"])
     assert not any("predicts rows left out better" in text for text in right.warnings)
+    assert right.better is None and not right.is_poor
+    # Of a robot as it is nothing was fitted that could be worse than a baseline that is.
+    assert fit_robot(wrong, data, free=()).better is None
     errors = {one.names[0]: one.rms for one in right.baselines}
     assert right.validation.rms < min(errors.values())
     assert errors["cubic of the commands"] < errors["quadratic of the commands"]
+
+
+def test_what_commands_alone_predict_better_makes_a_fit_poor_and_a_residual_mends_it():
+    truth = RobotSetup(make_robot(offset=4.4), MARKERS[:1])
+    wide = simulate(truth, rows=240)
+    near = dataclasses.replace(wide, commands=0.5 + 0.3 * (wide.commands - 0.5))
+    data = disturb(dataclasses.replace(near, points=predict_points(truth, near).predicted), truth)
+    plain, mended = (
+        fit_robot(
+            make_robot(),
+            data,
+            free=["tendons.*.offset"],
+            options=RobotFitOptions(residual=residual, smaller=False),
+        )
+        for residual in (False, True)
+    )
+    assert not plain.is_far and plain.is_poor
+    assert any(text.startswith("the fit is poor: quadratic of") for text in plain.warnings)
+    assert plain.better.rms < plain.error / 1.2
+    assert mended.error == plain.error and mended.better is None and not mended.is_poor
 
 
 def test_baselines_represent_what_they_can():

@@ -249,8 +249,9 @@ def command(
     comes the band that holds 95 % of predictions. Whether fewer constants predict them better is
     reported, and what the data do not determine.
 
-    Exit code 0: fitted; 1: not converged, not determined, or poor: off by more than 5 % of the span
-    of the points; 2: bad input.
+    Exit code 0: fitted; 1: not converged, not determined, or poor: off by more than 5 % of the
+    robot's length or the span of the points, or by more than 1.2 times what commands alone are,
+    beyond the scatter of the blocks; 2: bad input.
     """
     from ..continuum import ContinuumRobot
     from ..continuum.robot_fit import fit_robot

@@ -63,7 +63,9 @@ EVALUATIONS = 60
 FEWEST_OF_KIND = 10
 """Rows of a kind of motion from which on it is left out as a block."""
 POOR_SHARE = 0.05
-"""A fit is poor if it misses by more than this share of the span of the points."""
+"""Of the robot's length or the span of the points: a fit that misses by more is poor."""
+POOR_RATIO = 1.2
+"""A fit is poor if it misses by so many times what commands alone do, beyond chance."""
 AT_BOUND = 1e-6
 """Distance from a bound that counts as none."""
 FLAT = 1e-3
@@ -391,11 +393,34 @@ class RobotFit(Result):
 
     @property
     def is_poor(self) -> bool:
-        """Whether rows left out, or fitted, are missed by more than 5 % of the points' span.
+        """Whether it is far off, or commands alone are `better` than what was fitted."""
+        return self.is_far or self.better is not None
 
-        A comparison with points that all coincide has no span to be judged by, and is not poor.
+    @property
+    def is_far(self) -> bool:
+        """Whether rows left out, or fitted, are missed by more than 5 % of the robot or the span.
+
+        It is of the shorter of the robot's length and the span of the points. A comparison with
+        points that all coincide has no span to be judged by, and is not far off.
         """
-        return self.data.span > 0.0 and not self.error <= POOR_SHARE * self.data.span
+        return self.data.span > 0.0 and not self.error <= POOR_SHARE * min(self._sizes)
+
+    @property
+    def better(self) -> Validation | None:
+        """The best of the baselines, if the rows left out are missed by more than 1.2 times its.
+
+        They must be so beyond the scatter of the blocks (`Validation.beats`), with the residual if
+        there is one. A robot of which nothing was fitted is not judged: baselines are fitted.
+        """
+        own = self.corrected or self.validation
+        best = min(self.baselines, key=lambda one: one.rms, default=None)
+        if own is None or best is None or not self.estimates:
+            return None
+        return best if own.rms > POOR_RATIO * best.rms and best.beats(own) else None
+
+    @property
+    def _sizes(self) -> tuple[float, float]:
+        return self.setup.robot.length, self.data.span
 
     @property
     def error(self) -> float:
@@ -403,14 +428,15 @@ class RobotFit(Result):
         return self.rms if self.validation is None else self.validation.rms
 
     def describe_error(self) -> str:
-        """Return the error as a share of the points' span, and from which share on it is poor."""
+        """Return the error as a share of what it is judged by, and from which one on it is poor."""
         if self.data.span == 0.0:
             return f"all points coincide: there is no span to judge {self.error:.3g} mm rms by"
         of = "rms of the rows" if self.validation is None else "rms of rows left out"
-        share = self.error / self.data.span
+        length, span = self._sizes
+        what = "the points' span" if span <= length else "the robot's length"
         return (
-            f"{self.error:.3g} mm {of} is {100.0 * share:.2g} % of the points' span of "
-            f"{self.data.span:.3g} mm; above {100.0 * POOR_SHARE:.0f} % it is poor"
+            f"{self.error:.3g} mm {of} is {100.0 * self.error / min(length, span):.2g} % of {what} "
+            f"of {min(length, span):.3g} mm; above {100.0 * POOR_SHARE:.0f} % it is poor"
         )
 
     def predict(self, data: RobotMeasurements) -> RobotPrediction:
@@ -574,7 +600,7 @@ class RobotFit(Result):
         if self.band is not None:
             with_it = "" if self.section_residual is None else "with the residual, "
             lines.append(with_it + self.band.describe())
-        if self.data.span > 0.0 and not self.is_poor:  # else a warning says it
+        if self.data.span > 0.0 and not self.is_far:  # else a warning says it
             lines.append(self.describe_error())
         if self.smaller is not None and self.validation is not None:
             lines.append(
@@ -1326,7 +1352,7 @@ def _conclude(
     )
     if fit.data.span == 0.0:
         return dataclasses.replace(fit, warnings=(*fit.warnings, fit.describe_error()))
-    if fit.is_poor:
+    if fit.is_far:
         poor = f"the fit is poor: {fit.describe_error()}"
         return dataclasses.replace(fit, warnings=(*fit.warnings, poor))
     return fit
@@ -1339,13 +1365,11 @@ def _conclude_left_out(
     data, prediction = fit.data, fit.prediction
     baselines = _predict_baselines(data, fit.setup.robot, folds)
     residual = corrected = None
-    best, warnings = fit.error, list(fit.warnings)
     if options.residual:
         rows = data.seen_rows
         missed = (data.points - prediction.predicted)[rows]
         residual = learn_residual(prediction.states.select(rows), missed, _label(rows, folds))
         corrected = left.validate(("residual",), left.corrected)
-        best = corrected.rms
     band, own = (
         make_band(
             np.asarray(np.linalg.norm(missed, axis=-1)),
@@ -1356,22 +1380,25 @@ def _conclude_left_out(
         )
         for missed in (left.corrected, left.missed)
     )
-    better = min(baselines, key=lambda one: one.rms, default=None)
-    if better is not None and better.rms < best:
-        hint = "" if options.residual else ": learn a residual on top of the model"
-        warnings.append(
-            f"{better.names[0]} predicts rows left out better, {better.rms:.3g} mm against "
-            f"{best:.3g} mm{hint}"
-        )
-    return dataclasses.replace(
+    fit = dataclasses.replace(
         fit,
         baselines=baselines,
         section_residual=residual,
         corrected=corrected,
         band=band,
         model_band=own,
-        warnings=tuple(warnings),
     )
+    better = min(baselines, key=lambda one: one.rms, default=None)
+    error = fit.error if corrected is None else corrected.rms
+    if better is None or better.rms >= error:
+        return fit
+    poor = "" if fit.better is None else "the fit is poor: "
+    hint = "" if options.residual else ": learn a residual on top of the model"
+    text = (
+        f"{poor}{better.names[0]} predicts rows left out better, {better.rms:.3g} mm against "
+        f"{error:.3g} mm{hint}"
+    )
+    return dataclasses.replace(fit, warnings=(*fit.warnings, text))
 
 
 def _estimate(
