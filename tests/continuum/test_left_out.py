@@ -221,6 +221,25 @@ def test_what_commands_alone_predict_better_makes_a_fit_poor_and_a_residual_mend
     assert mended.error == plain.error and mended.better is None and not mended.is_poor
 
 
+def test_a_marker_that_is_seen_in_one_block_alone_counts_in_none_that_is_predicted():
+    truth = RobotSetup(make_robot(offset=4.4), MARKERS)
+    data = simulate(truth, rows=60, noise=0.05)
+    points = data.points.copy()
+    points[:45, 1] = points[45:, 0] = np.nan  # then the last block has no baseline
+    fit = fit_robot(
+        make_robot(), dataclasses.replace(data, points=points), free=["tendons.*.offset"]
+    )
+    assert all(np.isnan(one.blocks[-1]) and np.isfinite(one.rms) for one in fit.baselines)
+    assert not fit.is_poor and not any("predicts rows left out" in text for text in fit.warnings)
+    points = data.points.copy()
+    points[:, 1] = np.nan
+    points[50, 1] = data.points[50, 1]
+    fit = fit_robot(
+        make_robot(), dataclasses.replace(data, points=points), free=["tendons.*.offset"]
+    )
+    assert fit.band.coverage > 0.85
+
+
 def test_baselines_represent_what_they_can():
     random = np.random.default_rng(0)
     commands, asked = random.uniform(-1.0, 1.0, (200, 2)), random.uniform(-0.9, 0.9, (50, 2))

@@ -1095,8 +1095,10 @@ class _LeftOut(NamedTuple):
 
 
 def _measure_rms(missed: Floats) -> float:
-    """Return the root mean square length of vectors (..., 3) that are there [mm]."""
-    return float(np.sqrt(np.nanmean(np.sum(np.square(missed), axis=-1))))
+    """Return the root mean square length of vectors (..., 3) that are there [mm]; NaN of none."""
+    squares = np.sum(np.square(missed), axis=-1)
+    known = squares[np.isfinite(squares)]
+    return float(np.sqrt(known.mean())) if known.size else math.nan
 
 
 def _leave_rows_out(
@@ -1390,7 +1392,7 @@ def _conclude_left_out(
     )
     better = min(baselines, key=lambda one: one.rms, default=None)
     error = fit.error if corrected is None else corrected.rms
-    if better is None or better.rms >= error:
+    if better is None or not better.rms < error:
         return fit
     poor = "" if fit.better is None else "the fit is poor: "
     hint = "" if options.residual else ": learn a residual on top of the model"
