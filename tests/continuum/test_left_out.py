@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from bozzini.continuum import (
     fit_in_stages,
     fit_robot,
     predict_points,
+    staged_fit,
 )
 from bozzini.continuum.command_baselines import predict_by_commands
 from bozzini.continuum.prediction_band import make_band, name_kinds
@@ -277,6 +279,17 @@ def test_kinds_of_motion_are_left_out():
     assert "sections move together, or as far, as in no row of the fit" in "\n".join(
         check.format_lines("x")
     )
+    # By how far sections bend: the furthest rows come last, and are those missed most.
+    wrong = fit_robot(
+        make_robot(),
+        disturb(seen, truth),
+        free=["tendons.*.offset"],
+        options=RobotFitOptions(split="amplitude", smaller=False, folds=3),
+    )
+    near, _, far = wrong.validation.blocks
+    assert far > 2.0 * near and wrong.validation.labels[-1] == "to 100%"
+    assert f"to 100% {far:.3g})" in wrong.format_table()
+    assert fit.validation.labels == tuple(sorted(many))
     still = dataclasses.replace(alone, commands=0.001 * alone.commands + 0.5)
     with pytest.raises(InputError, match="1 kind of motion|0 kind"):
         fit_robot(make_robot(), still, free=["tendons.*.offset"], options=options)
@@ -316,6 +329,28 @@ def test_a_stage_that_cannot_be_freed_is_told_and_passed_by():
     assert "is inf in the robot file" in stages["stiffness of the tendons"].reason
     assert stages["distance of the tendons"].kept or found.fit.rms < 1e-3
     assert "-" in found.format_table()
+
+
+def test_a_stage_that_is_refused_early_is_tried_once_more(monkeypatch):
+    """Fits that are made up: clocking helps only where backlash is free."""
+    errors = {(): 9.0, ("base",): 5.0, ("base", "commands.backlash"): 4.0,
+              ("base", "commands.backlash", "tendons.*.offset"): 2.0}  # fmt: skip
+    asked = []
+
+    def fit(setup, data, *, free, options):
+        asked.append(free)
+        error = errors.get(free, 9.0)
+        return SimpleNamespace(error=error, rms=error, undetermined=(), converged=True)
+
+    monkeypatch.setattr(staged_fit, "fit_robot", fit)
+    data = simulate(RobotSetup(make_robot(), MARKERS[:1]))
+    found = fit_in_stages(make_robot(), data)
+    assert [stage.what for stage in found.stages if stage.kept] == [
+        "place and tilt of the base", "backlash", "distance of the tendons"
+    ]  # fmt: skip
+    assert found.stages[-1].error == 2.0 and len({stage.what for stage in found.stages}) == 8
+    # What came after the last that stayed is not asked twice, nor what had stayed.
+    assert len(asked) == 1 + 8 + 5 + 1
 
 
 def test_a_residual_and_stages_ask_for_rows_left_out():

@@ -176,9 +176,10 @@ fit_options = gather(
     option("--folds", "Blocks of rows left out of a fit in turn; 0 for none.", int, default=4),
     option(
         "--split",
-        "What a block is: rows that follow each other, rows drawn at random, or kinds of motion, "
-        "by the sections that bend together.",
-        ("blocks", "random", "kinds"),
+        "What a block is: rows that follow each other, rows drawn at random, kinds of motion, by "
+        "the sections that bend together, or how far sections bend, so that the last block is an "
+        "extrapolation.",
+        ("blocks", "random", "kinds", "amplitude"),
         default="blocks",
     ),
     click.option(

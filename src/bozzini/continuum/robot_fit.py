@@ -53,7 +53,7 @@ from .unknowns import FIELDS, Change, RobotSetup, Unknown, change_setup, parse_u
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Split = Literal["blocks", "random", "kinds"]
+Split = Literal["blocks", "random", "kinds", "amplitude"]
 
 MOTION = "motion"
 """What stands for the name of a model where rows are of a motion."""
@@ -97,10 +97,12 @@ class RobotFitOptions:
     folds : int
         Blocks of rows that are left out in turn, and predicted; 0 for none. Where nothing is free
         there is nothing to leave out of.
-    split : {"blocks", "random", "kinds"}
-        Whether blocks are runs of rows, drawn at random, or the kinds of motion: the sections that
-        bend together. A random split is refused where rows that follow each other are alike: there
-        it tests no prediction. Labels of the data, if there are any, take the place of runs.
+    split : {"blocks", "random", "kinds", "amplitude"}
+        Whether blocks are runs of rows, drawn at random, the kinds of motion: the sections that
+        bend together, or by how far sections bend: of the last block, the furthest, the error is
+        that of an extrapolation. A random split is refused where rows that follow each other
+        are alike: there it tests no prediction. Labels of the data, if there are any, take the
+        place of runs.
     residual : bool
         Whether what the fit leaves over is learned on top of it, see `SectionResidual`.
     smaller : bool
@@ -183,11 +185,14 @@ class Validation:
         Root mean square distance over all rows, each left out once [mm].
     blocks : tuple of float
         The same of each block.
+    labels : tuple of str
+        What each block is; empty for runs of rows.
     """
 
     names: tuple[str, ...]
     rms: float
     blocks: tuple[float, ...]
+    labels: tuple[str, ...] = ()
 
     def beats(self, other: Validation) -> bool:
         """Return whether its errors of the same blocks are less than those of another.
@@ -694,11 +699,19 @@ class RobotCheck(Result):
 def _describe_validation(found: Validation | None) -> Json | None:
     if found is None:
         return None
-    return {"names": found.names, "rms_mm": found.rms, "blocks_mm": found.blocks}
+    return {
+        "names": found.names,
+        "rms_mm": found.rms,
+        "blocks_mm": found.blocks,
+        "labels": found.labels,
+    }
 
 
 def _format_validation(found: Validation) -> str:
-    blocks = ", ".join(f"{value:.3g}" for value in found.blocks)
+    labels = found.labels or ("",) * len(found.blocks)
+    blocks = ", ".join(
+        f"{label} {value:.3g}".strip() for label, value in zip(labels, found.blocks, strict=True)
+    )
     return f"rows left out, {len(found.blocks)} blocks: {found.rms:.3g} mm rms ({blocks})"
 
 
@@ -894,9 +907,10 @@ def fit_robot(
             f"all points of {len(data.seen_rows)} row(s) coincide at ({place}) mm: a fit asks for "
             "points that move"
         )
-    by_kind = options.split == "kinds" and options.folds > 0
+    by_motion = options.split in ("kinds", "amplitude") and options.folds > 0
     enough = bool(unknowns) or len(data.seen_rows) >= max(options.folds, 2)
-    folds = make_folds(data, options) if enough and not by_kind else ()
+    folds = make_folds(data, options) if enough and not by_motion else ()
+    labels = _label_blocks(data, folds) if options.split == "blocks" else ()
     progress("aligning", 0.0)
     if _frees_base(unknowns):
         observation = dataclasses.replace(observation, setup=align_base(observation))
@@ -911,13 +925,14 @@ def fit_robot(
     def leave_out_fewer(done: float) -> None:
         progress("trying fewer constants", 0.8 + 0.2 * done)
 
-    if by_kind:
-        folds = _split_kinds(search, found)
+    if by_motion:
+        labels, folds = _split_motions(search, found, options)
     validation = smaller = left = None
     if folds:
         left = _leave_rows_out(search, found.changes, folds, options, leave_out)
         if unknowns:
-            validation = left.validate(tuple(one.name for one in unknowns), left.missed)
+            names = tuple(one.name for one in unknowns)
+            validation = left.validate(names, left.missed, labels)
         if validation is not None and options.smaller and len(unknowns) > 1:
             smaller = _try_smaller(search, found, folds, validation, options, leave_out_fewer)
     progress("fitted", 1.0)
@@ -1053,30 +1068,44 @@ def make_folds(data: RobotMeasurements, options: RobotFitOptions) -> Folds:
     return tuple(np.sort(part) for part in np.array_split(rows, options.folds))
 
 
-def _name_motions(search: _Search, found: _Found) -> NDArray[np.str_]:
-    """Return the kinds of motion of the rows fitted, by the sections that bend."""
-    observation = search.observation
-    setup = change_setup(observation.setup, search.unknowns, found.changes)
-    states = SectionStates.of(setup, found.observed.shape, found.observed.points)
-    largest = np.nan_to_num(states.bends).max(axis=0)
-    return name_kinds(states.bends, largest, _name_sections(setup.robot))
-
-
 def _name_sections(robot: ContinuumRobot) -> tuple[str, ...]:
     return tuple(section.name or str(k + 1) for k, section in enumerate(robot.sections))
 
 
-def _split_kinds(search: _Search, found: _Found) -> Folds:
-    """Return the rows of each kind of motion that there are enough of."""
-    kinds, rows = _name_motions(search, found), search.observation.rows
-    blocks = [rows[kinds == kind] for kind in np.unique(kinds)]
-    folds = tuple(block for block in blocks if len(block) >= FEWEST_OF_KIND)
-    if len(folds) < 2:
+def _label_blocks(data: RobotMeasurements, folds: Folds) -> tuple[str, ...]:
+    """Return the labels that the data give the rows of each block; none if these are runs."""
+    labels = tuple(str(data.blocks[fold[0]]) for fold in folds)
+    return labels if len(set(labels)) > 1 else ()
+
+
+def _split_motions(
+    search: _Search, found: _Found, options: RobotFitOptions
+) -> tuple[tuple[str, ...], Folds]:
+    """Return blocks of rows by their motion, as the fit bends the sections, and what they are."""
+    observation, rows = search.observation, search.observation.rows
+    setup = change_setup(observation.setup, search.unknowns, found.changes)
+    states = SectionStates.of(setup, found.observed.shape, found.observed.points)
+    bends = np.nan_to_num(states.bends)
+    largest = bends.max(axis=0)
+    if options.split == "amplitude":
+        far = np.max(bends / np.where(largest > 0.0, largest, np.inf), axis=-1)
+        parts = np.array_split(np.argsort(far, kind="stable"), options.folds)
+        if len(rows) < options.folds or not far.any():
+            raise InputError(
+                f"{len(rows)} row(s) in which sections bend by up to {largest.max():.3g} rad are "
+                f"too few, or bend too little, for {options.folds} blocks by amplitude"
+            )
+        labels = tuple(f"to {far[part].max():.0%}" for part in parts)
+        return labels, tuple(np.sort(rows[part]) for part in parts)
+    kinds = name_kinds(bends, largest, _name_sections(setup.robot))
+    blocks = {str(kind): rows[kinds == kind] for kind in np.unique(kinds)}
+    kept = {kind: block for kind, block in blocks.items() if len(block) >= FEWEST_OF_KIND}
+    if len(kept) < 2:
         raise InputError(
-            f"there is {len(folds)} kind of motion with {FEWEST_OF_KIND} rows or more: to leave "
+            f"there is {len(kept)} kind of motion with {FEWEST_OF_KIND} rows or more: to leave "
             "kinds out the rows must have 2"
         )
-    return folds
+    return tuple(kept), tuple(kept.values())
 
 
 class _LeftOut(NamedTuple):
@@ -1088,10 +1117,12 @@ class _LeftOut(NamedTuple):
     corrected: Floats
     bends: Floats
 
-    def validate(self, names: tuple[str, ...], missed: Floats) -> Validation:
+    def validate(
+        self, names: tuple[str, ...], missed: Floats, labels: tuple[str, ...] = ()
+    ) -> Validation:
         """Return the errors of these misses."""
         blocks = [_measure_rms(missed[self.blocks == k]) for k in np.unique(self.blocks)]
-        return Validation(names=names, rms=_measure_rms(missed), blocks=tuple(blocks))
+        return Validation(names, _measure_rms(missed), tuple(blocks), labels)
 
 
 def _measure_rms(missed: Floats) -> float:
