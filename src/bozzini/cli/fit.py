@@ -35,8 +35,8 @@ if TYPE_CHECKING:
     from ..checks import Quantity
     from ..continuum import ContinuumModel, ContinuumRobot
     from ..continuum.calibration import Marker
+    from ..continuum.fit_search import RobotFitOptions
     from ..continuum.measured import RobotMeasurements
-    from ..continuum.robot_fit import RobotFitOptions
     from ..registry import Registry
 
 
@@ -116,7 +116,7 @@ table_options = gather(
 
 
 def _make_options(**values: Any) -> RobotFitOptions:
-    from ..continuum.robot_fit import RobotFitOptions
+    from ..continuum.fit_search import RobotFitOptions
 
     values["model"] = values["model"] or ""
     chosen, texts = values["model"], values.pop("settings")

@@ -37,6 +37,7 @@ from .error_fit import (
 )
 from .estimating import ContinuumEstimating, SensorNoise, SensorTable, read_sensor_table
 from .estimation import ModelError, ShapeEstimator, UnknownLoad
+from .fit_search import RobotFitOptions
 from .friction import FrictionState
 from .gradients import ShapeJacobian
 from .history import TendonHistory
@@ -51,6 +52,7 @@ from .inverse import (
     solve_tip,
 )
 from .kinematics import ContinuumRobot
+from .left_out import Validation
 from .linkage import LinkageModel
 from .loads import LineLoad, PackedLoads, PointLoad, pack_loads
 from .measured import (
@@ -68,16 +70,8 @@ from .motion_log import write_mcap
 from .predicting import PredictedRows, RobotPredicting, predict_rows
 from .prediction_band import PredictionBand
 from .robot import RobotDesign
-from .robot_fit import (
-    Estimate,
-    RobotCheck,
-    RobotFit,
-    RobotFitOptions,
-    RobotPrediction,
-    Validation,
-    fit_robot,
-    predict_points,
-)
+from .robot_fit import Estimate, RobotCheck, RobotFit, fit_robot
+from .robot_prediction import RobotPrediction, predict_points
 from .rod import RodModel
 from .section import Helix, Section, Tendon
 from .section_residual import SectionResidual

@@ -22,7 +22,7 @@ from .calibration import Marker
 from .kinematics import ContinuumRobot
 from .measured import TIP, RobotRows, read_robot_rows
 from .observation import convert_rows, place_markers, solve_rows
-from .robot_fit import choose_model
+from .robot_prediction import choose_model
 from .section_residual import measure_bends
 from .shape import Shape
 from .unknowns import RobotSetup

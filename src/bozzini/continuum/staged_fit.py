@@ -9,9 +9,10 @@ from dataclasses import dataclass
 from ..errors import InputError
 from ..progress import Progress, no_progress
 from ..results import Json, Result, format_rows, rows_of, tabulated
+from .fit_search import DEFAULT_OPTIONS, RobotFitOptions
 from .kinematics import ContinuumRobot
 from .measured import RobotMeasurements
-from .robot_fit import DEFAULT_OPTIONS, RobotFit, RobotFitOptions, fit_robot
+from .robot_fit import RobotFit, fit_robot
 from .unknowns import RobotSetup
 
 GAIN = 0.02
