@@ -9,7 +9,9 @@ from pathlib import Path
 import pytest
 
 FOLDER = Path(__file__).resolve().parents[2] / "validation"
-SETS = sorted({path.stem for path in FOLDER.glob("*.py")} - {"report", "section", "estimates"})
+SETS = sorted(
+    {path.stem for path in FOLDER.glob("*.py")} - {"report", "section", "estimates", "loops"}
+)
 
 FORMS = {
     "festo10": lambda module: (module.ANCHORED, module.MEAN),
@@ -18,6 +20,9 @@ FORMS = {
     "three_muscle_arm": lambda module: {"all": module.FORMS["all"]},
 }
 """Of sets that compare many forms those with a bound; `make validate` fits the others, too."""
+
+LOOPS = {"festo10": lambda module: 1, "three_section_robot": lambda module: module.LOOPS[:1]}
+"""Of sets with loops how many, or which, are compared here."""
 
 
 @pytest.fixture(scope="module")
@@ -35,6 +40,8 @@ def test_errors_keep_their_bounds(name, load, data_dir, tmp_path, monkeypatch):
         monkeypatch.setattr(module, "FORMS", FORMS[name](module))
     if name == "three_muscle_arm":
         monkeypatch.setattr(module, "FREQUENCIES", module.FREQUENCIES[-1:])
+    if name in LOOPS:
+        monkeypatch.setattr(module, "LOOPS", LOOPS[name](module))
     section = module.validate(data_dir(name), tmp_path)
     assert section.bounds
     for bound in section.bounds:
