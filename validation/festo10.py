@@ -11,8 +11,12 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from section import Bound, Section, draw_axes, format_rows
+import pandas
+from loops import compare_loops, make_runs
+from section import Bound, Section, draw_axes, format_rows, name_baselines
 
+from bozzini.continuum.command_baselines import predict_by_commands
+from bozzini.hysteresis import LoopRuns
 from bozzini.muscle import (
     MODELS,
     FitOptions,
@@ -98,6 +102,35 @@ FORMS = (
 )  # fmt: skip
 
 
+def measure_baselines(data: Measurements) -> dict[str, float]:
+    """Return what pressure, contraction and rest length alone predict of lengths left out [N]."""
+    lengths = data.geometry["length"]
+    known = np.stack([data.pressure, data.contraction / lengths, lengths], axis=-1)
+    missed: dict[str, list[float]] = {}
+    for name in data.list_specimens():
+        out = data.specimen == name
+        found = predict_by_commands(known[~out], data.load[~out, None, None], known[out])
+        for what, loads in found.items():
+            missed.setdefault(what, []).extend((loads[:, 0, 0] - data.load[out]).tolist())
+    return {what: float(np.sqrt(np.mean(np.square(each)))) for what, each in missed.items()}
+
+
+LOOPS = 16
+"""Loops of a muscle at a contraction that are compared, of the shortest muscle first."""
+
+
+def list_loops(folder: Path) -> list[tuple[LoopRuns, tuple[str, ...]]]:
+    """Return the loops of the force over the pressure, and the last of their three repeats."""
+    rows = pandas.read_csv(folder / "plateaus.csv", comment="#").sort_values("time [s]")
+    pressure, load = "pressure [kPa]", "load [N]"
+    loops: list[tuple[LoopRuns, tuple[str, ...]]] = []
+    for _, loop in rows.groupby(["rest length [mm]", "contraction [mm]"]):
+        parts = [(str(name), one[pressure].to_numpy(), one[load].to_numpy())
+                 for name, one in loop.groupby("test")]  # fmt: skip
+        loops.append((make_runs(parts, (pressure, load)), (parts[-1][0],)))
+    return loops[:LOOPS]
+
+
 def leave_out(data: Measurements, form: Form) -> RankedModel:
     """Fit a form to all lengths, and again without each of them."""
     fit = FitOptions(response="force", anchored=form.anchored, each=form.each)
@@ -140,6 +173,9 @@ def validate(folder: Path, images: Path) -> Section:
                 Bound(f"{form.words}, left out, {words}", entry.validation.error, most, "N")
             )
     bounds.append(Bound("left out without an answer, all of these", gaps, 0.0, "rows"))
+    loops = compare_loops(list_loops(folder))
+    words = "force over pressure at a contraction, third repeat from two"
+    bounds += loops.list_bounds(words)
     return Section(
         title="Festo muscles DMSP-10, force",
         source="Agile-and-Adaptive-Robotics/Muscle_Sensory, commit e3a8277; Bolen et al., "
@@ -149,6 +185,10 @@ def validate(folder: Path, images: Path) -> Section:
             *format_text(data, lengths, found[MEAN][1]),
             "",
             *format_rows(head, rows),
+            "",
+            describe_baselines(data),
+            "",
+            loops.describe(words, "N"),
             "",
             LIMITS,
             "",
@@ -184,21 +224,22 @@ def format_text(data: Measurements, lengths: list[float], fitted: RankedModel) -
     ]
 
 
+def describe_baselines(data: Measurements) -> str:
+    """Return what is predicted without a law of muscles."""
+    shown = name_baselines(measure_baselines(data), "N")
+    return f"Pressure, strain and rest length alone, both directions: {shown}."
+
+
 LIMITS = (
-    "What limits: the specimens. Rest lengths and free lengths are whole millimetres, and 1 mm is "
-    "30 to 50 N at 83 mm and 10 to 15 N at 281 mm, so that rounding alone is up to 20 N on the "
-    "shortest muscle. The muscle of 132 mm pulls about 30 N less than its neighbours would have "
-    "it; a form that follows it misses the others. In separate fits a zero of its own for each "
-    "muscle at each contraction left 6.7 N, and a free surface with 80 constants 12.8 N: much of "
-    "what is left looks like shifts of some tenths of a millimetre between one mounting and the "
-    "next, which no law of the muscle predicts."
+    "What limits: the specimens. Lengths are whole millimetres, and 1 mm is 30 to 50 N at 83 mm "
+    "and 10 to 15 N at 281 mm. The muscle of 132 mm pulls about 30 N less than its neighbours "
+    "would have it. A free surface with 80 constants leaves 12.8 N."
 )
 TRUST = (
-    "How far to trust it: the forms were compared by the very errors of the table. Chosen from 50 "
-    "forms without the length left out, they had errors of 21.6 N inflating and 20.9 N in both "
-    "directions. For another length expect 10 to 18 N if it is a muscle like three of the four, "
-    "and 30 N if it is one like that of 132 mm. The free length at 620 kPa, measured to 0.1 mm, "
-    "helps with such a muscle (20 N)."
+    "The forms were compared by the very errors of the table; chosen from 50 without the length "
+    "left out they had 21.6 N inflating and 20.9 N in both directions. Expect 10 to 18 N of a "
+    "muscle like three of the four, and 30 N of one like that of 132 mm; its free length to 0.1 mm "
+    "helps (20 N)."
 )
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from section import Bound, Section, format_rows
+from section import Bound, Section, describe_baselines, format_rows
 
 from bozzini.continuum import (
     ContinuumRobot,
@@ -115,17 +115,19 @@ def validate(folder: Path, images: Path) -> Section:
             f"{found.cameras.rms:.2f} px, {baseline:.2f} mm apart (the source has {BASELINE_MM} "
             f"mm, {100.0 * (baseline / BASELINE_MM - 1.0):+.1f} %). Two markers of the tip "
             f"disc are triangulated at {len(steps)} steps of one tendon; they are "
-            f"{own.min():.1f} to {own.max():.1f} mm apart in all of them. The loop is not fitted: "
-            "its pulls are not known. Errors are root mean square distances [mm].",
+            f"{own.min():.1f} to {own.max():.1f} mm apart in all of them. "
+            "Errors are root mean square distances [mm].",
             "",
             *format_rows(HEAD, rows),
             "",
-            f"The pull of a step is not stated. If it was {STEP_MM} mm, an inference from the "
-            f"source's scripts, the least error is with {pull:.2f} mm; friction, weight, and the "
-            "few discs that guide the tendons in place of channels are left out of the model, and "
-            "any of them could be what the factor stands for. One tendon hardly determines the "
-            f"base, as the fit warns: {least:.2f} mm is the error of a pull that is repeated at "
-            "its place, not of another motion or mounting.",
+            describe_baselines(best),
+            "",
+            f"The pull of a step is not stated. If it was {STEP_MM} mm, as the source's scripts "
+            f"suggest, the least error is with {pull:.2f} mm; friction, weight, and discs in place "
+            "of channels are left out, and any of them could be what the factor stands for. Nor "
+            "are the pulls of the loop, whose time is all that its table has: friction is not "
+            "fitted. One tendon hardly determines the base, as the fit warns: "
+            f"{least:.2f} mm is the error of a pull repeated at its place, not of another motion.",
         ),
         bounds=(Bound(f"two markers, {len(best.estimates)} constants", best.rms, 1.0, "mm"),),
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+    from bozzini.continuum import RobotFit
 
 
 @dataclass(frozen=True)
@@ -42,6 +44,31 @@ def format_rows(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]
     """Return the lines of a table in Markdown."""
     lines = [f"| {' | '.join(cells)} |" for cells in (head, *rows)]
     return [lines[0], "|---" * len(head) + "|", *lines[1:]]
+
+
+def describe_baselines(fit: RobotFit) -> str:
+    """Return what commands alone predict of the rows that a fit left out, and what its band holds.
+
+    Raises
+    ------
+    ValueError
+        If it left none out.
+    """
+    if fit.band is None:
+        raise ValueError("the fit left no rows out")
+    shown = name_baselines({one.names[0]: one.rms for one in fit.baselines}, "mm")
+    return (
+        f"Commands alone miss rows left out by {shown}; {100.0 * fit.band.coverage:.0f} % are in "
+        "the fit's band."
+    )
+
+
+def name_baselines(errors: Mapping[str, float], unit: str) -> str:
+    """Return errors of baselines by their names."""
+    return ", ".join(
+        f"{error:.1f} {unit} ({name.removesuffix(' of the commands').removeprefix('mean of the ')})"
+        for name, error in errors.items()
+    )
 
 
 @contextmanager

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from estimates import Seen, see_markers
 from numpy.typing import NDArray
-from section import Bound, Section, draw_axes, format_rows
+from section import Bound, Section, describe_baselines, draw_axes, format_rows
 
 from bozzini.continuum import (
     ContinuumRobot,
@@ -139,7 +139,9 @@ def validate(folder: Path, images: Path) -> Section:
             "",
             *format_rows(("fitted", "constants", "left out", "in the fit"), rows),
             "",
-            describe_limits(data, best, found[CHOSEN[:2]]),
+            describe_baselines(best),
+            "",
+            describe_limits(best, found[CHOSEN[:2]]),
             "",
             describe_estimates(seen),
         ),
@@ -187,7 +189,7 @@ def describe(data: RobotMeasurements, best: RobotFit) -> list[str]:
     ]
 
 
-def describe_limits(data: RobotMeasurements, best: RobotFit, two: RobotFit) -> str:
+def describe_limits(best: RobotFit, two: RobotFit) -> str:
     """Return what the errors are made of, by the fit of two constants and the best one."""
     missed = two.prediction.predicted[:, 0] - two.prediction.measured[:, 0]
     mean = np.linalg.norm(np.nanmean(missed, axis=0))
@@ -196,8 +198,7 @@ def describe_limits(data: RobotMeasurements, best: RobotFit, two: RobotFit) -> s
         f"{np.nanmax(best.prediction.distances[:, 3]):.0f} mm. The first marker, near the "
         "base where little bends, is missed by "
         f"{two.prediction.rms_by_marker['marker_1']:.0f} mm with two constants, of which "
-        f"{mean:.0f} mm are the same in all poses: so the third constant moves it. {len(data)} "
-        "poses are too few to choose between forms by their errors on the same poses."
+        f"{mean:.0f} mm are the same in all poses: so the third constant moves it."
     )
 
 

@@ -10,8 +10,9 @@ from pathlib import Path
 
 import numpy as np
 from estimates import predict_ahead
+from loops import compare_loops, make_runs
 from numpy.typing import NDArray
-from section import Bound, Section, draw_axes, format_rows
+from section import Bound, Section, draw_axes, format_rows, name_baselines
 
 from bozzini.continuum import (
     AheadPrediction,
@@ -27,6 +28,7 @@ from bozzini.continuum import (
     read_robot_measurements,
 )
 from bozzini.continuum import Section as RobotSection
+from bozzini.hysteresis import LoopRuns
 
 LENGTHS_MM = (60.0, 62.5, 64.0)
 CLOCKING_RAD = (-3.06, -2.56, -2.05)
@@ -204,6 +206,8 @@ def validate(folder: Path, images: Path) -> Section:
     draw_errors(best, images)
     motions = leave_motions_out(data, robot, folder)
     ahead = fit_errors(data, robot, folder)
+    loops = compare_loops(list_loops(data, robot, folder))
+    words = "a section to and fro, the last quarter held out"
     worst = max(error for _, error in motions.by_kind.values())
     return Section(
         title="Robot of three sections, tip under nine tendons",
@@ -217,6 +221,8 @@ def validate(folder: Path, images: Path) -> Section:
             *describe_motions(motions),
             "",
             describe_limits(data),
+            "",
+            loops.describe(words, "mm"),
             "",
             describe_estimates(ahead),
         ),
@@ -247,6 +253,7 @@ def validate(folder: Path, images: Path) -> Section:
                 "%",
             ),
             Bound("fitted in that form", len(best.estimates), 15, "constants"),
+            *loops.list_bounds(words),
             Bound(
                 "its error over that with tendons that stretch by their length",
                 best.validation.rms / by_length.validation.rms,
@@ -268,6 +275,42 @@ def validate(folder: Path, images: Path) -> Section:
             ),
         ),
     )
+
+
+LOOPS = [(section, angle) for section in range(3) for angle in (0, 60, 120)]
+"""Sections, and directions in which they bend to and fro [deg]."""
+STILL_MM = 0.2
+"""Largest displacement of other tendons before the section."""
+
+
+def list_loops(
+    data: RobotMeasurements, robot: ContinuumRobot, folder: Path
+) -> list[tuple[LoopRuns, float]]:
+    """Return loops of a section that bends to and fro, and the share that is held out.
+
+    The input is how far its tendons are pulled in the direction that is pulled most, the output the
+    tip along the direction in which it moves most.
+    """
+    with (folder / "train.csv").open(newline="", encoding="utf-8") as file:
+        labels = [row["pattern_label"].removesuffix("_hold") for row in csv.DictReader(file)]
+    loops = []
+    for section, angle in LOOPS:
+        names = [f"rep1_seg{section + 1}_dir{turn}" for turn in (angle, angle + 180)]
+        before = [robot.tendon_names.index(name) for part in TENDONS[:section] for name in part]
+        still = np.abs(data.commands[:, before]).max(axis=1, initial=0.0) < STILL_MM
+        rows = np.concatenate(
+            [np.flatnonzero(still & (np.array(labels) == name)) for name in names]
+        )
+        own = [robot.tendon_names.index(name) for name in TENDONS[section]]
+        turns = CLOCKING_RAD[section] + 2.0 * math.pi / 3.0 * np.arange(3)
+        pulls = 2.0 / 3.0 * data.commands[rows][:, own] @ np.exp(1j * turns)
+        most = pulls[np.argmax(np.abs(pulls))]
+        pull = (pulls * most.conj()).real / abs(most)
+        places = data.points[rows, 0, :2] - data.points[rows, 0, :2].mean(axis=0)
+        moved = places @ np.linalg.svd(places)[2][0]
+        runs = make_runs([("", pull, moved)], ("pull [mm]", "tip [mm]"))
+        loops.append((runs, 0.25))
+    return loops
 
 
 def fit_errors(
@@ -332,15 +375,14 @@ def describe_motions(motions: Motions) -> list[str]:
     )
     count = len(motions.early.estimates)
     return [
-        f"By kind of motion, each predicted by a fit of the form '{CHOSEN}' to the other kinds, "
-        f"the errors are {motions.whole:.2f} mm over all rows and "
-        f"{motions.by_kind[worst][1]:.2f} mm for {KINDS[worst]}; two sections at the same time, "
-        "predicted by a fit to one tendon or section at a time, are missed by "
-        f"{motions.pairs.prediction.rms:.2f} mm, and by {motions.pairs.residual:.2f} mm with a "
-        "residual learned on the former; "
-        f"{100.0 * motions.pairs.coverage:.1f} % of them are within the band of 95 % of that fit, "
-        "whose radius is the widest for motions that it has not seen. Commands alone miss them by "
-        f"{list_baselines(motions.pairs)}.",
+        f"Each kind of motion, predicted by a fit of the form '{CHOSEN}' to the others, is missed "
+        f"by {motions.whole:.2f} mm over all rows and {motions.by_kind[worst][1]:.2f} mm for "
+        f"{KINDS[worst]}; two sections at the same time, from one tendon or section at a time, by "
+        f"{motions.pairs.prediction.rms:.2f} mm, and {motions.pairs.residual:.2f} mm with a "
+        "residual; "
+        f"{100.0 * motions.pairs.coverage:.1f} % of them are within the widest radius of that "
+        "fit's band of 95 %. Commands alone miss them by "
+        f"{name_baselines(motions.pairs.baselines, 'mm')}.",
         "",
         *format_rows(("moved", "rows", "left out, fitted on the other kinds"), rows),
         "",
@@ -350,11 +392,6 @@ def describe_motions(motions: Motions) -> list[str]:
         f"{len(motions.outside)} of the last quarter lie outside the intervals of the first "
         "three.",
     ]
-
-
-def list_baselines(check: RobotCheck) -> str:
-    """Return what commands alone come to."""
-    return ", ".join(f"{value:.1f} mm ({name})" for name, value in check.baselines.items())
 
 
 def measure_scatter(data: RobotMeasurements) -> tuple[float, int]:

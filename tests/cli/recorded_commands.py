@@ -123,6 +123,7 @@ continuum simulate moving.yaml pulls.csv --damping-time 5ms --load force=0:10mN:
 continuum simulate moving.yaml pulls.csv --tip-weight 20mN --segment-kind arc --out motion.png
 continuum simulate two_sections.yaml pulls.csv
 continuum track two_sections.yaml --radius 5mm
+continuum predict two_sections.yaml pulls.csv
 continuum estimate two_sections.yaml pulls.csv
 continuum sensors two_sections.yaml --kind curvature --count 2 --candidates 4 --out sensors.csv
 continuum reach two_sections.yaml --to 300mm,0mm,0mm --starts 2

@@ -20,8 +20,8 @@ from bozzini.continuum import (
     parse_unknowns,
     predict_points,
 )
+from bozzini.continuum.left_out import Validation
 from bozzini.continuum.observation import place_markers
-from bozzini.continuum.robot_fit import Validation
 from bozzini.errors import InputError
 from bozzini.muscle.hysteresis import PrandtlIshlinskii
 

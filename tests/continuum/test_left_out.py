@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.stats import chi2
 
+from bozzini.cli.main import main
 from bozzini.continuum import (
     ContinuumRobot,
     RobotFitOptions,
@@ -15,6 +18,7 @@ from bozzini.continuum import (
     fit_in_stages,
     fit_robot,
     predict_points,
+    staged_fit,
 )
 from bozzini.continuum.command_baselines import predict_by_commands
 from bozzini.continuum.prediction_band import make_band, name_kinds
@@ -188,11 +192,54 @@ def test_a_better_baseline_is_named():
     wrong = make_robot(lengths=LENGTHS[:1], offset=2.0)
     fit = fit_robot(wrong, data, free=["base.position.x"])
     assert any("predicts rows left out better" in text for text in fit.warnings)
+    assert fit.is_poor and fit.better.rms < fit.error / 1.2
     right = fit_robot(wrong, data, free=["tendons.*.offset"])
     assert not any("predicts rows left out better" in text for text in right.warnings)
+    assert right.better is None and not right.is_poor
+    # Of a robot as it is nothing was fitted that could be worse than a baseline that is.
+    assert fit_robot(wrong, data, free=()).better is None
     errors = {one.names[0]: one.rms for one in right.baselines}
     assert right.validation.rms < min(errors.values())
     assert errors["cubic of the commands"] < errors["quadratic of the commands"]
+
+
+def test_what_commands_alone_predict_better_makes_a_fit_poor_and_a_residual_mends_it():
+    truth = RobotSetup(make_robot(offset=4.4), MARKERS[:1])
+    wide = simulate(truth, rows=240)
+    near = dataclasses.replace(wide, commands=0.5 + 0.3 * (wide.commands - 0.5))
+    data = disturb(dataclasses.replace(near, points=predict_points(truth, near).predicted), truth)
+    plain, mended = (
+        fit_robot(
+            make_robot(),
+            data,
+            free=["tendons.*.offset"],
+            options=RobotFitOptions(residual=residual, smaller=False),
+        )
+        for residual in (False, True)
+    )
+    assert not plain.is_far and plain.is_poor
+    assert any(text.startswith("the fit is poor: quadratic of") for text in plain.warnings)
+    assert plain.better.rms < plain.error / 1.2
+    assert mended.error == plain.error and mended.better is None and not mended.is_poor
+
+
+def test_a_marker_that_is_seen_in_one_block_alone_counts_in_none_that_is_predicted():
+    truth = RobotSetup(make_robot(offset=4.4), MARKERS)
+    data = simulate(truth, rows=60, noise=0.05)
+    points = data.points.copy()
+    points[:45, 1] = points[45:, 0] = np.nan  # then the last block has no baseline
+    fit = fit_robot(
+        make_robot(), dataclasses.replace(data, points=points), free=["tendons.*.offset"]
+    )
+    assert all(np.isnan(one.blocks[-1]) and np.isfinite(one.rms) for one in fit.baselines)
+    assert not fit.is_poor and not any("predicts rows left out" in text for text in fit.warnings)
+    points = data.points.copy()
+    points[:, 1] = np.nan
+    points[50, 1] = data.points[50, 1]
+    fit = fit_robot(
+        make_robot(), dataclasses.replace(data, points=points), free=["tendons.*.offset"]
+    )
+    assert fit.band.coverage > 0.85
 
 
 def test_baselines_represent_what_they_can():
@@ -232,6 +279,17 @@ def test_kinds_of_motion_are_left_out():
     assert "sections move together, or as far, as in no row of the fit" in "\n".join(
         check.format_lines("x")
     )
+    # By how far sections bend: the furthest rows come last, and are those missed most.
+    wrong = fit_robot(
+        make_robot(),
+        disturb(seen, truth),
+        free=["tendons.*.offset"],
+        options=RobotFitOptions(split="amplitude", smaller=False, folds=3),
+    )
+    near, _, far = wrong.validation.blocks
+    assert far > 2.0 * near and wrong.validation.labels[-1] == "to 100%"
+    assert f"to 100% {far:.3g})" in wrong.format_table()
+    assert fit.validation.labels == tuple(sorted(many))
     still = dataclasses.replace(alone, commands=0.001 * alone.commands + 0.5)
     with pytest.raises(InputError, match="1 kind of motion|0 kind"):
         fit_robot(make_robot(), still, free=["tendons.*.offset"], options=options)
@@ -273,6 +331,28 @@ def test_a_stage_that_cannot_be_freed_is_told_and_passed_by():
     assert "-" in found.format_table()
 
 
+def test_a_stage_that_is_refused_early_is_tried_once_more(monkeypatch):
+    """Fits that are made up: clocking helps only where backlash is free."""
+    errors = {(): 9.0, ("base",): 5.0, ("base", "commands.backlash"): 4.0,
+              ("base", "commands.backlash", "tendons.*.offset"): 2.0}  # fmt: skip
+    asked = []
+
+    def fit(setup, data, *, free, options):
+        asked.append(free)
+        error = errors.get(free, 9.0)
+        return SimpleNamespace(error=error, rms=error, undetermined=(), converged=True)
+
+    monkeypatch.setattr(staged_fit, "fit_robot", fit)
+    data = simulate(RobotSetup(make_robot(), MARKERS[:1]))
+    found = fit_in_stages(make_robot(), data)
+    assert [stage.what for stage in found.stages if stage.kept] == [
+        "place and tilt of the base", "backlash", "distance of the tendons"
+    ]  # fmt: skip
+    assert found.stages[-1].error == 2.0 and len({stage.what for stage in found.stages}) == 8
+    # What came after the last that stayed is not asked twice, nor what had stayed.
+    assert len(asked) == 1 + 8 + 5 + 1
+
+
 def test_a_residual_and_stages_ask_for_rows_left_out():
     with pytest.raises(InputError, match="folds is 0: a residual"):
         RobotFitOptions(folds=0, residual=True)
@@ -300,3 +380,66 @@ def test_the_file_of_a_fit_has_its_band_and_the_error_of_a_tip_states_it(tmp_pat
     assert pulled.within is None and pulled.left_out is None
     # With noise alone the radius is that of the length of a normal vector.
     assert band.radii["1"][0] == pytest.approx(0.1 * np.sqrt(chi2.ppf(0.95, 3)), rel=0.2)
+
+
+def test_what_a_file_predicts_of_a_table_is_what_its_fit_predicts_with_the_band(tmp_path, capsys):
+    truth = RobotSetup(make_robot(lengths=LENGTHS[:1]), MARKERS[:1])
+    data = simulate(truth, rows=120, noise=0.1)
+    fit = fit_robot(truth, data.select(np.arange(80)), free=["commands.backlash"])
+    fit.robot.to_yaml(tmp_path / "fitted.yaml")
+    later = data.select(np.arange(80, 120))
+    later.commands[-1] = 9.0, -4.5, -4.5  # further than any row of the fit
+    points = later.points[:, 0].copy()
+    points[3] = np.nan
+    titles = [f"{name} displacement [mm]" for name in later.tendons]
+    where = [f"tip {axis} [mm]" for axis in "xyz"]
+    write_table(tmp_path / "rows.csv", titles + where, np.hstack([later.commands, points]))
+    write_table(tmp_path / "commands.csv", titles, later.commands)
+    found = predict(tmp_path, "rows.csv", capsys)
+    columns = found["columns"]
+    places = np.stack([columns[f"tip_{axis}_mm"] for axis in "xyz"], axis=-1)
+    expected = fit.predict(later)
+    assert np.allclose(places, expected.predicted[:, 0], atol=1e-9)
+    missed = np.linalg.norm(places - points, axis=-1)
+    assert found["rms_mm"] == pytest.approx(np.sqrt(np.nanmean(missed**2)))
+    kinds = np.array(columns["moved"])
+    assert kinds[-1] == "1 further" and found["outside"] == {"1 further": 1}
+    radii = fit.model_band.find_radii(kinds)[:, 0]
+    assert columns["tip_within_mm"][:-1] == radii[:-1].tolist()
+    assert columns["tip_within_mm"][-1] is None
+    known = np.isfinite(missed[:-1])
+    assert found["coverage"] == pytest.approx((missed <= radii)[:-1][known].mean())
+    # Without points the places are the same, and nothing is said of their error.
+    blind = predict(tmp_path, "commands.csv", capsys)
+    assert blind["columns"]["tip_x_mm"] == columns["tip_x_mm"] and blind["rms_mm"] is None
+    assert "tip_error_mm" not in blind["columns"]
+    # pose says the same of one row.
+    pull = ",".join(
+        f"{name}={value}mm" for name, value in zip(data.tendons, data.commands[0], strict=True)
+    )
+    words = ["continuum", "pose", str(tmp_path / "fitted.yaml"), "--displacement", pull]
+    assert main([*words, "--json"]) == 0
+    band = json.loads(capsys.readouterr().out)["prediction_band"]
+    assert band["radii_mm"]["tip"] == fit.model_band.radii[band["kind"]][0]
+    assert main([*words, "--load", "at=10mm,force=1mN:0:0", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["prediction_band"] is None
+    write_table(tmp_path / "pulled.csv", [f"{data.tendons[0]} tension [N]"], np.ones((2, 1)))
+    assert (
+        main(
+            ["continuum", "predict", *map(str, (tmp_path / "fitted.yaml", tmp_path / "pulled.csv"))]
+        )
+        == 2
+    )
+    assert "was fitted to displacements" in capsys.readouterr().err
+
+
+def write_table(path, titles, rows):
+    np.savetxt(path, rows, delimiter=",", header=",".join(titles), comments="", fmt="%.17g")
+
+
+def predict(folder, table, capsys):
+    code = main(
+        ["continuum", "predict", str(folder / "fitted.yaml"), str(folder / table), "--json"]
+    )
+    assert code == 0
+    return json.loads(capsys.readouterr().out)

@@ -154,6 +154,7 @@ LEGAL: dict[str, tuple[int, str]] = {
     "continuum contact": (3, "<robot <tract or shapes --displacement T1=1mm"),
     "continuum insert": (3, "<elastic <tract or shapes --to 20mm --step 5mm"),
     "continuum fit": (2, "<two_sections <rows --folds 0 --free base.position"),
+    "continuum predict": (3, "<two_sections <rows --out >.csv"),
     "continuum fabricate": (2, "<robot --out >"),
     "effector fit": (3, "<deflections --free muscles.*.modulus,offset --out >.yaml"),
     "continuum track": (3, "<mover --radius 5mm --frequency 5Hz --max-step 5ms --out >.csv"),

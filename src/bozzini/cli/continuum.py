@@ -20,6 +20,7 @@ from ..checks import show_apart, spell_option
 from ..continuum import CONTINUUM_MODELS, ContactOptions, DynamicsOptions, ElasticModel
 from ..continuum.estimating import ContinuumEstimating
 from ..continuum.kinematics import LOADS
+from ..continuum.predicting import RobotPredicting
 from ..continuum.sensing import SensorPlanning
 from ..continuum.tracking import ContinuumTracking
 from ..errors import GeometryError, InputError, PluginError
@@ -308,8 +309,10 @@ def format_shape(robot: ContinuumRobot, shape: Json) -> str:
     x, y, z = shape["tip_direction"]
     aside = math.degrees(math.atan2(math.hypot(x, y), z))
     place = format_place(shape["tip_mm"])
-    lines = [f"tip at {place} mm, looking {aside:.2f} deg away from the base's axis"]
-    if "tip_world_mm" in shape:
+    placed = "tip_world_mm" in shape
+    where = " in the frame of the base" if placed else ""
+    lines = [f"tip at {place} mm{where}, looking {aside:.2f} deg away from the base's axis"]
+    if placed:
         lines.append(f"in the world at {format_place(shape['tip_world_mm'])} mm")
     if "stability" in shape:
         lines.append(f"stable: as stiff as {shape['stability']:.3g} of the unloaded robot at rest")
@@ -393,7 +396,7 @@ def pose_command(
     Under loads alone all tendons follow; a robot without tendons needs no more than its file.
     Weight and the pose of the base are in the robot's file. One that `fit` wrote has zeros, scale
     and backlash of the commands as well, and the model that was fitted; markers are then placed in
-    the world.
+    the world, with how far predictions miss at such motions, where rows were left out.
 
     Exit code 0: there is one; 1: there is none, which tendon or section stops it and by how much
     is reported, and nothing is written; 2: bad input.
@@ -427,9 +430,12 @@ def pose_command(
         run_exit(EXIT_NEGATIVE)
     answer.write(shape.list_columns(), lambda: _figures().draw_shape(shape))
     seen = _place_markers(robot, shape)
-    result |= {"markers_world_mm": seen} if seen else {}
     lines = [f"{model.name}: {format_shape(robot, result)}"]
-    lines += [f"marker {name} in the world at {format_place(at)} mm" for name, at in seen.items()]
+    if seen:
+        command = "displacement" if tension is None else "tension"
+        within = None if loaded else _find_band(robot, shape, command, [*seen])
+        result |= {"markers_world_mm": seen, "prediction_band": within}
+        lines += _format_markers(seen, within)
     lines += [f"note: {line}" for line in notes]
     answer.give(result | {"file": answer.out}, "\n".join(lines))
 
@@ -444,6 +450,47 @@ def _place_markers(robot: ContinuumRobot, shape: Shape) -> dict[str, Floats]:
         return {}
     names = [marker.name for marker in setup.markers]
     return dict(zip(names, place_markers(setup, shape), strict=True))
+
+
+def _find_band(
+    robot: ContinuumRobot, shape: Shape, command: str, markers: Sequence[str]
+) -> Json | None:
+    """Return how far markers may be off, by the fit of a robot; None if it does not tell.
+
+    It is of the model and the commands that were fitted.
+    """
+    from ..continuum.predicting import find_band
+
+    known = robot.calibration
+    if known is None or (known.model, known.command) != (shape.model, command):
+        return None
+    band = find_band(robot, shape, markers)
+    if band is None:
+        return None
+    radii = dict(zip(markers, band.radii[0].tolist(), strict=True))
+    radii = {name: radius for name, radius in radii.items() if math.isfinite(radius)}
+    return {"kind": str(band.kinds[0]), "radii_mm": radii, "level": band.level}
+
+
+def _format_markers(seen: Mapping[str, Floats], within: Json | None) -> list[str]:
+    """Return where markers are, and how far they may be off, for people."""
+    radii = {} if within is None else within["radii_mm"]
+    lines = [
+        f"marker {name} in the world at {format_place(at)} mm"
+        + (f", within {radii[name]:.3g} mm" if name in radii else "")
+        for name, at in seen.items()
+    ]
+    if within is not None and radii:
+        lines.append(
+            f"{within['level']:.0%} of predictions at such motions ({within['kind']}) are so near, "
+            "by rows left out of the fit"
+        )
+    elif within is not None:
+        lines.append(
+            f"no row of the fit was of such motions ({within['kind']}): how far predictions miss "
+            "there is not known"
+        )
+    return lines
 
 
 def _note_held(model: ContinuumModel, displacements: Floats) -> list[str]:
@@ -1263,6 +1310,7 @@ command.add_command(rank_command)
 command.add_command(contact_command)
 command.add_command(insert_command)
 command.add_command(fit_command)
+command.add_command(make_command(RobotPredicting))
 command.add_command(make_command(ContinuumTracking))
 command.add_command(make_command(ContinuumEstimating))
 command.add_command(make_command(SensorPlanning))

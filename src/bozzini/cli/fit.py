@@ -11,6 +11,7 @@ import click
 
 from ..continuum import DynamicsOptions
 from ..errors import InputError
+from ..io.sheets import parse_columns
 from ..units import parse_quantity
 from .common import (
     EXIT_NEGATIVE,
@@ -34,8 +35,8 @@ if TYPE_CHECKING:
     from ..checks import Quantity
     from ..continuum import ContinuumModel, ContinuumRobot
     from ..continuum.calibration import Marker
+    from ..continuum.fit_search import RobotFitOptions
     from ..continuum.measured import RobotMeasurements
-    from ..continuum.robot_fit import RobotFitOptions
     from ..registry import Registry
 
 
@@ -62,17 +63,11 @@ class FitTable:
         """Return the measurements in a file; markers of the robot hold unless they are typed."""
         from ..continuum.measured import read_robot_measurements
 
-        columns = {}
-        for text in self.column_texts:
-            title, old = _split("--column", text, "TITLE=TITLE IN THE FILE")
-            if old in columns:
-                raise InputError(f"--column names '{old}' more than once: give it once")
-            columns[old] = title
         return read_robot_measurements(
             path,
             robot=robot,
             markers=self.list_markers(),
-            columns=columns,
+            columns=parse_columns(self.column_texts),
             blocks=self.blocks,
             timed=timed,
         )
@@ -121,7 +116,7 @@ table_options = gather(
 
 
 def _make_options(**values: Any) -> RobotFitOptions:
-    from ..continuum.robot_fit import RobotFitOptions
+    from ..continuum.fit_search import RobotFitOptions
 
     values["model"] = values["model"] or ""
     chosen, texts = values["model"], values.pop("settings")
@@ -181,9 +176,10 @@ fit_options = gather(
     option("--folds", "Blocks of rows left out of a fit in turn; 0 for none.", int, default=4),
     option(
         "--split",
-        "What a block is: rows that follow each other, rows drawn at random, or kinds of motion, "
-        "by the sections that bend together.",
-        ("blocks", "random", "kinds"),
+        "What a block is: rows that follow each other, rows drawn at random, kinds of motion, by "
+        "the sections that bend together, or how far sections bend, so that the last block is an "
+        "extrapolation.",
+        ("blocks", "random", "kinds", "amplitude"),
         default="blocks",
     ),
     click.option(
@@ -254,8 +250,9 @@ def command(
     comes the band that holds 95 % of predictions. Whether fewer constants predict them better is
     reported, and what the data do not determine.
 
-    Exit code 0: fitted; 1: not converged, not determined, or poor: off by more than 5 % of the span
-    of the points; 2: bad input.
+    Exit code 0: fitted; 1: not converged, not determined, or poor: off by more than 5 % of the
+    robot's length or the span of the points, or by more than 1.2 times what commands alone are,
+    beyond the scatter of the blocks; 2: bad input.
     """
     from ..continuum import ContinuumRobot
     from ..continuum.robot_fit import fit_robot

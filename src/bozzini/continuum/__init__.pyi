@@ -37,6 +37,7 @@ from .error_fit import (
 )
 from .estimating import ContinuumEstimating, SensorNoise, SensorTable, read_sensor_table
 from .estimation import ModelError, ShapeEstimator, UnknownLoad
+from .fit_search import RobotFitOptions
 from .friction import FrictionState
 from .gradients import ShapeJacobian
 from .history import TendonHistory
@@ -51,30 +52,26 @@ from .inverse import (
     solve_tip,
 )
 from .kinematics import ContinuumRobot
+from .left_out import Validation
 from .linkage import LinkageModel
 from .loads import LineLoad, PackedLoads, PointLoad, pack_loads
 from .measured import (
     RobotMeasurements,
+    RobotRows,
     TimedCommands,
     read_robot_measurements,
+    read_robot_rows,
     read_timed_commands,
 )
 from .model import ContinuumModel
 from .models import CONTINUUM_MODELS
 from .motion_gradients import MotionSensitivity, differentiate_motion
 from .motion_log import write_mcap
+from .predicting import PredictedRows, RobotPredicting, predict_rows
 from .prediction_band import PredictionBand
 from .robot import RobotDesign
-from .robot_fit import (
-    Estimate,
-    RobotCheck,
-    RobotFit,
-    RobotFitOptions,
-    RobotPrediction,
-    Validation,
-    fit_robot,
-    predict_points,
-)
+from .robot_fit import Estimate, RobotCheck, RobotFit, fit_robot
+from .robot_prediction import RobotPrediction, predict_points
 from .rod import RodModel
 from .section import Helix, Section, Tendon
 from .section_residual import SectionResidual
@@ -242,6 +239,11 @@ __all__ = [
     "SensorRecord",
     "fit_model_error",
     "follow_record",
+    "PredictedRows",
+    "RobotPredicting",
+    "RobotRows",
+    "predict_rows",
+    "read_robot_rows",
     "ContinuumEstimating",
     "SensorNoise",
     "SensorTable",

@@ -170,14 +170,18 @@ class RobotMeasurements:
         """
         lacking = [name for name in robot.tendon_names if name not in self.tendons]
         if lacking and self.command == "displacement":
-            raise InputError(
-                f"there is no column '{lacking[0]} displacement [mm]': every tendon of robot "
-                f"'{robot.name}' needs one"
-            )
+            raise _miss_tendon(lacking[0], robot)
         columns = dict(zip(self.tendons, self.commands.T, strict=True))
         _check_known(self.tendons, robot)
         none = np.zeros(len(self))
         return np.stack([columns.get(name, none) for name in robot.tendon_names], axis=-1)
+
+
+def _miss_tendon(name: str, robot: RobotDesign) -> InputError:
+    return InputError(
+        f"there is no column '{name} displacement [mm]': every tendon of robot '{robot.name}' "
+        "needs one"
+    )
 
 
 def check_times(times: Floats, rows: int) -> None:
@@ -314,6 +318,91 @@ def read_timed_commands(path: str | os.PathLike[str], robot: RobotDesign) -> Tim
     return TimedCommands(kind, values[timed], commands, _note_ignored(titles, kinds))
 
 
+class RobotRows(NamedTuple):
+    """Commands of a robot in the order of time, and where its markers were seen, if they were.
+
+    Attributes
+    ----------
+    command : {"displacement", "tension"}
+        What is commanded.
+    commands : (n, t) ndarray
+        Of all tendons: displacements [mm] or tensions [N].
+    points : (n, m, 3) ndarray
+        In the world [mm]; NaN where a marker was not seen.
+    notes : tuple of str
+        What of the table was ignored.
+    """
+
+    command: Command
+    commands: Floats
+    points: Floats
+    notes: tuple[str, ...] = ()
+
+
+def read_robot_rows(
+    path: str | os.PathLike[str],
+    robot: RobotDesign,
+    *,
+    markers: Sequence[Marker],
+    columns: Mapping[str, str] | None = None,
+) -> RobotRows:
+    """Read commands of a robot, and where markers were seen if there are columns of them.
+
+    Columns are those of `read_robot_measurements`; no marker need be there.
+
+    Raises
+    ------
+    FileFormatError, UnitError, InputError
+        As `read_robot_measurements` does.
+    """
+    file = check_path("path", path)
+    try:
+        sheet = _spread_points(read_sheet(file))
+        titles = _rename(sheet.titles, columns or {})
+        check_sheet(sheet, titles)
+        sheet = dataclasses.replace(sheet, titles=titles)
+        known = {marker.name: marker for marker in markers}
+        found, seen = _find_columns(titles, robot, known, demanded=(), needs_points=False)
+        name, places = next(iter(found.items()))
+        command: Command = "displacement" if name == "displacement" else "tension"
+        lacking = [tendon for tendon in robot.tendon_names if tendon not in places]
+        if lacking and command == "displacement":
+            raise _miss_tendon(lacking[0], robot)
+        values, axes = _take_values(sheet, KINDS[name], places, seen)
+    except InputError as error:
+        raise type(error)(f"{file.name}: {error}") from None
+    commands = np.zeros((len(sheet.rows), len(robot.tendons)))
+    for tendon, place in places.items():
+        commands[:, robot.tendon_names.index(tendon)] = values[place]
+    points = np.full((len(sheet.rows), len(markers), 3), np.nan)
+    for k, marker in enumerate(markers):
+        if marker.name in axes:
+            points[:, k] = axes[marker.name]
+    return RobotRows(command, commands, points, _note_ignored(titles, values))
+
+
+def _take_values(
+    sheet: Sheet, kind: str, commands: Mapping[str, int], seen: Mapping[str, list[int]]
+) -> tuple[dict[int, Floats], dict[str, Floats]]:
+    """Return the columns of commands and points by their places, and points (n, 3) by marker.
+
+    A point of which a coordinate is missing is NaN.
+    """
+    of_axes = [place for axes in seen.values() for place in axes]
+    kinds = dict.fromkeys(commands.values(), kind) | dict.fromkeys(of_axes, "length")
+    values = {
+        place: find_factor(sheet.titles[place], each)
+        * take_numbers(sheet, place, empty=MISSING if place in of_axes else ())
+        for place, each in kinds.items()
+    }
+    points = {
+        name: np.stack([values[place] for place in axes], axis=-1) for name, axes in seen.items()
+    }
+    for places in points.values():
+        places[~np.isfinite(places).all(axis=-1)] = np.nan
+    return values, points
+
+
 def _note_ignored(titles: Sequence[str], used: Collection[int]) -> tuple[str, ...]:
     """Return a note on the columns of a table that are not at the places `used`, if any."""
     ignored = [title for place, title in enumerate(titles) if place not in used]
@@ -349,20 +438,12 @@ def _take_sheet(
     if blocks and label < 0:
         raise FileFormatError(f"there is no column '{blocks}' with labels of blocks")
     command = next(iter(commands))
-    of_axes = [place for axes in seen.values() for place in axes]
     sheet = dataclasses.replace(sheet, titles=titles)
-    kinds = {place: KINDS[command] for place in commands[command].values()}
-    kinds |= dict.fromkeys(of_axes, "length")
-    at = _find_times(titles) if timed else -1
-    kinds |= {at: "time"} if timed else {}
-    values = {
-        place: find_factor(titles[place], kind)
-        * take_numbers(sheet, place, empty=MISSING if place in of_axes else ())
-        for place, kind in kinds.items()
-    }
-    points = np.stack([np.stack([values[place] for place in axes], axis=-1)
-                       for axes in seen.values()], axis=1)  # fmt: skip
-    points[~np.isfinite(points).all(axis=-1)] = np.nan
+    values, places = _take_values(sheet, KINDS[command], commands[command], seen)
+    if timed:
+        at = _find_times(titles)
+        values[at] = find_factor(titles[at], "time") * take_numbers(sheet, at)
+    points = np.stack([*places.values()], axis=1)
     empty = int((~np.isfinite(points).any(axis=(1, 2))).sum())
     notes = []
     if empty:
@@ -373,7 +454,7 @@ def _take_sheet(
     lacking = [name for name in own if name not in seen]
     if lacking:
         notes.append(f"markers of the robot without columns are left out: {', '.join(lacking)}")
-    notes += _note_ignored(titles, (*kinds, label))
+    notes += _note_ignored(titles, (*values, label))
     words = [str(row[label]) for row in sheet.rows] if blocks else [""] * len(sheet.rows)
     return RobotMeasurements(
         command="displacement" if command == "displacement" else "tension",

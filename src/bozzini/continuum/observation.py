@@ -13,6 +13,7 @@ from ..errors import InputError
 from ..numeric.arrays import Floats
 from .dynamics import DynamicsOptions, ShapeHistory, simulate
 from .measured import RobotMeasurements
+from .model import ContinuumModel
 from .rod import RodModel
 from .shape import Shape
 from .unknowns import RobotSetup, Unknown, change_setup
@@ -113,6 +114,28 @@ def select_shapes(history: ShapeHistory, rows: NDArray[np.int64]) -> Shape:
     )
 
 
+def convert_rows(setup: RobotSetup, commands: Floats, *, pulled: bool) -> Floats:
+    """Return what reaches the tendons of commands (n, t) in time; `pulled`: by tensions."""
+    if pulled and any(setup.zeros):
+        raise InputError("tendons.*.zero is for displacements: the commands are tensions")
+    reached = setup.convert(commands)
+    if pulled:  # noise of a measured tension about 0: a cable does not push
+        return np.where(setup.robot.pushes, reached, np.maximum(reached, 0.0))
+    return reached
+
+
+def solve_rows(
+    model: ContinuumModel, commands: Floats, *, pulled: bool, rows: NDArray[np.int64]
+) -> Shape:
+    """Return the shapes of rows of `convert_rows`; with friction, after all rows before them."""
+    if isinstance(model, RodModel) and model.robot.tendon_friction.any():
+        trace = model.trace_tensions if pulled else model.trace_displacements
+        return trace(commands[: rows[-1] + 1]).select(rows)
+    if pulled:
+        return model.shape_under_tensions(commands[rows])
+    return model.find_shape(commands[rows])
+
+
 @dataclass(frozen=True)
 class Observed:
     """What a setup predicts.
@@ -166,20 +189,11 @@ class Observation:
     def solve(self, setup: RobotSetup) -> Shape:
         """Return the shapes of the rows; with friction of tendons, after all rows before them."""
         pulled = self.data.command == "tension"
-        if pulled and any(setup.zeros):
-            raise InputError("tendons.*.zero is for displacements: the commands are tensions")
-        commands = setup.convert(self.data.order_commands(setup.robot))
-        if pulled:  # noise of a measured tension about 0: a cable does not push
-            commands = np.where(setup.robot.pushes, commands, np.maximum(commands, 0.0))
+        commands = convert_rows(setup, self.data.order_commands(setup.robot), pulled=pulled)
         if setup.dynamics is not None:
             return self._move(setup, setup.dynamics, commands)
         model = setup.robot.model(self.model, **self.options)
-        if isinstance(model, RodModel) and setup.robot.tendon_friction.any():
-            trace = model.trace_tensions if pulled else model.trace_displacements
-            return trace(commands[: self.rows[-1] + 1]).select(self.rows)
-        if pulled:
-            return model.shape_under_tensions(commands[self.rows])
-        return model.find_shape(commands[self.rows])
+        return solve_rows(model, commands, pulled=pulled, rows=self.rows)
 
     def _move(self, setup: RobotSetup, dynamics: DynamicsOptions, commands: Floats) -> Shape:
         """Return the shapes of the rows of a motion from rest under the first command."""

@@ -71,7 +71,8 @@ class PredictionBand:
     rows : mapping of str to int
         How many rows of each kind were left out.
     coverage : float
-        Share of the points left out that a band made without their block holds.
+        Share of the points left out that a band made without their block holds; 0 where no marker
+        is in more than one.
     """
 
     level: float
@@ -165,7 +166,7 @@ def make_band(
     """
     largest = np.nanmax(np.nan_to_num(bends), axis=0)
     kinds = name_kinds(bends, largest, sections)
-    held, seen = 0, np.isfinite(distances)
+    held, judged, seen = 0, 0, np.isfinite(distances)
     for block in np.unique(blocks):
         out = blocks == block
         if not seen[~out].any(axis=0).all():
@@ -174,6 +175,7 @@ def make_band(
         widest = np.max(np.array(list(radii.values())), axis=0)
         limits = np.array([radii.get(str(kind), widest) for kind in kinds[out]])
         held += int((distances[out] <= limits).sum())
+        judged += int(seen[out].sum())
     fewest = int(seen.sum(axis=0).min())
     return PredictionBand(
         level=min(level, fewest / (fewest + 1.0)),
@@ -182,5 +184,5 @@ def make_band(
         largest_bends=tuple(largest.tolist()),
         radii=_make_radii(distances, kinds, level),
         rows={str(kind): int((kinds == kind).sum()) for kind in np.unique(kinds)},
-        coverage=held / int(seen.sum()),
+        coverage=held / max(judged, 1),
     )

@@ -4,20 +4,15 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import multiprocessing
-import signal
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Literal, NamedTuple, get_args
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..checks import check_integer, check_kind, check_word, show_apart
-from ..errors import BozziniError, InputError
+from ..checks import show_apart
+from ..errors import InputError
 from ..numeric.arrays import Floats
 from ..numeric.estimation import (
     FitCovariance,
@@ -28,117 +23,59 @@ from ..numeric.estimation import (
     make_blocks,
     measure_spread,
 )
-from ..numeric.least_squares import (
-    ROBUST,
-    LeastSquares,
-    Loss,
-    describe_bounds,
-    explain_end,
-    measure_scatter,
-    weigh,
-)
+from ..numeric.least_squares import describe_bounds, explain_end, weigh
 from ..progress import Progress, no_progress
-from ..results import Json, Result, rows_of, tabulated, take_axes, to_plain
+from ..results import Json, Result, rows_of, tabulated, to_plain
 from .calibration import RobotCalibration
 from .command_baselines import predict_by_commands
-from .dynamics import DynamicsOptions
+from .fit_search import (
+    DEFAULT_OPTIONS,
+    EVALUATIONS,
+    FitSearch,
+    FoundChanges,
+    RobotFitOptions,
+    find_outliers,
+    frees_base,
+    leave_idle,
+    search_all,
+)
 from .kinematics import ContinuumRobot
+from .left_out import (
+    Folds,
+    LeftOutRows,
+    Validation,
+    label_blocks,
+    label_rows,
+    leave_rows_out,
+    make_folds,
+    name_sections,
+    predict_baselines,
+    split_motions,
+    try_smaller,
+)
 from .measured import RobotMeasurements
 from .models import CONTINUUM_MODELS
-from .observation import Observation, Observed, align_base
-from .prediction_band import PredictionBand, make_band, name_kinds
-from .section_residual import SectionResidual, SectionStates, learn_residual
-from .unknowns import FIELDS, Change, RobotSetup, Unknown, change_setup, parse_unknowns
+from .observation import align_base
+from .prediction_band import PredictionBand, make_band
+from .robot_prediction import (
+    RobotPrediction,
+    compare_points,
+    make_observation,
+    measure_rms,
+    predict_points,
+)
+from .section_residual import SectionResidual, learn_residual
+from .unknowns import Change, RobotSetup, Unknown, change_setup, parse_unknowns
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Split = Literal["blocks", "random", "kinds"]
-
-MOTION = "motion"
-"""What stands for the name of a model where rows are of a motion."""
-
-EVALUATIONS = 60
-"""Largest number of evaluations of one search, derivatives apart."""
-FEWEST_OF_KIND = 10
-"""Rows of a kind of motion from which on it is left out as a block."""
 POOR_SHARE = 0.05
-"""A fit is poor if it misses by more than this share of the span of the points."""
+"""Of the robot's length or the span of the points: a fit that misses by more is poor."""
+POOR_RATIO = 1.2
+"""A fit is poor if it misses by so many times what commands alone do, beyond chance."""
 AT_BOUND = 1e-6
 """Distance from a bound that counts as none."""
-FLAT = 1e-3
-"""Gradient of half the sum of squares that counts as none [mm^2]."""
-NEARLY_NONE = 1e-3
-"""Largest change from which a search begins as from none: its first step is as large as that."""
-HALF = 0.5
-"""Weight of a coordinate below which its row is reported."""
-LEAST_SCATTER_MM = 1e-4
-"""Scatter below which all misfits count alike [mm]."""
-IDLE = 0.01
-"""Share of the scatter: a number that moves points by less, all over its range, has no effect."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class RobotFitOptions:
-    """How a robot is fitted, and validated.
-
-    Parameters
-    ----------
-    model : str, optional
-        Name of the model; by default ``energy`` for displacements of a robot without weight,
-        ``rod`` otherwise.
-    model_options : mapping
-        Options of the model; ``segment="channel"`` unless given, for the energy model.
-    loss : {"soft_l1", "huber", "linear"}
-        What of each coordinate's misfit is summed, as of `scipy.optimize.least_squares`. The
-        robust ones count a misfit above 1.5 times the scatter less than by its square.
-    folds : int
-        Blocks of rows that are left out in turn, and predicted; 0 for none. Where nothing is free
-        there is nothing to leave out of.
-    split : {"blocks", "random", "kinds"}
-        Whether blocks are runs of rows, drawn at random, or the kinds of motion: the sections that
-        bend together. A random split is refused where rows that follow each other are alike: there
-        it tests no prediction. Labels of the data, if there are any, take the place of runs.
-    residual : bool
-        Whether what the fit leaves over is learned on top of it, see `SectionResidual`.
-    smaller : bool
-        Whether fits of fewer constants are tried on the blocks left out.
-    jobs : int
-        Processes at the same time.
-    dynamics : DynamicsOptions, optional
-        How the robot moves, for rows of a motion from rest under the first command; None of shapes
-        at rest.
-    """
-
-    model: str = ""
-    model_options: Mapping[str, object] = field(default_factory=dict)
-    loss: Loss = "soft_l1"
-    folds: int = 4
-    split: Split = "blocks"
-    residual: bool = False
-    smaller: bool = True
-    jobs: int = 1
-    dynamics: DynamicsOptions | None = None
-
-    def __post_init__(self) -> None:
-        if self.dynamics is not None:
-            check_kind("dynamics", self.dynamics, DynamicsOptions)
-            if self.model or self.model_options:
-                raise InputError(
-                    "a model of shapes at rest is given for a fit in time: leave it out"
-                )
-        check_word("loss", self.loss, get_args(Loss))
-        check_word("split", self.split, get_args(Split))
-        check_integer("jobs", self.jobs, low=1)
-        if check_integer("folds", self.folds, low=0) == 1:
-            raise InputError("folds is 1: it must be 2 or more, or 0 for none")
-        if self.residual and not self.folds:
-            raise InputError(
-                "folds is 0: a residual is chosen by blocks left out, which must be 2 or more"
-            )
-
-
-DEFAULT_OPTIONS = RobotFitOptions()
 
 
 @dataclass(frozen=True)
@@ -167,134 +104,6 @@ class Estimate:
     unit: str = tabulated()
     standard_error: float = tabulated()
     change: Change = "factor"
-
-
-@dataclass(frozen=True)
-class Validation:
-    """Blocks of rows left out in turn, and predicted by the fit to the others.
-
-    Parameters
-    ----------
-    names : tuple of str
-        What was fitted.
-    rms : float
-        Root mean square distance over all rows, each left out once [mm].
-    blocks : tuple of float
-        The same of each block.
-    """
-
-    names: tuple[str, ...]
-    rms: float
-    blocks: tuple[float, ...]
-
-    def beats(self, other: Validation) -> bool:
-        """Return whether its errors of the same blocks are less than those of another.
-
-        The mean of the blocks' differences must be above its standard error, which is their
-        standard deviation over the root of their number; and the error over all rows no larger.
-        """
-        gains = np.subtract(other.blocks, self.blocks)
-        error = float(np.std(gains, ddof=1)) / math.sqrt(len(gains))
-        return self.rms <= other.rms and bool(gains.mean() > error)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class RobotPrediction(Result):
-    """What a fitted robot predicts of measurements.
-
-    Parameters
-    ----------
-    measured, predicted : ndarray, shape (n, m, 3)
-        Points [mm]; NaN where one was not seen. Nothing is predicted of a row without a point.
-    markers : tuple of str
-        Names of the points.
-    answered : ndarray of bool, shape (n,)
-        Which rows the model has a converged shape for; the others count with the shape that it
-        found, and with the span of the points if that is not finite. Rows without a point are not
-        asked for.
-    reason : str
-        Why a row has no shape; empty if all have one.
-    states : SectionStates
-        What is predicted of the sections; NaN of rows without a point.
-    """
-
-    measured: Floats
-    predicted: Floats
-    markers: tuple[str, ...]
-    answered: NDArray[np.bool_]
-    reason: str
-    states: SectionStates = field(repr=False)
-
-    @property
-    def seen_rows(self) -> NDArray[np.int64]:
-        """Indices of the rows with a point, (k,)."""
-        return np.flatnonzero(np.isfinite(self.measured).all(axis=-1).any(axis=-1))
-
-    @property
-    def converged(self) -> bool:
-        """Whether all rows with a point have a shape."""
-        return bool(self.answered[self.seen_rows].all())
-
-    @property
-    def distances(self) -> Floats:
-        """Distance of each point (n, m) [mm]; NaN where one was not seen."""
-        return np.asarray(np.linalg.norm(self.predicted - self.measured, axis=-1))
-
-    @property
-    def rms(self) -> float:
-        """Root mean square distance over all points seen [mm]."""
-        return float(np.sqrt(np.nanmean(self.distances**2)))
-
-    @property
-    def median(self) -> float:
-        """Median distance of all points seen [mm]."""
-        return float(np.nanmedian(self.distances))
-
-    @property
-    def residual(self) -> float:
-        """`rms` [mm]."""
-        return self.rms
-
-    @property
-    def rms_by_marker(self) -> dict[str, float]:
-        """The same of each marker [mm]."""
-        return {
-            name: float(np.sqrt(np.nanmean(column**2)))
-            for name, column in zip(self.markers, self.distances.T, strict=True)
-        }
-
-    def to_dict(self) -> Json:
-        """Return the errors as plain values."""
-        values = {
-            "rms_mm": self.rms,
-            "median_mm": self.median,
-            "rms_by_marker_mm": self.rms_by_marker,
-            "largest_mm": float(np.nanmax(self.distances)),
-            "rows": len(self.seen_rows),
-            "rows_answered": int(self.answered.sum()),
-            "converged": self.converged,
-            "reason": self.reason,
-        }
-        return {name: to_plain(value) for name, value in values.items()}
-
-    def list_columns(self) -> dict[str, Floats]:
-        """Return the columns of `to_frame`, a row for each row of the measurements."""
-        columns: dict[str, Floats] = {}
-        for k, name in enumerate(self.markers):
-            for i, axis in enumerate("xyz"):
-                columns[f"{name}_{axis}_mm"] = self.predicted[:, k, i]
-            columns[f"{name}_error_mm"] = self.distances[:, k]
-        return columns
-
-    def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the distance of each point over the rows, and return the axes."""
-        axes = take_axes(ax, x="row", y="measured to predicted [mm]")
-        for name, column in zip(self.markers, self.distances.T, strict=True):
-            axes.plot(np.arange(1, len(column) + 1), column, ".", markersize=3, label=name)
-        axes.axhline(self.rms, color="k", linewidth=0.8)
-        axes.set_ylim(0.0, None)
-        axes.legend()
-        return axes
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -391,11 +200,34 @@ class RobotFit(Result):
 
     @property
     def is_poor(self) -> bool:
-        """Whether rows left out, or fitted, are missed by more than 5 % of the points' span.
+        """Whether it is far off, or commands alone are `better` than what was fitted."""
+        return self.is_far or self.better is not None
 
-        A comparison with points that all coincide has no span to be judged by, and is not poor.
+    @property
+    def is_far(self) -> bool:
+        """Whether rows left out, or fitted, are missed by more than 5 % of the robot or the span.
+
+        It is of the shorter of the robot's length and the span of the points. A comparison with
+        points that all coincide has no span to be judged by, and is not far off.
         """
-        return self.data.span > 0.0 and not self.error <= POOR_SHARE * self.data.span
+        return self.data.span > 0.0 and not self.error <= POOR_SHARE * min(self._sizes)
+
+    @property
+    def better(self) -> Validation | None:
+        """The best of the baselines, if the rows left out are missed by more than 1.2 times its.
+
+        They must be so beyond the scatter of the blocks (`Validation.beats`), with the residual if
+        there is one. A robot of which nothing was fitted is not judged: baselines are fitted.
+        """
+        own = self.corrected or self.validation
+        best = min(self.baselines, key=lambda one: one.rms, default=None)
+        if own is None or best is None or not self.estimates:
+            return None
+        return best if own.rms > POOR_RATIO * best.rms and best.beats(own) else None
+
+    @property
+    def _sizes(self) -> tuple[float, float]:
+        return self.setup.robot.length, self.data.span
 
     @property
     def error(self) -> float:
@@ -403,14 +235,15 @@ class RobotFit(Result):
         return self.rms if self.validation is None else self.validation.rms
 
     def describe_error(self) -> str:
-        """Return the error as a share of the points' span, and from which share on it is poor."""
+        """Return the error as a share of what it is judged by, and from which one on it is poor."""
         if self.data.span == 0.0:
             return f"all points coincide: there is no span to judge {self.error:.3g} mm rms by"
         of = "rms of the rows" if self.validation is None else "rms of rows left out"
-        share = self.error / self.data.span
+        length, span = self._sizes
+        what = "the points' span" if span <= length else "the robot's length"
         return (
-            f"{self.error:.3g} mm {of} is {100.0 * share:.2g} % of the points' span of "
-            f"{self.data.span:.3g} mm; above {100.0 * POOR_SHARE:.0f} % it is poor"
+            f"{self.error:.3g} mm {of} is {100.0 * self.error / min(length, span):.2g} % of {what} "
+            f"of {min(length, span):.3g} mm; above {100.0 * POOR_SHARE:.0f} % it is poor"
         )
 
     def predict(self, data: RobotMeasurements) -> RobotPrediction:
@@ -449,7 +282,7 @@ class RobotFit(Result):
                 self.data.points[known],
                 data.order_commands(self.robot)[rows],
             )
-            errors = {name: _measure_rms(points - data.points[rows])
+            errors = {name: measure_rms(points - data.points[rows])
                       for name, points in there.items()}  # fmt: skip
             if self.band is not None:
                 kinds = self.band.name_kinds(prediction.states.bends[rows])
@@ -574,7 +407,7 @@ class RobotFit(Result):
         if self.band is not None:
             with_it = "" if self.section_residual is None else "with the residual, "
             lines.append(with_it + self.band.describe())
-        if self.data.span > 0.0 and not self.is_poor:  # else a warning says it
+        if self.data.span > 0.0 and not self.is_far:  # else a warning says it
             lines.append(self.describe_error())
         if self.smaller is not None and self.validation is not None:
             lines.append(
@@ -668,135 +501,20 @@ class RobotCheck(Result):
 def _describe_validation(found: Validation | None) -> Json | None:
     if found is None:
         return None
-    return {"names": found.names, "rms_mm": found.rms, "blocks_mm": found.blocks}
+    return {
+        "names": found.names,
+        "rms_mm": found.rms,
+        "blocks_mm": found.blocks,
+        "labels": found.labels,
+    }
 
 
 def _format_validation(found: Validation) -> str:
-    blocks = ", ".join(f"{value:.3g}" for value in found.blocks)
+    labels = found.labels or ("",) * len(found.blocks)
+    blocks = ", ".join(
+        f"{label} {value:.3g}".strip() for label, value in zip(labels, found.blocks, strict=True)
+    )
     return f"rows left out, {len(found.blocks)} blocks: {found.rms:.3g} mm rms ({blocks})"
-
-
-# The search.
-
-
-@dataclass(frozen=True)
-class _Search:
-    """Unknowns of an observation, where they are looked for from, and what is made small."""
-
-    observation: Observation
-    unknowns: tuple[Unknown, ...]
-    loss: Loss
-    scale: float = 1.0
-
-    def miss(self, found: Observed) -> Floats:
-        """Return predicted less measured coordinates that were seen, as one row [mm]."""
-        return fill_gaps(found.points, self.observation.measured)[self.seen]
-
-    @property
-    def seen(self) -> NDArray[np.bool_]:
-        """Which coordinates were seen, (n, m, 3)."""
-        return np.asarray(np.isfinite(self.observation.measured))
-
-    @property
-    def limits(self) -> tuple[Floats, Floats, Floats]:
-        """Bounds of the changes, and where a search begins, (k,) each."""
-        rows = [one.limit(self.observation.setup) for one in self.unknowns]
-        low, high, begin = np.asarray(rows, dtype=np.float64).reshape(-1, 3).T
-        return low, high, begin
-
-    def run(self, start: Floats, *, loss: Loss, limit: int = EVALUATIONS) -> _Found:
-        """Return where the search ends."""
-        low, high, _ = self.limits
-        last: list[tuple[Floats, Observed]] = []
-
-        def observe(changes: Floats) -> Observed:
-            if not last or not np.array_equal(last[0][0], changes):
-                last[:] = [(changes.copy(), self.observation.change(self.unknowns, changes))]
-            return last[0][1]
-
-        def slope(changes: Floats) -> Floats:
-            rates = self.observation.differentiate(self.unknowns, changes, observe(changes))
-            return np.nan_to_num(rates[self.seen])
-
-        if self.unknowns and np.abs(start).max() < NEARLY_NONE:
-            start = np.zeros_like(start)
-        if not self.unknowns:
-            found = observe(start)
-            return _Found(start, found, np.zeros((int(self.seen.sum()), 0)), 1, 1)
-        search = LeastSquares(
-            misfit=lambda changes: self.miss(observe(changes)),
-            slope=slope,
-            bounds=(low, high),
-            scale="jac",
-            loss=loss,
-            loss_scale=self.scale,
-            xtol=1e-6,
-            ftol=1e-6,
-            gtol=FLAT,
-        )
-        end = search.descend(np.clip(start, low, high), evaluations=limit)
-        return _Found(end.point, observe(end.point), slope(end.point), end.status, end.evaluations)
-
-
-@dataclass(frozen=True)
-class _Found:
-    """Where a search ended: changes, what they predict, and derivatives."""
-
-    changes: Floats
-    observed: Observed
-    jacobian: Floats
-    status: int
-    evaluations: int
-
-
-def fill_gaps(points: Floats, measured: Floats) -> Floats:
-    """Return predicted less measured points; the span of the measured ones without a shape."""
-    span = float(np.nanmax(measured) - np.nanmin(measured))
-    missed = points - measured
-    return np.asarray(np.where(np.isfinite(points), missed, span))
-
-
-def _search_all(search: _Search) -> tuple[_Found, _Search]:
-    """Return the best fit to all rows, and how it was searched for at the end."""
-    start = search.limits[2]
-    first = search.run(start, loss="linear")
-    scatter = measure_scatter(search.miss(first.observed))
-    if search.loss == "linear" or not search.unknowns or scatter < LEAST_SCATTER_MM:
-        return first, dataclasses.replace(search, loss="linear")
-    robust = dataclasses.replace(search, scale=ROBUST * scatter)
-    found = robust.run(first.changes, loss=search.loss)
-    evaluations = found.evaluations + first.evaluations
-    return dataclasses.replace(found, evaluations=evaluations), robust
-
-
-def _leave_idle(search: _Search, found: _Found) -> _Found:
-    """Return the fit with numbers that have no effect as they were, their derivatives 0.
-
-    Such derivatives are round-off of the model: they would be scaled to length 1.
-    """
-    low, high, _ = search.limits
-    width = np.where(np.isfinite(high - low), 0.5 * (high - low), search.observation.data.span)
-    scatter = float(np.sqrt(np.mean(search.miss(found.observed) ** 2)))
-    least = max(IDLE * scatter, LEAST_SCATTER_MM)
-    moved = width * np.sqrt(np.mean(found.jacobian**2, axis=0))
-    for index in np.flatnonzero(moved <= least):
-        changes, jacobian = found.changes.copy(), found.jacobian.copy()
-        changes[index], jacobian[:, index] = 0.0, 0.0
-        observed = search.observation.change(search.unknowns, changes)
-        both = observed.answered & found.observed.answered
-        apart = (observed.points - found.observed.points)[search.seen & both[:, None, None]]
-        if np.linalg.norm(apart) <= least * np.sqrt(apart.size):  # else it acts elsewhere
-            found = dataclasses.replace(
-                found, changes=changes, observed=observed, jacobian=jacobian
-            )
-    return found
-
-
-def _find_outliers(search: _Search, found: _Found) -> tuple[int, ...]:
-    """Return the rows of the data with a coordinate of less than half weight."""
-    weight, _ = weigh(search.miss(found.observed) / search.scale, search.loss)
-    rows = np.broadcast_to(search.observation.rows[:, None, None], search.seen.shape)
-    return tuple(np.unique(rows[search.seen][weight < HALF]).tolist())
 
 
 def fit_robot(
@@ -868,16 +586,17 @@ def fit_robot(
             f"all points of {len(data.seen_rows)} row(s) coincide at ({place}) mm: a fit asks for "
             "points that move"
         )
-    by_kind = options.split == "kinds" and options.folds > 0
+    by_motion = options.split in ("kinds", "amplitude") and options.folds > 0
     enough = bool(unknowns) or len(data.seen_rows) >= max(options.folds, 2)
-    folds = make_folds(data, options) if enough and not by_kind else ()
+    folds = make_folds(data, options) if enough and not by_motion else ()
+    labels = label_blocks(data, folds) if options.split == "blocks" else ()
     progress("aligning", 0.0)
-    if _frees_base(unknowns):
+    if frees_base(unknowns):
         observation = dataclasses.replace(observation, setup=align_base(observation))
     progress("fitting", 0.1)
-    search = _Search(observation, unknowns, options.loss)
-    found, search = _search_all(search)
-    found = _leave_idle(search, found) if unknowns else found
+    search = FitSearch(observation, unknowns, options.loss)
+    found, search = search_all(search)
+    found = leave_idle(search, found) if unknowns else found
 
     def leave_out(done: float) -> None:
         progress("leaving out blocks", 0.5 + 0.3 * done)
@@ -885,361 +604,24 @@ def fit_robot(
     def leave_out_fewer(done: float) -> None:
         progress("trying fewer constants", 0.8 + 0.2 * done)
 
-    if by_kind:
-        folds = _split_kinds(search, found)
+    if by_motion:
+        labels, folds = split_motions(search, found, options)
     validation = smaller = left = None
     if folds:
-        left = _leave_rows_out(search, found.changes, folds, options, leave_out)
+        left = leave_rows_out(search, found.changes, folds, options, leave_out)
         if unknowns:
-            validation = left.validate(tuple(one.name for one in unknowns), left.missed)
+            names = tuple(one.name for one in unknowns)
+            validation = left.validate(names, left.missed, labels)
         if validation is not None and options.smaller and len(unknowns) > 1:
-            smaller = _try_smaller(search, found, folds, validation, options, leave_out_fewer)
+            smaller = try_smaller(search, found, folds, validation, options, leave_out_fewer)
     progress("fitted", 1.0)
     fit = _conclude(search, found, validation=validation, smaller=smaller)
     return fit if left is None else _conclude_left_out(fit, left, folds, options)
 
 
-def _frees_base(unknowns: Sequence[Unknown]) -> bool:
-    """Return whether all of the base's pose is free."""
-    return sum(one.group == "base" for one in unknowns) == len(FIELDS["base"])
-
-
-def make_observation(
-    setup: RobotSetup,
-    data: RobotMeasurements,
-    model: str = "",
-    model_options: Mapping[str, object] | None = None,
-) -> Observation:
-    """Return measurements of a setup by a model, that of its calibration or by default."""
-    robot = setup.robot
-    check_kind("robot", robot, ContinuumRobot)
-    if setup.dynamics is not None:
-        if not data.times.size:
-            raise InputError(
-                "the measurements have no times: a fit in time needs those of all rows"
-            )
-        return Observation(setup, data, MOTION, {}, data.seen_rows)
-    name = model or (robot.calibration or RobotCalibration()).model
-    if not name:
-        weighs = robot.has_line_weight or robot.disc_weights.any()
-        rubs = robot.tendon_friction.any()
-        name = "rod" if data.command == "tension" or weighs or rubs else "energy"
-    options = dict(model_options or {})
-    if robot.calibration is not None and name == robot.calibration.model:
-        options = {**robot.calibration.model_options, **options}
-    elif name == "energy":
-        options.setdefault("segment", "channel")
-    return Observation(setup, data, name, options, data.seen_rows)
-
-
-def predict_points(
-    setup: RobotSetup,
-    data: RobotMeasurements,
-    *,
-    model: str = "",
-    model_options: Mapping[str, object] | None = None,
-) -> RobotPrediction:
-    """Return what a robot as it is predicts of measurements.
-
-    Parameters
-    ----------
-    setup : RobotSetup
-        The robot, its zeros and markers; those of the data that it has not are the data's.
-    data : RobotMeasurements
-        Commands, and points to compare with.
-    model, model_options : optional
-        As of `RobotFitOptions`.
-
-    Raises
-    ------
-    InputError
-        If the robot has no such tendons, or the model does not take such commands.
-    """
-    own = {marker.name: marker for marker in setup.markers}
-    markers = tuple(own.get(marker.name, marker) for marker in data.markers)
-    setup = dataclasses.replace(setup, markers=markers)
-    observation = make_observation(setup, data, model, model_options)
-    return _compare(observation, observation.observe(setup))
-
-
-def _compare(observation: Observation, found: Observed) -> RobotPrediction:
-    measured, rows = observation.measured, observation.rows
-    reasons = found.shape.reason[~found.answered]
-    missing = np.isnan(found.points) & np.isfinite(measured)
-    predicted = np.full(observation.data.points.shape, np.nan)
-    predicted[rows] = np.where(missing, measured + fill_gaps(found.points, measured), found.points)
-    answered = np.zeros(len(predicted), dtype=np.bool_)
-    answered[rows] = found.answered
-    states = SectionStates.of(observation.setup, found.shape, found.points)
-    return RobotPrediction(
-        measured=observation.data.points,
-        predicted=predicted,
-        markers=tuple(marker.name for marker in observation.data.markers),
-        answered=answered,
-        reason=str(reasons[0]) if len(reasons) else "",
-        states=states.spread(rows, len(predicted)),
-    )
-
-
-# Validation.
-
-Folds = tuple[NDArray[np.int64], ...]
-"""The rows of each block that is left out."""
-
-
-def make_folds(data: RobotMeasurements, options: RobotFitOptions) -> Folds:
-    """Return the rows of each block that is left out.
-
-    Raises
-    ------
-    InputError
-        If there are too few rows or labels, or a random split tests no prediction.
-    """
-    if not options.folds:
-        return ()
-    rows = data.seen_rows
-    labels = np.unique(data.blocks[rows])
-    if options.split == "random":
-        if data.is_ordered:
-            raise InputError(
-                "a random split tests no prediction of rows in time order, whose neighbours are "
-                "alike: leave out blocks"
-            )
-        rows = np.random.default_rng(0).permutation(rows)
-    elif len(labels) > 1:
-        return tuple(rows[data.blocks[rows] == label] for label in labels)
-    if len(rows) < options.folds:
-        legal = f"2 to {len(rows)}, or 0 for none" if len(rows) > 1 else "0 for none"
-        raise InputError(
-            f"{len(rows)} row(s) are too few for {options.folds} folds: --folds must be {legal}"
-        )
-    return tuple(np.sort(part) for part in np.array_split(rows, options.folds))
-
-
-def _name_motions(search: _Search, found: _Found) -> NDArray[np.str_]:
-    """Return the kinds of motion of the rows fitted, by the sections that bend."""
-    observation = search.observation
-    setup = change_setup(observation.setup, search.unknowns, found.changes)
-    states = SectionStates.of(setup, found.observed.shape, found.observed.points)
-    largest = np.nan_to_num(states.bends).max(axis=0)
-    return name_kinds(states.bends, largest, _name_sections(setup.robot))
-
-
-def _name_sections(robot: ContinuumRobot) -> tuple[str, ...]:
-    return tuple(section.name or str(k + 1) for k, section in enumerate(robot.sections))
-
-
-def _split_kinds(search: _Search, found: _Found) -> Folds:
-    """Return the rows of each kind of motion that there are enough of."""
-    kinds, rows = _name_motions(search, found), search.observation.rows
-    blocks = [rows[kinds == kind] for kind in np.unique(kinds)]
-    folds = tuple(block for block in blocks if len(block) >= FEWEST_OF_KIND)
-    if len(folds) < 2:
-        raise InputError(
-            f"there is {len(folds)} kind of motion with {FEWEST_OF_KIND} rows or more: to leave "
-            "kinds out the rows must have 2"
-        )
-    return folds
-
-
-class _LeftOut(NamedTuple):
-    """What fits to other rows predict of those left out: predicted less measured [mm]."""
-
-    rows: NDArray[np.int64]
-    blocks: NDArray[np.int64]
-    missed: Floats
-    corrected: Floats
-    bends: Floats
-
-    def validate(self, names: tuple[str, ...], missed: Floats) -> Validation:
-        """Return the errors of these misses."""
-        blocks = [_measure_rms(missed[self.blocks == k]) for k in np.unique(self.blocks)]
-        return Validation(names=names, rms=_measure_rms(missed), blocks=tuple(blocks))
-
-
-def _measure_rms(missed: Floats) -> float:
-    """Return the root mean square length of vectors (..., 3) that are there [mm]."""
-    return float(np.sqrt(np.nanmean(np.sum(np.square(missed), axis=-1))))
-
-
-def _leave_rows_out(
-    search: _Search,
-    start: Floats,
-    folds: Folds,
-    options: RobotFitOptions,
-    progress: Callable[[float], None],
-) -> _LeftOut:
-    """Return what fits to the other rows, which begin at `start`, predict of each block."""
-    progress(0.0)
-    todo = [_Task(search, start, folds, k, options.residual) for k in range(len(folds))]
-    parts: list[_LeftOut] = []
-    jobs = options.jobs
-    for one in _leave_out_apart(todo, jobs) if jobs > 1 else map(_leave_out, todo):
-        parts.append(one)
-        progress(len(parts) / len(todo))
-    return _LeftOut(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
-
-
-class _Task(NamedTuple):
-    """A block to leave out."""
-
-    search: _Search
-    start: Floats
-    folds: Folds
-    left: int
-    residual: bool
-
-
-def _leave_out_apart(todo: Sequence[_Task], jobs: int) -> Iterator[_LeftOut]:
-    """Yield what `_leave_out` returns, in processes of their own."""
-    # A forked process would inherit the locks of the threads of compiled loops.
-    context = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(
-        min(jobs, len(todo)),
-        mp_context=context,
-        initializer=signal.signal,
-        initargs=(signal.SIGINT, signal.SIG_IGN),  # this process ends them
-    )
-    try:
-        yield from pool.map(_leave_out, todo)
-    except BrokenProcessPool:
-        raise BozziniError(
-            "a process of the fit ended: it was out of memory, or a script calls fit_robot outside "
-            "of \"if __name__ == '__main__':\"; with 1 job there are no processes"
-        ) from None
-    except BaseException:  # an interrupt must not wait for the blocks that are left
-        for process in pool._processes.values():
-            process.terminate()
-        raise
-    finally:
-        pool.shutdown(cancel_futures=True)
-
-
-def _leave_out(todo: _Task) -> _LeftOut:
-    """Return what a fit to the other rows predicts of a block."""
-    search, fold = todo.search, todo.folds[todo.left]
-    observation = search.observation
-    kept = np.setdiff1d(observation.rows, fold)
-    inside = dataclasses.replace(search, observation=dataclasses.replace(observation, rows=kept))
-    found = inside.run(todo.start, loss=search.loss)
-    outside = dataclasses.replace(observation, rows=fold)
-    setup = change_setup(observation.setup, search.unknowns, found.changes)
-    there = outside.observe(setup)
-    missed = fill_gaps(there.points, outside.measured)
-    states = SectionStates.of(setup, there.shape, there.points)
-    corrected = missed
-    if todo.residual:
-        own = SectionStates.of(setup, found.observed.shape, found.observed.points)
-        left = -fill_gaps(found.observed.points, inside.observation.measured)
-        residual = learn_residual(own, left, _label(kept, todo.folds))
-        corrected = missed + residual.shift(states)
-    return _LeftOut(fold, np.full(len(fold), todo.left), missed, corrected, states.bends)
-
-
-def _label(rows: NDArray[np.int64], folds: Folds) -> NDArray[np.int64]:
-    """Return the number of the block of each row; one more for rows of none."""
-    labels = np.full(len(rows), len(folds))
-    for k, fold in enumerate(folds):
-        labels[np.isin(rows, fold)] = k
-    return labels
-
-
-def _predict_baselines(data: RobotMeasurements, robot: ContinuumRobot, folds: Folds
-                       ) -> tuple[Validation, ...]:  # fmt: skip
-    """Return what commands alone predict of each block from the others."""
-    commands = data.order_commands(robot)
-    parts: dict[str, list[Floats]] = {}
-    for fold in folds:
-        kept = np.setdiff1d(data.seen_rows, fold)
-        there = predict_by_commands(commands[kept], data.points[kept], commands[fold])
-        for name, points in there.items():
-            parts.setdefault(name, []).append(points - data.points[fold])
-    return tuple(
-        Validation(
-            names=(name,),
-            rms=_measure_rms(np.concatenate(missed)),
-            blocks=tuple(_measure_rms(one) for one in missed),
-        )
-        for name, missed in parts.items()
-    )
-
-
-def _try_smaller(
-    search: _Search,
-    found: _Found,
-    folds: Folds,
-    validation: Validation,
-    options: RobotFitOptions,
-    progress: Callable[[float], None],
-) -> Validation | None:
-    """Return the validation of fewer constants, where that is better beyond chance.
-
-    One set after the other is left out, the one without which rows left out are predicted best by
-    the model linearised at the fit.
-    """
-    # A base that is free in all was aligned: as it was before it predicts nothing.
-    aligned = _frees_base(search.unknowns)
-    families: dict[str, list[int]] = {}
-    for index, one in enumerate(search.unknowns):
-        if aligned and one.group == "base":
-            continue
-        key = f"{one.group}.{one.field}" if one.group != "base" else one.field.partition(".")[0]
-        families.setdefault(key, []).append(index)
-    linear = _Linear.make(search, found, folds)
-    kept = list(range(len(search.unknowns)))
-    best, least = kept, linear.measure(kept)
-    while len(families) + aligned > 1:
-        trials = [
-            (linear.measure([i for i in kept if i not in members]), name)
-            for name, members in families.items()
-        ]
-        error, name = min(trials)
-        left = families.pop(name)
-        kept = [i for i in kept if i not in left]
-        if error < least * (1.0 + 1e-3):
-            best, least = kept, min(error, least)
-    if len(best) == len(search.unknowns):
-        return None
-    fewer = dataclasses.replace(search, unknowns=tuple(search.unknowns[i] for i in best))
-    again = fewer.run(found.changes[best], loss=search.loss)
-    plain = dataclasses.replace(options, residual=False)
-    there = _leave_rows_out(fewer, again.changes, folds, plain, progress)
-    other = there.validate(tuple(one.name for one in fewer.unknowns), there.missed)
-    return other if other.beats(validation) else None
-
-
-@dataclass(frozen=True)
-class _Linear:
-    """A fit with the model linearised at its end."""
-
-    jacobian: Floats
-    target: Floats
-    folds: tuple[NDArray[np.bool_], ...]
-
-    @classmethod
-    def make(cls, search: _Search, found: _Found, folds: Folds) -> _Linear:
-        """Return it from where a search ended."""
-        seen = search.seen
-        row = np.broadcast_to(search.observation.rows[:, None, None], seen.shape)[seen]
-        target = found.jacobian @ found.changes - search.miss(found.observed)
-        return cls(found.jacobian, target, tuple(np.isin(row, fold) for fold in folds))
-
-    def measure(self, kept: Sequence[int]) -> float:
-        """Return the sum of squares at rows left out, with some of the unknowns."""
-        total = 0.0
-        for out in self.folds:
-            columns = self.jacobian[:, kept]
-            values = np.linalg.lstsq(columns[~out], self.target[~out], rcond=1e-9)[0]
-            total += float(np.sum((self.target[out] - columns[out] @ values) ** 2))
-        return total
-
-
-# What is reported.
-
-
 def _conclude(
-    search: _Search,
-    found: _Found,
+    search: FitSearch,
+    found: FoundChanges,
     *,
     validation: Validation | None,
     smaller: Validation | None,
@@ -1248,7 +630,7 @@ def _conclude(
     observation, unknowns = search.observation, search.unknowns
     names = [one.name for one in unknowns]
     setup = change_setup(observation.setup, unknowns, found.changes)
-    prediction = _compare(dataclasses.replace(observation, setup=setup), found.observed)
+    prediction = compare_points(dataclasses.replace(observation, setup=setup), found.observed)
     known = determine(found.jacobian) if unknowns else None
     estimates: tuple[Estimate, ...] = ()
     undetermined: list[str] = []
@@ -1305,7 +687,7 @@ def _conclude(
         model_band=None,
         undetermined=tuple(undetermined),
         warnings=tuple(warnings),
-        outliers=_find_outliers(search, found),
+        outliers=find_outliers(search, found),
         data=observation.data,
         model=observation.model,
         model_options=observation.options,
@@ -1315,52 +697,53 @@ def _conclude(
     )
     if fit.data.span == 0.0:
         return dataclasses.replace(fit, warnings=(*fit.warnings, fit.describe_error()))
-    if fit.is_poor:
+    if fit.is_far:
         poor = f"the fit is poor: {fit.describe_error()}"
         return dataclasses.replace(fit, warnings=(*fit.warnings, poor))
     return fit
 
 
 def _conclude_left_out(
-    fit: RobotFit, left: _LeftOut, folds: Folds, options: RobotFitOptions
+    fit: RobotFit, left: LeftOutRows, folds: Folds, options: RobotFitOptions
 ) -> RobotFit:
     """Return the fit with what the rows left out tell: band, residual, and baselines beside it."""
     data, prediction = fit.data, fit.prediction
-    baselines = _predict_baselines(data, fit.setup.robot, folds)
+    baselines = predict_baselines(data, fit.setup.robot, folds)
     residual = corrected = None
-    best, warnings = fit.error, list(fit.warnings)
     if options.residual:
         rows = data.seen_rows
         missed = (data.points - prediction.predicted)[rows]
-        residual = learn_residual(prediction.states.select(rows), missed, _label(rows, folds))
+        residual = learn_residual(prediction.states.select(rows), missed, label_rows(rows, folds))
         corrected = left.validate(("residual",), left.corrected)
-        best = corrected.rms
     band, own = (
         make_band(
             np.asarray(np.linalg.norm(missed, axis=-1)),
             left.bends,
             left.blocks,
             markers=prediction.markers,
-            sections=_name_sections(fit.setup.robot),
+            sections=name_sections(fit.setup.robot),
         )
         for missed in (left.corrected, left.missed)
     )
-    better = min(baselines, key=lambda one: one.rms, default=None)
-    if better is not None and better.rms < best:
-        hint = "" if options.residual else ": learn a residual on top of the model"
-        warnings.append(
-            f"{better.names[0]} predicts rows left out better, {better.rms:.3g} mm against "
-            f"{best:.3g} mm{hint}"
-        )
-    return dataclasses.replace(
+    fit = dataclasses.replace(
         fit,
         baselines=baselines,
         section_residual=residual,
         corrected=corrected,
         band=band,
         model_band=own,
-        warnings=tuple(warnings),
     )
+    better = min(baselines, key=lambda one: one.rms, default=None)
+    error = fit.error if corrected is None else corrected.rms
+    if better is None or not better.rms < error:
+        return fit
+    poor = "" if fit.better is None else "the fit is poor: "
+    hint = "" if options.residual else ": learn a residual on top of the model"
+    text = (
+        f"{poor}{better.names[0]} predicts rows left out better, {better.rms:.3g} mm against "
+        f"{error:.3g} mm{hint}"
+    )
+    return dataclasses.replace(fit, warnings=(*fit.warnings, text))
 
 
 def _estimate(
@@ -1395,7 +778,7 @@ def _estimate(
     return Estimate(one.name, value, low, high, unit, value * error)
 
 
-def _measure_spread(search: _Search, found: _Found) -> FitCovariance:
+def _measure_spread(search: FitSearch, found: FoundChanges) -> FitCovariance:
     """Return the covariance of the changes."""
     data, rows = search.observation.data, search.observation.rows
     misfit, seen = search.miss(found.observed), search.seen

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ..numeric.arrays import Floats
 from .command_baselines import list_monomials
+from .kinematics import ContinuumRobot
 from .observation import interpolate_frames
 from .shape import Shape
 from .unknowns import RobotSetup
@@ -22,6 +23,32 @@ FEWEST_BLOCKS = 4
 """Runs of rows that choose the form where there are no blocks."""
 RIDGES = (1e-4, 1e-3, 1e-2, 1e-1)
 """Weights of the squares of the coefficients that are tried, in numbers of coordinates."""
+
+
+def _list_ends(robot: ContinuumRobot) -> tuple[Floats, Floats]:
+    """Return where the sections start and end along a robot (s,) [mm]."""
+    starts = np.asarray(robot.section_starts, dtype=np.float64)
+    return starts, starts + np.array([section.length for section in robot.sections])
+
+
+def _measure_turns(first: Floats, last: Floats) -> Floats:
+    """Return the rotation vectors (..., 3) from frames (..., 4, 4) to others; NaN of unknown."""
+    from scipy.spatial.transform import Rotation
+
+    turns = np.swapaxes(first[..., :3, :3], -1, -2) @ last[..., :3, :3]
+    found = np.asarray(np.isfinite(turns).all(axis=(-1, -2)))
+    turns = np.where(found[..., None, None], turns, np.eye(3))
+    vectors = Rotation.from_matrix(turns.reshape(-1, 3, 3)).as_rotvec().reshape(*found.shape, 3)
+    return np.where(found[..., None], vectors, np.nan)
+
+
+def measure_bends(robot: ContinuumRobot, shape: Shape) -> Floats:
+    """Return how far each section of shapes (...) turns (..., s) [rad]; NaN without a shape."""
+    starts, ends = _list_ends(robot)
+    wanted = np.minimum(np.concatenate([starts, ends]), robot.length)
+    frames = interpolate_frames(shape, wanted)
+    first, last = frames[..., : len(starts), :, :], frames[..., len(starts) :, :, :]
+    return np.asarray(np.linalg.norm(_measure_turns(first, last)[..., :2], axis=-1))
 
 
 @dataclass(frozen=True)
@@ -47,11 +74,8 @@ class SectionStates:
     @classmethod
     def of(cls, setup: RobotSetup, shape: Shape, points: Floats) -> SectionStates:
         """Return the states of shapes (n,) whose markers are at points (n, m, 3) of the world."""
-        from scipy.spatial.transform import Rotation
-
         robot = setup.robot
-        starts = np.asarray(robot.section_starts, dtype=np.float64)
-        ends = starts + np.array([section.length for section in robot.sections])
+        starts, ends = _list_ends(robot)
         tip = robot.length
         places = np.array([tip if m.arc_length is None else m.arc_length for m in setup.markers])
         share = np.clip((places[:, None] - starts) / (ends - starts), 0.0, 1.0)
@@ -61,18 +85,15 @@ class SectionStates:
         count = len(starts)
         first, last = frames[:, :count], frames[:, count : 2 * count]
         pivots = frames[:, 2 * count :, :3, 3].reshape(len(frames), *middles.shape, 3)
-        turns = np.swapaxes(first[..., :3, :3], -1, -2) @ last[..., :3, :3]
-        found = np.asarray(np.isfinite(turns).all(axis=(-1, -2)))
-        turns = np.where(found[..., None, None], turns, np.eye(3))
-        bends = Rotation.from_matrix(turns.reshape(-1, 3, 3)).as_rotvec().reshape(-1, count, 3)
+        bends = _measure_turns(first, last)[..., :2]
         tensions = np.nan_to_num(np.maximum(shape.tensions, 0.0))
         own = [np.flatnonzero(robot.tendon_sections == k) for k in range(count)]
         pulls = np.zeros((len(frames), count))
         for k, which in enumerate(own):
             if len(which) and tensions.size:
                 pulls[:, k] = tensions[:, which].mean(axis=1)
-        values = np.concatenate([bends[..., :2], pulls[..., None]], axis=-1)
-        values = np.where(found[..., None], values, np.nan)
+        pulls = np.where(np.isnan(bends[..., 0]), np.nan, pulls)
+        values = np.concatenate([bends, pulls[..., None]], axis=-1)
         arms = points[:, :, None] - pivots
         axes = np.swapaxes(first[..., :3, :3], -1, -2)[:, None]  # rows are x, y, z
         rates = np.empty((*points.shape[:2], count, MOTIONS, 3))

@@ -9,9 +9,10 @@ from dataclasses import dataclass
 from ..errors import InputError
 from ..progress import Progress, no_progress
 from ..results import Json, Result, format_rows, rows_of, tabulated
+from .fit_search import DEFAULT_OPTIONS, RobotFitOptions
 from .kinematics import ContinuumRobot
 from .measured import RobotMeasurements
-from .robot_fit import DEFAULT_OPTIONS, RobotFit, RobotFitOptions, fit_robot
+from .robot_fit import RobotFit, fit_robot
 from .unknowns import RobotSetup
 
 GAIN = 0.02
@@ -134,7 +135,8 @@ def fit_in_stages(
 
     Base, stiffness, zeros, distance of the tendons, clocking, ratios of stiffness and backlash are
     freed one after the other. A stage stays if rows left out are missed by 2 % less, and the data
-    determine all that is free then.
+    determine all that is free then. One that was refused before another stayed is tried once more
+    at the end.
 
     Parameters
     ----------
@@ -159,17 +161,27 @@ def fit_in_stages(
     best = fit_robot(setup, data, free=(), options=trial)
     least = best.rms
     todo = list_stages(setup.robot, data.command)
-    for k, (what, names) in enumerate(todo):
-        progress(f"trying {what}", k / (len(todo) + 1))
+
+    def attempt(what: str, names: tuple[str, ...]) -> FitStage:
+        nonlocal best, least, free
+        progress(f"trying {what}", len(stages) / (len(todo) + 1))
         try:
             found = fit_robot(setup, data, free=(*free, *names), options=trial)
         except InputError as error:  # such as tendons without a stiffness to begin from
-            stages.append(FitStage(what, names, math.nan, False, str(error)))
-            continue
+            return FitStage(what, names, math.nan, False, str(error))
         reason = _refuse(found, least)
-        stages.append(FitStage(what, names, found.error, not reason, reason))
         if not reason:
             best, least, free = found, found.error, (*free, *names)
+        return FitStage(what, names, found.error, not reason, reason)
+
+    for what, names in todo:
+        stages.append(attempt(what, names))
+    last = max((k for k, stage in enumerate(stages) if stage.kept), default=0)
+    for early in [stage for stage in stages[:last] if stage.reason and stage.error > 0.0]:
+        late = attempt(early.what, early.names)
+        if late.kept:
+            stages.remove(early)
+            stages.append(late)
     progress("fitting", len(todo) / (len(todo) + 1))
     if free or options.residual:
         best = fit_robot(setup, data, free=free, options=options)

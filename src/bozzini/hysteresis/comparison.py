@@ -26,6 +26,7 @@ from ..checks import check_number, check_word
 from ..errors import InputError
 from ..io.sheets import split_title
 from ..numeric.arrays import Floats
+from ..numeric.estimation import find_conformal_limit
 from ..progress import Progress, no_progress
 from ..results import Json, ReasonedResult, format_rows, rows_of, tabulated, take_axes, to_plain
 from .constants import Constant, identify_tendon, judge_constants
@@ -320,7 +321,7 @@ def compare_laws(
     chosen = best if law == "best" else law
     fit = fits[chosen]
     predicted = fit.predict(work.every)
-    band = _find_band(left[chosen])
+    band = find_conformal_limit(np.abs(left[chosen]), _COVERED)
     held = parts.held_out
     missed = np.abs(runs.output - predicted)[held]
     inputs = runs.input[parts.fitted]
@@ -510,12 +511,6 @@ def _make_row(name: str, fit: Fitted, left: Floats, work: _Work) -> LoopRow:
 
 def _find_span(runs: LoopRuns) -> float:
     return float(np.nanmax(runs.output) - np.nanmin(runs.output))
-
-
-def _find_band(left: Floats) -> float:
-    """Return what 95 % of residuals left out are within, by split conformal prediction."""
-    level = min(math.ceil((len(left) + 1.0) * _COVERED) / len(left), 1.0)
-    return float(np.quantile(np.abs(left), level))
 
 
 def _judge(result: LoopComparison, fits: Mapping[str, Fitted], work: _Work) -> LoopComparison:

@@ -19,6 +19,7 @@ from .jobs import JOBS, FunctionJob, Job, RowJob, check_keywords, find_function
 
 def _find_own() -> dict[str, type[Task]]:
     from ..continuum.estimating import ContinuumEstimating
+    from ..continuum.predicting import RobotPredicting
     from ..continuum.sensing import SensorPlanning
     from ..continuum.tracking import ContinuumTracking
     from ..effector.runs import EffectorSimulation
@@ -33,7 +34,7 @@ def _find_own() -> dict[str, type[Task]]:
 
     kinds: tuple[type[Task], ...] = (
         SetupPlanning, EffectorSimulation, EffectorTracking, ChainTask,
-        ContinuumTracking, ContinuumEstimating, SensorPlanning,
+        ContinuumTracking, ContinuumEstimating, RobotPredicting, SensorPlanning,
         HeadShow, HeadChecking, HeadViewing, HeadReaching, HeadComparing, TreeListing,
         TreeReaching, LoopFitting, LoopPredicting,
     )  # fmt: skip

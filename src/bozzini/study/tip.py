@@ -20,10 +20,10 @@ from typing import TYPE_CHECKING, Literal, cast
 import numpy as np
 
 from ..checks import check_fields, check_number, check_path, list_quantities, quantity, show_apart
-from ..continuum.calibration import Marker, RobotCalibration
+from ..continuum.calibration import RobotCalibration
 from ..continuum.kinematics import ContinuumRobot
-from ..continuum.observation import place_markers
-from ..continuum.section_residual import SectionStates
+from ..continuum.measured import TIP
+from ..continuum.predicting import find_band
 from ..continuum.shape import Shape
 from ..continuum.unknowns import FIELDS, RobotSetup, change_setup, parse_unknowns
 from ..effector.effector import Effector
@@ -625,14 +625,11 @@ def _find_band(robot: ContinuumRobot, shape: Shape) -> tuple[str, float, float] 
 
     The radius is NaN where no row of the fit was of this kind.
     """
-    band = None if robot.calibration is None else robot.calibration.band
-    if band is None or "tip" not in band.markers:
+    known = robot.calibration
+    found = find_band(robot, shape, [TIP])
+    if found is None or known is None or known.band is None or TIP not in known.band.markers:
         return None
-    setup = RobotSetup(robot, (Marker(name="tip"),))
-    states = SectionStates.of(setup, shape, place_markers(setup, shape))
-    kinds = band.name_kinds(states.bends)
-    radius = float(band.find_radii(kinds)[0, band.markers.index("tip")])
-    return str(kinds[0]), math.nan if band.find_unseen(kinds)[0] else radius, band.level
+    return str(found.kinds[0]), float(found.radii[0, 0]), found.level
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
