@@ -105,7 +105,7 @@ FIRST_PART = 1.0 / 32.0
 GAIN = 0.01
 """Energy that may come from nowhere since that was least, as a share of the most there or done."""
 
-SMALL_BEND = 0.1
+SMALL_BEND = 0.2
 """Bend of the whole rod, of whose energy shares are taken at least: small motions gain none [rad]."""
 
 CALM, EULER = 1, 2
@@ -116,6 +116,9 @@ CALM_STEPS = 8
 
 LEAST_CALM = 1.0 / 16.0
 """Smallest part of a step that is tried for its energy."""
+
+GAINED = -1
+"""What `advance` returns of a step among walls that gained, and was not made."""
 
 CAUTION, LEAST_CHANGE, MOST_CHANGE = 0.85, 0.2, 2.0
 """Change of a step by that which would just keep the tolerance, and bounds of it."""
@@ -1279,7 +1282,7 @@ def advance(rod, tendons, tables, walls, scheme, window, state, memory, rows):
     base that is free: turn (3, 3), place, velocity, spin, momenta and their rates, six rows for
     `solve_stage`, (0, 3) if it is not; they are changed; if ``fresh``, the last of the window, is
     2 momenta and their rates are not known yet, if it is 1 they are, and if it is 0 the window
-    goes on from the ``memory`` of the last one. ``rows`` are filled: rotations (k, s, 3, 3),
+    goes on from the ``memory`` of the last one. Steps of a window may be parts. ``rows`` are filled: rotations (k, s, 3, 3),
     places, velocities (k, s, 3) of the stations, tensions and lengths (k, t), energies (k, 8):
     kinetic, elastic, of gravity, of tendons, work of loads and tendons, dissipated, of walls,
     dissipated by friction of tendons; steps of Newton's method (k,); forces of walls (k, s, 3) and
@@ -1350,8 +1353,8 @@ def advance(rod, tendons, tables, walls, scheme, window, state, memory, rows):
         copy_matrix(end_rate, arrays[7])
         copy_matrix(end_rate, arrays[8])
     for row in range(first_row, len(steps)):
-        begin = float(first_step) if row == first_row else 0.0
-        end = float(end_step) if row == end_row else float(steps[row])
+        begin = first_step if row == first_row else 0.0
+        end = end_step if row == end_row else float(steps[row])
         if row > end_row or begin >= end:
             break
         if begin == 0.0:
@@ -1456,6 +1459,8 @@ def advance(rod, tendons, tables, walls, scheme, window, state, memory, rows):
                 _copy_course(state, arrays, totals, walls[5], strings[1], kept, False)
                 if rubbing[0].size > 0:
                     return_strings(pull[0], strings)
+                if euler and len(walls[1]) > 0:
+                    return GAINED  # planes of other places are needed
                 if euler:
                     part *= 0.5
                 calm, calm_steps = EULER if euler else calm + 1, CALM_STEPS
