@@ -86,6 +86,12 @@ GAINED = 0.1
 LEAST_ENERGY = 1e-5
 """Energy of which shares are taken at least [N mm]."""
 
+MOST_LOOKS = 4
+"""How often the planes of walls in a step are taken anew, where it has come to."""
+
+PLANE_ENERGY = 1e-3
+"""Energy of walls that planes may miss in a step, by the most energy there or done."""
+
 PRESLIDING = 1e-5
 """Slip at which friction of tendons acts in full, as a share of the robot's length."""
 
@@ -1003,6 +1009,18 @@ class _Contacts:
                 "it out of it (held_by), or place its base elsewhere"
             )
 
+    def miss_energy(self, places: Floats) -> float:
+        """Return by how much planes miss the energy of the walls at places (n, 3) [N mm]."""
+        origins, gaps, normals = self.planes
+        far = np.isinf(gaps)
+        there = gaps + np.einsum("wni,ni->wn", normals, places - origins)
+        kept = tuple(plane.copy() for plane in self.planes)
+        self.look(places)
+        depths = np.minimum(gaps, 0.0) ** 2 - np.minimum(np.where(far, math.inf, there), 0.0) ** 2
+        for plane, before in zip(self.planes, kept, strict=True):
+            plane[:] = before
+        return float(0.5 * (np.abs(depths) / self.packed[3]).sum())
+
     def look(self, places: Floats) -> None:
         """Take the tangent planes of the walls at places (n, 3), in the frame of the base."""
         origins, gaps, normals = self.planes
@@ -1057,7 +1075,7 @@ def _run(
         for kept, known in zip(along, (state.pulls, state.shares, state.beyond), strict=True):
             kept[:] = known
 
-    def advance(first: tuple[int, int], end: tuple[int, int], fresh: int) -> int:
+    def advance(first: tuple[int, float], end: tuple[int, float], fresh: int) -> int:
         window = *first, *end, steps, fresh
         return int(
             kernels.advance(
@@ -1067,7 +1085,7 @@ def _run(
         )  # fmt: skip
 
     if not contacts.walls:
-        reached = advance((0, 0), (count - 1, 0), fresh)
+        reached = advance((0, 0.0), (count - 1, 0.0), fresh)
     else:
         moved = memory[0][0][0]  # places and velocities of the last stage
         contacts.before[2][:] = _place_ends(rod, state, tables[1][0, 3])
@@ -1076,15 +1094,38 @@ def _run(
             contacts.check_start()
             if contacts.planes[1].min() >= 0.0:  # an equilibrium beside walls knows of none
                 contacts.planes[1][:] = math.inf
-        reached = advance((0, 0), (0, 0), fresh)
+        reached = advance((0, 0.0), (0, 0.0), fresh)
         contacts.before[2][:] = moved[1][1:]
+        course = *state[:4], state.ground, *memory[3:], *contacts.before, *along
         sizes = np.repeat(np.diff(tables[0]) / steps, steps)
-        for row, step, size in zip(*_number_steps(steps), sizes, strict=True):
-            if reached < count:
-                break
-            contacts.look(moved[1][1:] + size * moved[2][1:])
-            end = (row + 1, 0) if step + 1 == steps[row] else (row, step + 1)
-            reached = advance((row, step), end, 0)
+        for row, step, size in zip(*_number_steps(steps), sizes.tolist(), strict=True):
+            done, part = float(step), 1.0
+            while done < step + 1.0 and reached == count:
+                kept = [array.copy() for array in course]
+                part, least = min(part, step + 1.0 - done), part <= kernels.LEAST_CALM
+                there = moved[1][1:] + part * size * moved[2][1:]
+                motion = moved[1].copy(), moved[2].copy()
+                for attempt in range(MOST_LOOKS):
+                    contacts.look(there)
+                    reached = advance((row, done), (row, done + part), 0)
+                    if reached != count:
+                        break
+                    there = moved[1][1:].copy()
+                    missed = contacts.miss_energy(there)
+                    good = missed <= PLANE_ENERGY * memory[4][12]
+                    if good or (least and attempt + 1 == MOST_LOOKS):
+                        break
+                    for array, before in zip(course, kept, strict=True):
+                        array[:] = before
+                else:
+                    reached = kernels.GAINED
+                if reached == kernels.GAINED:
+                    reached, part = count, 0.5 * part
+                    for array, before in zip((moved[1], moved[2]), motion, strict=True):
+                        array[:] = before
+                    continue
+                done += part
+                part *= 2.0
     frames[..., :3, :3], frames[..., :3, 3], frames[..., 3, 3] = rotations, places, 1.0
     reason = ""
     if reached < count:

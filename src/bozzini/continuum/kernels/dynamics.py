@@ -102,6 +102,24 @@ LEAST_PART = 1.0 / 1024.0
 FIRST_PART = 1.0 / 32.0
 """Part of a step that is tried first where its error is looked at."""
 
+GAIN = 0.01
+"""Energy that may come from nowhere since that was least, as a share of the most there or done."""
+
+SMALL_BEND = 0.2
+"""Bend of the whole rod, of whose energy shares are taken at least: small motions gain none [rad]."""
+
+CALM, EULER = 1, 2
+"""How a step that gained is made anew: with a spectral radius of 0, by the implicit Euler method."""
+
+CALM_STEPS = 8
+"""Steps that go on so."""
+
+LEAST_CALM = 1.0 / 16.0
+"""Smallest part of a step that is tried for its energy."""
+
+GAINED = -1
+"""What `advance` returns of a step among walls that gained, and was not made."""
+
 CAUTION, LEAST_CHANGE, MOST_CHANGE = 0.85, 0.2, 2.0
 """Change of a step by that which would just keep the tolerance, and bounds of it."""
 
@@ -1232,9 +1250,11 @@ def make_memory(n, p, k, rubs):
 
     The works of a stage and of a row's end, the solver, nine arrays (n, 3): rotations and rates of
     the stage, what it starts from, the last rates and those before, those of a row's end, and the
-    last two for the error; and totals (11,): energies put in and lost, the last powers and their
+    last two for the error; and totals (18,): energies put in and lost, the last powers and their
     time, the last scale, one of the first row, what friction of tendons took, the step that its
-    error asks for, and the time of the last rate but one.
+    error asks for, the time of the last rate but one, of energy from nowhere the least, the most there
+    or done, what was there at first, of it gravity's; how steps are made, for how many yet, and the
+    energy from nowhere.
     """
     solver_state = np.ones(3)
     solver_state[0] = 0.0
@@ -1248,7 +1268,7 @@ def make_memory(n, p, k, rubs):
         solver_state,
         make_strings(n, k if rubs else 0),
     )
-    return make_work(n, p), make_work(n, p), solver, np.zeros((9, n, 3)), np.zeros(11)
+    return make_work(n, p), make_work(n, p), solver, np.zeros((9, n, 3)), np.zeros(18)
 
 
 @kernel
@@ -1262,7 +1282,7 @@ def advance(rod, tendons, tables, walls, scheme, window, state, memory, rows):
     base that is free: turn (3, 3), place, velocity, spin, momenta and their rates, six rows for
     `solve_stage`, (0, 3) if it is not; they are changed; if ``fresh``, the last of the window, is
     2 momenta and their rates are not known yet, if it is 1 they are, and if it is 0 the window
-    goes on from the ``memory`` of the last one. ``rows`` are filled: rotations (k, s, 3, 3),
+    goes on from the ``memory`` of the last one. Steps of a window may be parts. ``rows`` are filled: rotations (k, s, 3, 3),
     places, velocities (k, s, 3) of the stations, tensions and lengths (k, t), energies (k, 8):
     kinetic, elastic, of gravity, of tendons, work of loads and tendons, dissipated, of walls,
     dissipated by friction of tendons; steps of Newton's method (k,); forces of walls (k, s, 3) and
@@ -1289,6 +1309,13 @@ def advance(rod, tendons, tables, walls, scheme, window, state, memory, rows):
     stage_q, stage_rate, q_before, momentum_before = arrays[0], arrays[1], arrays[2], arrays[3]
     guess, guess_before, end_rate = arrays[4], arrays[5], arrays[6]
     tolerance = scheme[3]
+    kept = (
+        (q.copy(), momentum.copy(), rate.copy(), momentum_rate.copy(), ground.copy()),
+        arrays.copy(),
+        totals.copy(),
+        (walls[5][0].copy(), walls[5][1].copy(), walls[5][2].copy()),
+        (strings[1][0].copy(), strings[1][1].copy(), strings[1][2].copy()),
+    )
     if fresh > 0:
         fill_drive(tables, 0, 0.0, drive, targets, slopes)
         if loose:
@@ -1307,25 +1334,27 @@ def advance(rod, tendons, tables, walls, scheme, window, state, memory, rows):
             for i in range(3 if loose else 0):
                 ground[8, i], ground[9, i] = -work[1][n + 1, 0, i], -work[1][n + 1, 1, i]
         if not _fill_row(
-            rod, tendons, drive, targets, (q, momentum, ground), end_work, end_rate, solver, rows, 0
+            rod, tendons, drive, targets, state, end_work, end_rate, solver, rows, 0
         ):
             return 0
         if loose and fresh == 1:
             copy_matrix(rate, end_rate)  # by momenta those of roll are noise
         copy_matrix(end_rate, guess)
         copy_matrix(end_rate, guess_before)
-        totals[7], rows[5][0, 4], rows[5][0, 5], rows[6][0] = rows[5][0, 4], 0.0, 0.0, 0
+        totals[7], rows[6][0] = rows[5][0, 4], 0
         powers = measure_motion(rod, q, end_rate, drive, work[0], work[1], work[3], work[4])
         if loose:
             powers = (powers[0] - _weigh_base(1.0, ground, drive[0], work[1], about), powers[1])
         totals[2], totals[3] = _measure_powers(powers, tendons, solver, end_rate, slopes, 0.0)
         totals[4] = totals[10] = times[0]
-        totals[9] = 0.0
+        totals[9], totals[12], totals[14] = 0.0, _bend_slightly(rod), rows[5][0, 2]
+        _count_energy(rows[5][0], totals)
+        totals[13], totals[17] = totals[17], 0.0
         copy_matrix(end_rate, arrays[7])
         copy_matrix(end_rate, arrays[8])
     for row in range(first_row, len(steps)):
-        begin = float(first_step) if row == first_row else 0.0
-        end = float(end_step) if row == end_row else float(steps[row])
+        begin = first_step if row == first_row else 0.0
+        end = end_step if row == end_row else float(steps[row])
         if row > end_row or begin >= end:
             break
         if begin == 0.0:
@@ -1335,14 +1364,18 @@ def advance(rod, tendons, tables, walls, scheme, window, state, memory, rows):
         if tolerance > 0.0:
             part = min(1.0, totals[9] / whole if totals[9] > 0.0 else FIRST_PART)
         pressed = _measure_press(walls, True) > 0.0
+        calm, calm_steps = int(totals[15]), int(totals[16])
         while done < end - 1e-9:
             if tolerance > 0.0 and part < end - done < 2.0 * part:
                 part = 0.5 * (end - done)  # no last step that is much smaller
             part = min(part, end - done)
             size = part * whole
-            alpha_m, alpha_f, gamma, _ = scheme
-            if pressed:
+            alpha_m, alpha_f, gamma = scheme[:3]
+            euler = pressed or calm == EULER
+            if euler:
                 alpha_m, alpha_f, gamma = 1.0, 1.0, 1.0
+            elif calm == CALM:
+                alpha_m, alpha_f, gamma = 1.5, 1.0, 1.0
             c = alpha_f * gamma / alpha_m * size
             scale = 1.0 / c
             if abs(scale - totals[5]) > 1e-9 * scale or len(walls[1]) > 0:
@@ -1380,12 +1413,13 @@ def advance(rod, tendons, tables, walls, scheme, window, state, memory, rows):
                     return row + 1
                 continue
             rows[6][row + 1] += count
+            _copy_course(state, arrays, totals, walls[5], strings[1], kept, True)
             time = times[row] + at
             between = time - totals[4]
             change = MOST_CHANGE
             if tolerance > 0.0:
                 change = _change_step(
-                    stage_rate, arrays, totals, (time, size, tolerance), pressed, work[0]
+                    stage_rate, arrays, totals, (time, size, tolerance), euler, work[0]
                 )
                 if change < CAUTION and part > LEAST_PART:
                     part = max(part * change, LEAST_PART)
@@ -1399,7 +1433,7 @@ def advance(rod, tendons, tables, walls, scheme, window, state, memory, rows):
             _keep_contacts(walls, work[0][0][1])
             if rubbing[0].size > 0:
                 totals[8] += size / between * keep_strings(rubbing, pull[0], strings)
-            shift = (0.5 - alpha_f) * size / between
+            shift = 0.0 if euler else (0.5 - alpha_f) * size / between
             totals[0] += size * (powers[0] + shift * (powers[0] - totals[2]))
             totals[1] += size * (powers[1] + shift * (powers[1] - totals[3]))
             totals[2], totals[3], totals[4] = powers[0], powers[1], time
@@ -1413,6 +1447,33 @@ def advance(rod, tendons, tables, walls, scheme, window, state, memory, rows):
                     momentum_rate[j, i] = new
             if loose:
                 _step_base(size, (alpha_m, gamma), scale, ground, drive[0], work[1])
+            fill_drive(tables, row, (done + part) * whole, drive, targets, slopes)
+            if loose:
+                _place_base(ground, drive[0])
+            filled = _fill_row(
+                rod, tendons, drive, targets, state, end_work, end_rate, solver, rows, row + 1
+            )
+            kept_energy = filled and _count_energy(rows[5][row + 1], totals)
+            watched = not filled or rubbing[0].size == 0
+            if not kept_energy and watched and (not euler or part > LEAST_CALM):
+                _copy_course(state, arrays, totals, walls[5], strings[1], kept, False)
+                if rubbing[0].size > 0:
+                    return_strings(pull[0], strings)
+                if euler and len(walls[1]) > 0:
+                    return GAINED  # planes of other places are needed
+                if euler:
+                    part *= 0.5
+                calm, calm_steps = EULER if euler else calm + 1, CALM_STEPS
+                solver_state[0] = 0.0
+                copy_matrix(guess, guess_before)
+                continue
+            if not filled:
+                return row + 1
+            # What could not be helped is not held against what comes after.
+            totals[11] = min(max(totals[11], totals[17] - GAIN * totals[12]), totals[17])
+            calm_steps -= 1
+            calm = calm if calm_steps > 0 else 0
+            totals[15], totals[16] = calm, calm_steps
             done += part
             # A step of the same size goes on with the tangent it has.
             part = min(1.0, part * (change if change > 1.2 else min(change, 1.0)))
@@ -1421,25 +1482,6 @@ def advance(rod, tendons, tables, walls, scheme, window, state, memory, rows):
                 totals[9] = max(totals[9], wish) if done > end - 1e-9 else wish
         if end < steps[row]:
             break
-        fill_drive(tables, row, times[row + 1] - times[row], drive, targets, slopes)
-        if loose:
-            _place_base(ground, drive[0])
-        if not _fill_row(
-            rod,
-            tendons,
-            drive,
-            targets,
-            (q, momentum, ground),
-            end_work,
-            end_rate,
-            solver,
-            rows,
-            row + 1,
-        ):
-            return row + 1
-        rows[5][row + 1, 4] += totals[0] - totals[7]
-        rows[5][row + 1, 5] = totals[1] + totals[8]
-        rows[5][row + 1, 7] = totals[8]
     return len(times)
 
 
@@ -1479,6 +1521,49 @@ def _change_step(rate, arrays, totals, sizes, pressed, motion):
         return MOST_CHANGE
     change = CAUTION * (tolerance / math.sqrt(largest)) ** (0.5 if pressed else 1.0 / 3.0)
     return min(max(change, LEAST_CHANGE), MOST_CHANGE)
+
+
+@kernel
+def _copy_course(state, arrays, totals, contacts, strings, kept, keep):
+    """Keep what a step changes, or go back to it."""
+    for i in range(5):
+        _copy(state[i], kept[0][i], keep)
+    _copy(arrays, kept[1], keep)
+    _copy(totals, kept[2], keep)
+    _copy(contacts[0], kept[3][0], keep)
+    _copy(contacts[1], kept[3][1], keep)
+    _copy(contacts[2], kept[3][2], keep)
+    for i in range(3):
+        _copy(strings[i], kept[4][i], keep)
+
+
+@kernel
+def _copy(one, other, keep):
+    if keep:
+        other[:] = one
+    else:
+        one[:] = other
+
+
+@kernel
+def _bend_slightly(rod):
+    """Energy of a rod that is bent evenly by `SMALL_BEND` [N mm]."""
+    stiffness, flexible = rod[0][1], 0.0
+    for j in range(len(stiffness)):
+        flexible += 1.0 / stiffness[j, 0]
+    return 0.5 * SMALL_BEND**2 / flexible
+
+
+@kernel
+def _count_energy(energies, totals):
+    """Complete the energies (8,) of a row; returns whether none came from nowhere, but `GAIN`."""
+    energies[4] += totals[0] - totals[7]
+    energies[5], energies[7] = totals[1] + totals[8], totals[8]
+    there = energies[0] + energies[1] + abs(energies[3]) + energies[6]
+    most = max(there + abs(energies[2] - totals[14]), abs(energies[4]), abs(energies[5]))
+    totals[12] = max(totals[12], most)
+    totals[17] = energies[:4].sum() + energies[6] - energies[4] + energies[5] - totals[13]
+    return totals[17] - totals[11] <= GAIN * totals[12]
 
 
 @kernel
@@ -1522,7 +1607,7 @@ def _measure_powers(energies, tendons, solver, rate, slopes, between):
 @kernel
 def _fill_row(rod, tendons, drive, targets, state, work, rate, solver, rows, row):
     """Fill a row of `advance`, its work with what the base carries; False if that fails."""
-    q, momentum, ground = state
+    q, momentum, _, _, ground = state
     pull, strings, rubbing = solver[0], solver[7], tendons[3]
     rotations, places, velocities, tensions, lengths, energies, _, forces, gaps = rows
     if not find_velocity(rod, q, momentum, drive, ground, work, rate):
@@ -1544,6 +1629,7 @@ def _fill_row(rod, tendons, drive, targets, state, work, rate, solver, rows, row
     walls, push = drive[4], np.empty(3)
     for j in range(len(q) if len(walls[1]) > 0 else 0):
         push[:] = 0.0
+        gaps[row, j + 1] = math.inf
         press_end(walls, j, stations[1][j + 1], stations[2][j + 1], push)
         for i in range(3):
             forces[row, j + 1, i] = -push[i]
