@@ -28,7 +28,7 @@ from typing import NamedTuple, TypeAlias, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_fields, check_kind, check_word, quantity
+from ..checks import check_fields, check_kind, check_number, check_word, quantity
 from ..errors import GeometryError, InputError
 from ..numeric.arrays import Floats
 from .calibration import Command
@@ -36,7 +36,8 @@ from .checks import check_items
 from .coupling import check_displacements
 from .elastic import check_tension_commands
 from .energy import STIFF, EnergyModel
-from .equilibrium import LumpedLoads
+from .equilibrium import LumpedLoads, TendonCommand
+from .estimate_walls import PackedGrid, PressedRod, PressingWalls, WallPush
 from .kernels.energy import CONVERGED
 from .kernels.equilibrium import make_state, solve_equilibrium
 from .kernels.loads import locate_stations
@@ -44,6 +45,7 @@ from .observation import apply_screw
 from .robot import RobotDesign
 from .sensors import BodySensor, Sensed, TensionSensor
 from .shape_estimate import LIMIT, EstimatedLoad, EstimatorState, ShapeEstimate
+from .walls import Wall, take_boundaries
 
 MODES_LEFT = 1e-4
 """Share of the variance of the unknown curvature that modes may leave out."""
@@ -170,8 +172,6 @@ class _Part(NamedTuple):
         return cls(chosen, whole, inside, forgets)
 
 
-_Packed: TypeAlias = tuple[Floats, Floats, Floats, Floats, NDArray[np.int64], int]
-"""A grid as the kernels take it."""
 _Start: TypeAlias = tuple[Floats, Floats]
 """Rotation vectors, and lengths of tendons, to begin with."""
 
@@ -185,6 +185,7 @@ class _Body(NamedTuple):
     lengths: Floats
     turned: Floats = np.empty(0)
     pulled: Floats = np.empty(0)
+    push: WallPush | None = None
 
 
 class _Fit(NamedTuple):
@@ -217,11 +218,15 @@ class ShapeEstimator:
         Loads that are looked for.
     command : {"displacement", "tension"}
         What is commanded of the tendons.
+    duct : Duct, optional
+        Lumen that the body is in, by balls of its radius about the stations but the first.
+    wall_stiffness : float, optional
+        Force of the wall per length of the body and depth [MPa]; rigid unless given.
 
     Raises
     ------
     InputError
-        If a sensor or a load is not on the robot, or two sensors have one name.
+        If a sensor or a load is not on the robot, two sensors have one name, or the duct is none.
     """
 
     model: EnergyModel
@@ -229,6 +234,8 @@ class ShapeEstimator:
     error: ModelError = ModelError()
     loads: Sequence[UnknownLoad] = ()
     command: Command = "displacement"
+    duct: Wall | None = None
+    wall_stiffness: float | None = None
 
     def __post_init__(self) -> None:
         check_kind("model", self.model, EnergyModel)
@@ -252,6 +259,9 @@ class ShapeEstimator:
                     f"{what}'s arc_length is {item.arc_length:g} mm: it must lie in [0, "
                     f"{length:g}] mm, the robot's length"
                 )
+        if self.wall_stiffness is not None:
+            check_number("wall_stiffness", self.wall_stiffness, low=0.0, low_open=True, unit="MPa")
+        _ = self._walls
 
     @property
     def robot(self) -> RobotDesign:
@@ -544,8 +554,34 @@ class ShapeEstimator:
         packed = spans, stiffness, paths, guides, counts, segment
         bent = rod.rest + (self._modes @ mean[self._slices["curvature"]]).reshape(-1, 3)
         lumped, held, never = self._load(mean), command.held, np.zeros(tendons, dtype=np.bool_)
+        if self._walls is not None:
+            body, state = self._press(mean, (packed, bent, lumped), command, start)
+        else:
+            body, state = self._balance((packed, bent, lumped), command, start)
+        if short is None or not body.found:
+            return body
+        on_segments, on_commands = self._push(mean, body, (packed, bent), acting)
+        _, compliances = self._stretch(body.lengths - command.free_lengths)
+        slopes, size = state[2].reshape(tendons, -1), body.rotation_vectors.size
+        matrix = np.zeros((size + int(held.sum()),) * 2)
+        matrix[:size, :size] = state[6]
+        matrix[:size, size:] = slopes[held].T
+        matrix[size:, :size] = slopes[held]
+        matrix[size:, size:] = -np.diag(compliances[held])
+        by_tension = on_commands * pulled
+        right = on_segments - slopes.T @ by_tension, -on_commands[held]
+        solved = np.linalg.solve(matrix, np.concatenate(right))
+        by_tension[held] = solved[size:]
+        return body._replace(turned=solved[:size], pulled=by_tension)
+
+    def _balance(
+        self, rod: tuple[PackedGrid, Floats, LumpedLoads], command: TendonCommand, start: _Start
+    ) -> tuple[_Body, tuple[Floats, ...]]:
+        """Return the equilibrium of a grid, its rest and loads, and what the kernel knows of it."""
+        (packed, bent, lumped), held = rod, command.held
+        never = np.zeros(len(held), dtype=np.bool_)
         loads = lumped.places, (lumped.forces, lumped.moments, lumped.follows)
-        state = make_state(len(bent), tendons)
+        state = make_state(len(bent), len(held))
         turned, lengths = (array.copy() for array in start)
         found = False
         for _ in range(TAUT_STEPS):
@@ -569,21 +605,39 @@ class ShapeEstimator:
             if off.max(initial=0.0) <= TAUT_SHARE * np.abs(least).max(initial=0.0) + TAUT_LEAST:
                 found = True
                 break
-        body = _Body(found, turned, state[1], lengths)
-        if short is None or not found:
-            return body
-        on_segments, on_commands = self._push(mean, body, (packed, bent), acting)
-        slopes, size = state[2].reshape(tendons, -1), turned.size
-        matrix = np.zeros((size + int(held.sum()),) * 2)
-        matrix[:size, :size] = state[6]
-        matrix[:size, size:] = slopes[held].T
-        matrix[size:, :size] = slopes[held]
-        matrix[size:, size:] = -np.diag(compliances[held])
-        by_tension = on_commands * pulled
-        right = on_segments - slopes.T @ by_tension, -on_commands[held]
-        solved = np.linalg.solve(matrix, np.concatenate(right))
-        by_tension[held] = solved[size:]
-        return body._replace(turned=solved[:size], pulled=by_tension)
+        return _Body(found, turned, state[1], lengths), state
+
+    @cached_property
+    def _walls(self) -> PressingWalls | None:
+        if self.duct is None:
+            return None
+        origin = self._base[:3, 3]
+        walls = tuple(
+            dataclasses.replace(wall, origin=origin) for wall in take_boundaries(self.duct, ())
+        )
+        return PressingWalls(walls, self.robot, self.model.rod.grid.arc_length, self.wall_stiffness)
+
+    def _press(
+        self,
+        mean: Floats,
+        rod: tuple[PackedGrid, Floats, LumpedLoads],
+        command: TendonCommand,
+        start: _Start,
+    ) -> tuple[_Body, tuple[Floats, ...]]:
+        """Return the equilibrium among walls, as `_balance` does."""
+        assert self._walls is not None
+
+        def pull(lengths: Floats) -> tuple[Floats, Floats]:
+            tensions, compliances = self._stretch(lengths - command.free_lengths)
+            return np.where(command.held, tensions, command.pulls), command.held / compliances
+
+        axes, place, _ = self._move_base(mean)
+        pressed = PressedRod(*rod, pull, axes, place - self._base[:3, 3])
+        found = self._walls.settle(pressed, start[0])
+        if found is None:
+            return _Body(False, *start[:1], 0.0 * start[1], start[1]), ()
+        turned, state, push, _ = found
+        return _Body(True, turned, state[1], state[0], push=push), state
 
     def _stretch(self, gaps: Floats) -> tuple[Floats, Floats]:
         """Return tensions of tendons longer than their free lengths by gaps, and compliances.
@@ -598,7 +652,7 @@ class ShapeEstimator:
         return np.where(pushes, gaps, grown) / give, give / np.where(pushes, 1.0, gone)
 
     def _push(
-        self, mean: Floats, body: _Body, segments: tuple[_Packed, Floats], acting: Floats
+        self, mean: Floats, body: _Body, segments: tuple[PackedGrid, Floats], acting: Floats
     ) -> tuple[Floats, Floats]:
         """Return what the numbers of a state do to the segments, and to the commands."""
         packed, bent = segments
@@ -618,13 +672,26 @@ class ShapeEstimator:
             change = (more - less) @ self._read(f"load {index}", mean) / (ends[1] - ends[0])
             known = self.loads[index].arc_length is not None
             on_segments[:, slices[f"place {index}"]] = change[:, None][:, known:]
+        if body.push is not None and (self.error.rotation or self.error.position):
+            # The wall presses a body whose base moves: elsewhere, and in other axes.
+            axes, _, left = self._move_base(mean)
+            places, _, levers = _locate(packed, turned, self._ends)
+            forces, blocks, _ = body.push
+            change = np.zeros((len(places), 3, len(mean)))
+            if self.error.rotation:
+                change[..., slices["rotation"]] = np.cross(forces[:, None], left.T).swapaxes(1, 2)
+                moved = np.cross(left.T, (places @ axes.T)[:, None]).swapaxes(1, 2)
+                change[..., slices["rotation"]] -= blocks @ moved
+            if self.error.position:
+                change[..., slices["position"]] = -blocks @ self._base[:3, :3]
+            on_segments += np.einsum("pij,pik->jk", axes @ levers[:, 3:], change)
         on_commands = np.zeros((tendons, len(mean)))
         on_commands[:, slices["zero"]] = np.eye(tendons)[:, self._parts["zero"].inside]
         if self.error.coupling:
             on_commands[:, slices["coupling"]] = np.kron(np.eye(tendons), acting)
         return on_segments, on_commands
 
-    def _find_levers(self, packed: _Packed, turned: Floats, places: Sequence[float]) -> Floats:
+    def _find_levers(self, packed: PackedGrid, turned: Floats, places: Sequence[float]) -> Floats:
         """Return what a force and a moment in the body's axes do to the segments, (p, 3 n, 6)."""
         stations = find_stations(self.model.rod.grid.arc_length, places)
         _, axes, moved = _locate(packed, turned, stations)
@@ -634,6 +701,25 @@ class ShapeEstimator:
     @cached_property
     def _base(self) -> Floats:
         return self.robot.base_frame
+
+    def _move_base(self, mean: Floats) -> tuple[Floats, Floats, Floats]:
+        """Return axes and place of the base in a state, and how rotations turn them (3, 3)."""
+        from scipy.spatial.transform import Rotation
+
+        axes, place = self._base[:3, :3], self._base[:3, 3]
+        if self.error.position:
+            place = place + axes @ self._read("position", mean)
+        if not self.error.rotation:
+            return axes, place, np.zeros((3, 3))
+        turn = self._read("rotation", mean)
+        left = axes @ apply_screw(turn, np.eye(3)).T
+        return axes @ Rotation.from_rotvec(turn).as_matrix(), place, left
+
+    @cached_property
+    def _ends(self) -> tuple[NDArray[np.int64], Floats, Floats]:
+        """The stations but the first."""
+        arc = self.model.rod.grid.arc_length
+        return find_stations(arc, arc[1:])
 
     # Readings.
 
@@ -667,26 +753,19 @@ class ShapeEstimator:
         self, mean: Floats, body: _Body, stations: tuple[NDArray[np.int64], Floats, Floats]
     ) -> tuple[Floats, Floats, Floats]:
         """Return places, axes and their derivatives by the state in the world, of stations."""
-        from scipy.spatial.transform import Rotation
-
         places, rotations, moved = _locate(
             self.model.rod.grid.packed, body.rotation_vectors, stations
         )
-        base, slices = self._base, self._slices
-        axes, shift = base[:3, :3], self._read("position", mean)
+        slices, (axes, origin, left) = self._slices, self._move_base(mean)
         slopes = moved @ body.turned
-        if self.error.rotation:
-            turn = self._read("rotation", mean)
-            axes = axes @ Rotation.from_rotvec(turn).as_matrix()
-            left = base[:3, :3] @ apply_screw(turn, np.eye(3)).T
         arms = places @ axes.T
         slopes = np.concatenate([axes @ slopes[:, :3], axes @ slopes[:, 3:]], axis=1)
         if self.error.rotation:
-            slopes[:, :3, slices["rotation"]] = left
-            slopes[:, 3:, slices["rotation"]] = np.cross(left.T, arms[:, None]).swapaxes(1, 2)
+            slopes[:, :3, slices["rotation"]] += left
+            slopes[:, 3:, slices["rotation"]] += np.cross(left.T, arms[:, None]).swapaxes(1, 2)
         if self.error.position:
-            slopes[:, 3:, slices["position"]] = base[:3, :3]
-        return arms + base[:3, 3] + base[:3, :3] @ shift, axes @ rotations, slopes
+            slopes[:, 3:, slices["position"]] += self._base[:3, :3]
+        return arms + origin, axes @ rotations, slopes
 
     def _sense(self, mean: Floats, body: _Body) -> list[Sensed]:
         """Return the body where each sensor sits."""
@@ -761,6 +840,9 @@ class ShapeEstimator:
                     return fit._replace(cost=cost, steps=count, settled=settled)
                 mean = self._limit(before.mean + root @ (way + step))
                 near = fit.body.rotation_vectors, fit.body.lengths
+                if self._walls is not None:
+                    turned = fit.body.turned @ (mean - fit.mean)
+                    near = near[0] + turned.reshape(near[0].shape), near[1]
                 other = self._evaluate(asked, read, mean, start=near, short=short)
                 if other.body.found:
                     tried = _whiten(root, mean - before.mean)
@@ -1025,7 +1107,7 @@ def find_stations(arc: Floats, places: ArrayLike) -> tuple[NDArray[np.int64], Fl
 
 
 def _locate(
-    packed: _Packed, turned: Floats, stations: tuple[NDArray[np.int64], Floats, Floats]
+    packed: PackedGrid, turned: Floats, stations: tuple[NDArray[np.int64], Floats, Floats]
 ) -> tuple[Floats, Floats, Floats]:
     """Return places, axes and Jacobians (p, 6, 3 n) by the segments of points of the body."""
     count = len(stations[0])
