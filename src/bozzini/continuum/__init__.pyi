@@ -89,7 +89,7 @@ from .sensors import (
     TensionSensor,
 )
 from .shape import Shape
-from .shape_estimate import EstimatedLoad, EstimatorState, ShapeEstimate
+from .shape_estimate import EstimatedContact, EstimatedLoad, EstimatorState, ShapeEstimate
 from .staged_fit import FitStage, StagedFit, fit_in_stages
 from .tracking import (
     TENDON_CONTROLLERS,
@@ -233,6 +233,7 @@ __all__ = [
     "SightSensor",
     "StrainSensor",
     "TensionSensor",
+    "EstimatedContact",
     "EstimatedLoad",
     "EstimatorState",
     "ShapeEstimate",

@@ -199,7 +199,8 @@ class PressingWalls:
         for _ in range(STEPS):
             slope = found.state[5].ravel()
             lower, shift = factor(found.matrix, stiffness)
-            step = -cho_solve((lower, True), slope) if shift else -solve(found.matrix, slope)
+            symmetric = shift > 0 or rod.loads.have_potential
+            step = -cho_solve((lower, True), slope) if symmetric else -solve(found.matrix, slope)
             size = math.sqrt(float((step.reshape(-1, 3) ** 2).sum(axis=1).max()))
             begin, part = float(slope @ step), min(1.0, STEP_LIMIT / max(size, 1e-300))
             while True:

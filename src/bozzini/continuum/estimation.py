@@ -44,7 +44,13 @@ from .kernels.loads import locate_stations
 from .observation import apply_screw
 from .robot import RobotDesign
 from .sensors import BodySensor, Sensed, TensionSensor
-from .shape_estimate import LIMIT, EstimatedLoad, EstimatorState, ShapeEstimate
+from .shape_estimate import (
+    LIMIT,
+    EstimatedContact,
+    EstimatedLoad,
+    EstimatorState,
+    ShapeEstimate,
+)
 from .walls import Wall, take_boundaries
 
 MODES_LEFT = 1e-4
@@ -319,7 +325,10 @@ class ShapeEstimator:
         read = self._take_readings(readings)
         before = self.begin() if state is None else state
         start = before.rotation_vectors, before.lengths
-        alone = self._solve(asked, np.zeros(len(before.mean)), start, None)
+        nominal = start if before.nominal is None else (before.nominal, before.lengths)
+        alone = self._solve(asked, np.zeros(len(before.mean)), nominal, None)
+        if self._walls is not None and state is None:
+            before = dataclasses.replace(before, rotation_vectors=alone.rotation_vectors)
         short = self.model.natural_lengths - alone.lengths
         best = self._search(asked, read, before, short)
         for index, one in enumerate(self.loads):
@@ -1002,7 +1011,7 @@ class ShapeEstimator:
             likelihood = -0.5 * (likelihood + len(off) * math.log(2.0 * math.pi))
             likelihood -= float(np.log(np.concatenate(fit.noises)).sum())
         frames, spread = nominal, np.zeros((len(nominal), 6, 6))
-        pulled = np.zeros((len(self.robot.tendons), count))
+        pulled, contact = np.zeros((len(self.robot.tendons), count)), None
         if body.found:
             stations = find_stations(grid.arc_length, grid.arc_length)
             places, axes, slopes = self._place(fit.mean, body, stations)
@@ -1010,6 +1019,8 @@ class ShapeEstimator:
             frames[:, :3, :3], frames[:, :3, 3] = axes, places
             spread = slopes @ covariance @ slopes.swapaxes(1, 2)
             pulled = body.pulled
+            if body.push is not None:
+                contact = EstimatedContact.make(body.push, slopes[1:, 3:], covariance)
         tension_spread = np.einsum("ti,ij,tj->t", pulled, covariance, pulled)
         missed = math.sqrt(float(np.mean(fit.missed**2))) if len(fit.missed) else 0.0
         reason = ""
@@ -1027,8 +1038,12 @@ class ShapeEstimator:
             tension_deviations=np.sqrt(np.maximum(tension_spread, 0.0)),
             loads=tuple(self._describe_load(k, fit.mean, covariance, frames)
                         for k in range(len(self.loads))),
+            contact=contact,
             names=self.names,
-            state=EstimatorState(fit.mean, covariance, body.rotation_vectors, body.lengths),
+            state=EstimatorState(
+                fit.mean, covariance, body.rotation_vectors, body.lengths,
+                None if self._walls is None else alone.rotation_vectors,
+            ),
             residual=missed,
             log_likelihood=likelihood,
             steps=fit.steps,

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..numeric.arrays import Floats
 from ..results import Json, Result, list_row, rows_of, tabulated, take_axes, to_plain
+from .estimate_walls import WallPush
 from .robot import RobotDesign
 
 if TYPE_CHECKING:
@@ -31,12 +32,15 @@ class EstimatorState:
     covariance : (q, q) ndarray
     rotation_vectors, lengths : ndarray
         Of the segments and tendons, from which the next shape is searched.
+    nominal : ndarray, optional
+        Rotation vectors of the model alone, where it is among walls.
     """
 
     mean: Floats
     covariance: Floats
     rotation_vectors: Floats
     lengths: Floats
+    nominal: Floats | None = None
 
 
 @dataclass(frozen=True)
@@ -67,6 +71,54 @@ class EstimatedLoad:
     vector: tuple[float, ...] = (0.0, 0.0, 0.0)
 
 
+@dataclass(frozen=True, eq=False)
+class EstimatedContact:
+    """How walls press the body at its stations, in the world.
+
+    Parameters
+    ----------
+    gaps : (k,) ndarray
+        Between body and wall [mm]; infinite where it is far, and at the base.
+    forces : (k, 3) ndarray
+        [N].
+    deviations : (k,) ndarray
+        Standard deviation of the size of each [N].
+    resultant_covariance : (3, 3) ndarray
+        Of their sum [N^2].
+    """
+
+    gaps: Floats
+    forces: Floats
+    deviations: Floats
+    resultant_covariance: Floats
+
+    @classmethod
+    def make(cls, push: WallPush, moved: Floats, covariance: Floats) -> EstimatedContact:
+        """Return it of stations but the first that move by a state's numbers as (n, 3, q)."""
+        change = -push.blocks @ moved
+        sizes = np.linalg.norm(push.forces, axis=1)
+        ways = push.forces / np.maximum(sizes, 1e-300)[:, None]
+        size_changes = np.einsum("ni,niq->nq", ways, change)
+        variances = np.einsum("nq,qr,nr->n", size_changes, covariance, size_changes)
+        whole = change.sum(axis=0)
+        return cls(
+            np.append(np.inf, push.gaps),
+            np.concatenate([np.zeros((1, 3)), push.forces]),
+            np.append(0.0, np.sqrt(np.maximum(variances, 0.0))),
+            np.asarray(whole @ covariance @ whole.T),
+        )
+
+    @property
+    def sizes(self) -> Floats:
+        """Of the forces [N], (k,)."""
+        return np.asarray(np.linalg.norm(self.forces, axis=1))
+
+    @property
+    def resultant(self) -> Floats:
+        """Sum of the forces [N], (3,)."""
+        return np.asarray(self.forces.sum(axis=0))
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ShapeEstimate(Result):
     """The shape of a robot in the world, and how well it is known.
@@ -85,6 +137,8 @@ class ShapeEstimate(Result):
     tensions, tension_deviations : (t,) ndarray
         Of the tendons [N].
     loads : tuple of EstimatedLoad
+    contact : EstimatedContact or None
+        With walls, if there is a shape.
     names : tuple of str
         Of the numbers of the state.
     state : EstimatorState
@@ -107,6 +161,7 @@ class ShapeEstimate(Result):
     tensions: Floats
     tension_deviations: Floats
     loads: tuple[EstimatedLoad, ...] = rows_of(EstimatedLoad)
+    contact: EstimatedContact | None = None
     names: tuple[str, ...]
     state: EstimatorState
     residual: float
@@ -158,6 +213,11 @@ class ShapeEstimate(Result):
             "log_likelihood": self.log_likelihood,
             "steps": self.steps,
         }
+        if self.contact is not None:
+            values["wall_force_N"] = self.contact.sizes
+            values["wall_force_deviation_N"] = self.contact.deviations
+            values["wall_resultant_N"] = self.contact.resultant
+            values["wall_resultant_covariance_N2"] = self.contact.resultant_covariance
         return {name: to_plain(value) for name, value in values.items()}
 
     def list_columns(self) -> dict[str, Floats]:
@@ -166,6 +226,10 @@ class ShapeEstimate(Result):
         for k, axis in enumerate("xyz"):
             columns[f"{axis}_mm"] = self.points[:, k]
             columns[f"{axis}_deviation_mm"] = self.deviations[:, k]
+        if self.contact is not None:
+            columns["gap_mm"] = self.contact.gaps
+            columns["wall_force_N"] = self.contact.sizes
+            columns["wall_force_deviation_N"] = self.contact.deviations
         return columns
 
     def plot(self, ax: Axes | None = None) -> Axes:
