@@ -8,15 +8,17 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from ..errors import MissingExtraError
+from ..errors import InputError, MissingExtraError
 from ..io.files import check_new_file, write_atomically
 
 if TYPE_CHECKING:
+    from ..numeric.arrays import Floats
     from .dynamics import ShapeHistory
+    from .error_fit import EstimateHistory
 
 METRE = 1e-3
 """Of a millimetre."""
@@ -30,20 +32,27 @@ _PARTS = {
     "std_msgs/Header": "builtin_interfaces/Time stamp\nstring frame_id\n",
     "builtin_interfaces/Time": "int32 sec\nuint32 nanosec\n",
     "geometry_msgs/PoseStamped": f"{_HEADER}geometry_msgs/Pose pose\n",
+    "geometry_msgs/PoseWithCovariance": "geometry_msgs/Pose pose\nfloat64[36] covariance\n",
     "geometry_msgs/Pose": "geometry_msgs/Point position\ngeometry_msgs/Quaternion orientation\n",
     "geometry_msgs/Point": "float64 x\nfloat64 y\nfloat64 z\n",
     "geometry_msgs/Quaternion": "float64 x\nfloat64 y\nfloat64 z\nfloat64 w\n",
 }
 """Messages that those below are made of, as ROS 2 defines them."""
+_POSES = tuple(name for name in _PARTS if not name.endswith("WithCovariance"))
 _STAMP = ("std_msgs/Header", "builtin_interfaces/Time")
 _MESSAGES = {
-    "/shape": ("nav_msgs/msg/Path", f"{_HEADER}geometry_msgs/PoseStamped[] poses\n", tuple(_PARTS)),
+    "/shape": ("nav_msgs/msg/Path", f"{_HEADER}geometry_msgs/PoseStamped[] poses\n", _POSES),
     "/tendons": (
         "sensor_msgs/msg/JointState",
         f"{_HEADER}string[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort\n",
         _STAMP,
     ),
     "/wall_force": ("std_msgs/msg/Float64", "float64 data\n", ()),
+    "/tip": (
+        "geometry_msgs/msg/PoseWithCovarianceStamped",
+        f"{_HEADER}geometry_msgs/PoseWithCovariance pose\n",
+        tuple(name for name in _PARTS if name != "geometry_msgs/PoseStamped"),
+    ),
 }
 """Type, definition and parts of what stands on each topic."""
 
@@ -82,14 +91,72 @@ def write_mcap(history: ShapeHistory, path: str | os.PathLike[str]) -> Path:
         If the package that writes it is not installed.
     """
     target = check_mcap(path)
-    return write_atomically(target, lambda place: _put_log(history, place))
+    log = _Log(
+        names=history.robot.tendon_names,
+        time=history.time,
+        frames=history.robot.base_frame @ history.frames,
+        displacements=history.displacements,
+        tensions=history.tensions,
+        wall_sum=np.asarray(history.wall_sum),
+    )
+    return write_atomically(target, lambda place: _put_log(log, place))
 
 
-def _put_log(history: ShapeHistory, place: Path) -> None:
+def write_estimates(history: EstimateHistory, path: str | os.PathLike[str]) -> Path:
+    """Write estimates as `write_mcap` does motions, with a ``/tip``, and return the path.
+
+    That is a ``geometry_msgs/PoseWithCovarianceStamped``, in the world. Tendons have tensions only,
+    and a moment without an estimate no messages.
+
+    Raises
+    ------
+    InputError
+        If it does not end in ``.mcap``, or cannot be written.
+    MissingExtraError
+        If the package that writes it is not installed.
+    """
+    target = check_mcap(path)
+    rows = [k for k, one in enumerate(history.estimates) if np.isfinite(one.frames).all()]
+    found = [history.estimates[k] for k in rows]
+    if not found:
+        raise InputError("no row has an estimate: there is nothing to write")
+    order = np.r_[3:6, 0:3]
+    scale = np.repeat([METRE, 1.0], 3)
+    log = _Log(
+        names=history.estimates[0].robot.tendon_names,
+        time=history.times[rows],
+        frames=np.array([one.frames for one in found]),
+        displacements=np.zeros((len(found), 0)),
+        tensions=np.array([one.tensions for one in found]),
+        wall_sum=np.array([0.0 if one.contact is None else one.contact.sizes.sum() for one in found]),
+        covariances=np.array(
+            [np.outer(scale, scale) * one.covariance[-1][np.ix_(order, order)] for one in found]
+        ),
+    )
+    return write_atomically(target, lambda place: _put_log(log, place))
+
+
+class _Log(NamedTuple):
+    """What is written: names of tendons, times [s], and a row of each at each time.
+
+    Frames (n, k, 4, 4) are in the world [mm]; covariances (n, 6, 6) of the tip are of place [m] and
+    rotation [rad].
+    """
+
+    names: tuple[str, ...]
+    time: Floats
+    frames: Floats
+    displacements: Floats
+    tensions: Floats
+    wall_sum: Floats
+    covariances: Floats | None = None
+
+
+def _put_log(history: _Log, place: Path) -> None:
     from mcap_ros2.writer import Writer
     from scipy.spatial.transform import Rotation
 
-    frames = history.robot.base_frame @ history.frames
+    frames = history.frames
     turns = Rotation.from_matrix(frames[..., :3, :3].reshape(-1, 3, 3)).as_quat()
     turns = turns.reshape(*frames.shape[:2], 4)
     with place.open("wb") as file, Writer(file) as writer:
@@ -98,6 +165,7 @@ def _put_log(history: ShapeHistory, place: Path) -> None:
                 kind, text + "".join(f"{_RULE}MSG: {part}\n{_PARTS[part]}" for part in parts)
             )
             for topic, (kind, text, parts) in _MESSAGES.items()
+            if topic != "/tip" or history.covariances is not None
         }
         first, last = float(history.time[0]), float(history.time[-1])
         zero = 0.0 if first >= 0.0 and last < LAST_S else first
@@ -119,12 +187,16 @@ def _put_log(history: ShapeHistory, place: Path) -> None:
             ]
             tendons = {
                 "header": header,
-                "name": list(history.robot.tendon_names),
+                "name": list(history.names),
                 "position": (METRE * history.displacements[row]).tolist(),
                 "velocity": [],
                 "effort": history.tensions[row].tolist(),
             }
-            wall = {"data": float(np.asarray(history.wall_sum)[row])}
-            messages = {"header": header, "poses": poses}, tendons, wall
+            wall = {"data": float(history.wall_sum[row])}
+            messages = [{"header": header, "poses": poses}, tendons, wall]
+            if history.covariances is not None:
+                covariance = history.covariances[row].ravel().tolist()
+                tip = {"pose": poses[-1]["pose"], "covariance": covariance}
+                messages.append({"header": header, "pose": tip})
             for (topic, schema), message in zip(schemas.items(), messages, strict=True):
                 writer.write_message(topic, schema, message, log_time=moment, publish_time=moment)

@@ -236,7 +236,11 @@ class SensorPlanning(Task):
         rows, command = np.zeros((1, len(robot.tendons))), "displacement"
         if self.commands is not None:
             timed = read_timed_commands(self.commands, robot)
-            command, rows = timed.command, timed.commands
+            command = timed.command
+            if command == "tension":
+                rows = robot.to_tensions(timed.commands)
+            else:
+                rows = robot.to_displacements(timed.commands, in_time=True)
         estimator = ShapeEstimator(
             model=EnergyModel(robot, segment="channel"),
             error=self.error,

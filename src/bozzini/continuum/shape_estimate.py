@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -18,6 +20,8 @@ if TYPE_CHECKING:
 
 LIMIT = 1.959963985
 """Half of a 95 % interval, in standard deviations."""
+SURPRISED, DRAWN = 1e-4, 2048
+"""Chance below which readings are not as expected, and sizes that are drawn for an interval."""
 HIDDEN = ("curvature", "coupling")
 """So begin the names of numbers that mean nothing one by one."""
 
@@ -145,6 +149,10 @@ class ShapeEstimate(Result):
         All that was estimated beside the shape.
     residual : float
         Root mean square of what readings miss after they were taken in, by their noise.
+    innovation : float
+        Sum of squares of what they missed before, by what was expected.
+    numbers : int
+        That were read.
     log_likelihood : float
         Of the readings, by the linearised model.
     steps : int
@@ -165,6 +173,8 @@ class ShapeEstimate(Result):
     names: tuple[str, ...]
     state: EstimatorState
     residual: float
+    innovation: float = 0.0
+    numbers: int = 0
     log_likelihood: float
     steps: int
     converged: bool
@@ -181,6 +191,18 @@ class ShapeEstimate(Result):
         return np.asarray(np.sqrt(np.einsum("kii->ki", self.covariance[:, 3:, 3:])))
 
     @property
+    def surprise(self) -> float:
+        """Root mean square of what readings missed before, by what was expected: 1 is right."""
+        return math.sqrt(self.innovation / self.numbers) if self.numbers else math.nan
+
+    @property
+    def expected(self) -> bool:
+        """Whether readings are where they may be: within the 99.99 % of a chi-square."""
+        from scipy.special import chdtrc
+
+        return not self.numbers or bool(chdtrc(self.numbers, self.innovation) > SURPRISED)
+
+    @property
     def tip(self) -> Floats:
         """Where the robot ends, in the world, (3,) [mm]."""
         return np.asarray(self.points[-1])
@@ -190,6 +212,14 @@ class ShapeEstimate(Result):
         """Of the place of the tip, (3, 3) [mm^2]."""
         return np.asarray(self.covariance[-1, 3:, 3:])
 
+    def widen(self, factor: float) -> ShapeEstimate:
+        """Return it with deviations of the shape and the tensions times a factor."""
+        return dataclasses.replace(
+            self,
+            covariance=factor**2 * self.covariance,
+            tension_deviations=factor * self.tension_deviations,
+        )
+
     def to_dict(self) -> Json:
         """Return the estimate as plain values, units in the names."""
         spread = np.sqrt(np.maximum(np.diag(self.state.covariance), 0.0))
@@ -197,6 +227,7 @@ class ShapeEstimate(Result):
             "converged": self.converged,
             "reason": self.reason,
             "residual": self.residual,
+            "surprise": self.surprise,
             "tip_mm": self.tip,
             "tip_covariance_mm2": self.tip_covariance,
             "tip_direction": self.frames[-1, :3, 2],
@@ -257,3 +288,28 @@ class ShapeEstimate(Result):
             axes.plot(*at, "rv", label=f"{load.force:.3g} N")
         axes.legend(fontsize="small")
         return axes
+
+
+def measure_sizes(known: Sequence[tuple[Floats, Floats]], weights: Floats) -> tuple[float, float]:
+    """Return the 95 % interval of the size of a vector, from means and covariances with weights.
+
+    It begins at 0 where that is within an ellipsoid of 95 %.
+    """
+    from scipy.stats import chi2
+
+    count = len(known[0][0])
+    if not count:
+        return 0.0, 0.0
+    drawn = np.random.default_rng(0).standard_normal((DRAWN, count))
+    drawn = np.concatenate([drawn, -drawn])
+    limit, near, sizes = chi2.ppf(0.95, count), [], []
+    for mean, covariance in known:
+        values, ways = np.linalg.eigh(covariance)
+        spread = np.sqrt(np.maximum(values, 1e-24))
+        near.append(float(np.sum((mean @ ways / spread) ** 2)) < limit)
+        sizes.append(np.linalg.norm(mean + (drawn * spread) @ ways.T, axis=1))
+    order = np.argsort(whole := np.concatenate(sizes))
+    shares = np.cumsum(np.repeat(weights, len(drawn))[order])
+    tail = 0.05 if float(weights @ np.array(near)) > 0.05 * weights.sum() else 0.025
+    low, high = np.interp([tail, 1.0 - tail], shares / shares[-1], whole[order])
+    return (0.0 if tail == 0.05 else float(low)), float(high)
