@@ -58,7 +58,7 @@ class Task(ABC):
     name: ClassVar[str]
     group: ClassVar[str] = ""
     result: ClassVar[type[Result]]
-    formats: ClassVar[Mapping[str, Callable[..., None]]] = {}
+    formats: ClassVar[Mapping[str, Callable[..., object]]] = {}
     has_page: ClassVar[bool] = False
     streamed: ClassVar[str] = ""
     command: ClassVar[str]

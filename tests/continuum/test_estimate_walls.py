@@ -37,9 +37,7 @@ def make_robot(stiffer: float = 1.0) -> ContinuumRobot:
         )
         for part in range(2)
     )  # fmt: skip
-    return ContinuumRobot(
-        sections, base_position=(5.0, 0.0, 20.0), base_rotation=(0.3, 0.1, 0.0)
-    )
+    return ContinuumRobot(sections, base_position=(5.0, 0.0, 20.0), base_rotation=(0.3, 0.1, 0.0))
 
 
 ROBOT = make_robot()
@@ -107,7 +105,9 @@ def test_slopes_among_walls_are_those_of_differences():
         )
         forces = [one.body.push.forces.sum(axis=0) for one in (less, more)]
         both = np.concatenate([less.missed - more.missed, forces[1] - forces[0]]) / 2e-4
-        np.testing.assert_allclose(both, exact[:, index], atol=1e-5 * np.abs(exact).max(), rtol=1e-5)
+        np.testing.assert_allclose(
+            both, exact[:, index], atol=1e-5 * np.abs(exact).max(), rtol=1e-5
+        )
 
 
 def test_intervals_among_walls_hold_the_truth():

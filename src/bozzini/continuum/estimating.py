@@ -24,8 +24,8 @@ from .energy import EnergyModel
 from .error_fit import EstimateHistory, SensorRecord, follow_record, predict_unread
 from .estimation import ModelError, ShapeEstimator, UnknownLoad
 from .kinematics import ContinuumRobot
-from .motion_log import write_estimates
 from .measured import KINDS, MISSING, TIP, check_sheet, find_factor
+from .motion_log import write_estimates
 from .sensors import (
     BodySensor,
     CurvatureSensor,
@@ -211,7 +211,9 @@ def _find_sensors(
 
     for own, *_ in found["rotation"]:
         if not any(key[0] == own for key in found["place"]):
-            raise FileFormatError(f"rotation '{own}' has no place: give '{own} x [mm]', y and z, too")
+            raise FileFormatError(
+                f"rotation '{own}' has no place: give '{own} x [mm]', y and z, too"
+            )
     for own in dict.fromkeys(key[0] for key in found["place"]):
         marker, values = known[own], join("place", own, "xyz")
         turned = any(key[0] == own for key in found["rotation"])
@@ -245,7 +247,9 @@ def _find_sensors(
         )
         readings[name] = values[:, None]
     for own, number in dict.fromkeys(key[:2] for kind in ("camera", "ray") for key in found[kind]):
-        parts = [found[kind].get((own, number, axis)) for kind in ("camera", "ray") for axis in "xyz"]
+        parts = [
+            found[kind].get((own, number, axis)) for kind in ("camera", "ray") for axis in "xyz"
+        ]
         if any(one is None for one in parts):
             raise FileFormatError(
                 f"'{own} ray{number}' has not all columns: '{own} camera{number} x [mm]' and "
@@ -291,7 +295,7 @@ class ContinuumEstimating(Task):
     group = "continuum"
     result = EstimateHistory
     streamed = "table"
-    formats: ClassVar[Mapping[str, Callable[..., None]]] = {".mcap": write_estimates}
+    formats: ClassVar[Mapping[str, Callable[..., object]]] = {".mcap": write_estimates}
 
     robot: str = quantity("file", "A robot file.")
     table: str = quantity("file", "Commands and readings.")
@@ -374,7 +378,8 @@ class ContinuumEstimating(Task):
             record = convert_record(robot, table, before=commands[:-1])
             record = dataclasses.replace(record, times=times)
             if estimator is None:
-                estimator, factors = self._make_estimator(robot, table), self._calibrate(robot, table)
+                estimator = self._make_estimator(robot, table)
+                factors = self._calibrate(robot, table)
             state = None
             if last is not None:
                 elapsed = float(times[0] - last.times[-1])

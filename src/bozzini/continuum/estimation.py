@@ -114,7 +114,9 @@ class ModelError:
 
     curvature: float = quantity("curvature", "Unknown curvature.", low=0.0, default=5e-4)
     twist: float = quantity("curvature", "Unknown twist.", low=0.0, default=1e-4)
-    reach: float = quantity("length", "Over which it is alike; a segment at least.", low=1e-3, default=50.0)
+    reach: float = quantity(
+        "length", "Over which it is alike; a segment at least.", low=1e-3, default=50.0
+    )
     stiffness: float = quantity(help="Of a section, as a share.", low=0.0, default=0.05, high=2.0)
     zero: float = quantity("length", "Of a tendon's zero.", low=0.0, default=0.2)
     pull: float = quantity("force", "Of a commanded tension.", low=0.0, default=0.1)
@@ -603,7 +605,7 @@ class ShapeEstimator:
         spans, _, paths, guides, counts, segment = grid.packed
         packed = spans, stiffness, paths, guides, counts, segment
         bent = rod.rest + (self._modes @ mean[self._slices["curvature"]]).reshape(-1, 3)
-        lumped, held, never = self._load(mean), command.held, np.zeros(tendons, dtype=np.bool_)
+        lumped, held = self._load(mean), command.held
         if self._walls is not None:
             body, state = self._press(mean, (packed, bent, lumped), command, start)
         else:
@@ -620,7 +622,7 @@ class ShapeEstimator:
         matrix[size:, size:] = -np.diag(compliances[held])
         by_tension = on_commands * pulled
         right = on_segments - slopes.T @ by_tension, -on_commands[held]
-        solved = np.linalg.solve(matrix, np.concatenate(right))
+        solved = np.asarray(np.linalg.solve(matrix, np.concatenate(right)), dtype=np.float64)
         by_tension[held] = solved[size:]
         return body._replace(turned=solved[:size], pulled=by_tension)
 
@@ -1073,7 +1075,8 @@ class ShapeEstimator:
             likelihood = -0.5 * (likelihood + len(off) * math.log(2.0 * math.pi))
             likelihood -= float(np.log(np.concatenate(fit.noises)).sum())
         frames = np.full((len(nominal), 4, 4), np.nan)
-        spread, tensions = np.full((len(nominal), 6, 6), np.nan), np.full(len(body.tensions), np.nan)
+        spread = np.full((len(nominal), 6, 6), np.nan)
+        tensions = np.full(len(body.tensions), np.nan)
         pulled, contact = np.zeros((len(self.robot.tendons), count)), None
         if body.found:
             stations = find_stations(grid.arc_length, grid.arc_length)

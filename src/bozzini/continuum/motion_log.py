@@ -128,7 +128,9 @@ def write_estimates(history: EstimateHistory, path: str | os.PathLike[str]) -> P
         frames=np.array([one.frames for one in found]),
         displacements=np.zeros((len(found), 0)),
         tensions=np.array([one.tensions for one in found]),
-        wall_sum=np.array([0.0 if one.contact is None else one.contact.sizes.sum() for one in found]),
+        wall_sum=np.array(
+            [0.0 if one.contact is None else one.contact.sizes.sum() for one in found]
+        ),
         covariances=np.array(
             [np.outer(scale, scale) * one.covariance[-1][np.ix_(order, order)] for one in found]
         ),
