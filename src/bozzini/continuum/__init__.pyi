@@ -34,6 +34,7 @@ from .error_fit import (
     SensorRecord,
     fit_model_error,
     follow_record,
+    predict_unread,
 )
 from .estimating import ContinuumEstimating, SensorNoise, SensorTable, read_sensor_table
 from .estimation import ModelError, ShapeEstimator, UnknownLoad
@@ -243,6 +244,7 @@ __all__ = [
     "SensorRecord",
     "fit_model_error",
     "follow_record",
+    "predict_unread",
     "ContinuumEstimating",
     "SensorNoise",
     "SensorTable",

@@ -158,7 +158,7 @@ def _take_sheet(sheet: Sheet, robot: ContinuumRobot, noise: SensorNoise) -> Sens
             ("", None),
         )
         own = "" if match is None else match[1]
-        if match is None and name.lower().startswith(FORMS):
+        if kind not in ("curvature", "strain") and name.lower().startswith(FORMS):
             raise FileFormatError(f"column '{title}' is not understood: {FORM_HELP}")
         if match is None or (kind in OF_MARKERS and own not in known):
             ignored.append(title)
