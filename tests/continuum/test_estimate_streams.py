@@ -32,7 +32,7 @@ from bozzini.continuum import (
 from bozzini.duct import RoundCones
 from bozzini.duct.shape_files import save_shapes
 from bozzini.errors import BozziniError, InputError
-from tests.continuum.test_estimation import MODEL, PULLED, SENSORS, read_sensors, write_table
+from tests.continuum.test_estimation import MODEL, PULLED, SENSORS, write_table
 
 SURE = ModelError(curvature=1e-6, twist=1e-6, stiffness=1e-3, zero=1e-3)
 TIP = PlaceSensor(name="tip")
@@ -193,7 +193,9 @@ def test_rows_of_stdin_are_answered_as_those_of_a_table(tmp_path, capsys, monkey
     streamed = capsys.readouterr().out.splitlines()
     whole = (tmp_path / "o.csv").read_text().splitlines()
     assert streamed[0] == whole[0] and len(streamed) == len(whole) == 4
-    pairs = [(row.split(",")[:7] for row in pair) for pair in zip(streamed[1:], whole[1:])]
+    pairs = [
+        (row.split(",")[:7] for row in pair) for pair in zip(streamed[1:], whole[1:], strict=True)
+    ]
     for one, other in pairs:
         np.testing.assert_allclose(
             np.array(list(one), dtype=float), np.array(list(other), dtype=float), atol=1e-6

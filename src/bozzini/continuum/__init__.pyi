@@ -36,7 +36,6 @@ from .error_fit import (
     follow_record,
     predict_unread,
 )
-from .estimating import ContinuumEstimating, SensorNoise, SensorTable, read_sensor_table
 from .estimation import ModelError, ShapeEstimator, UnknownLoad
 from .friction import FrictionState
 from .gradients import ShapeJacobian
@@ -80,6 +79,7 @@ from .rod import RodModel
 from .section import Helix, Section, Tendon
 from .section_residual import SectionResidual
 from .sensing import SensorChoice, SensorPlan, SensorPlanning, plan_sensors
+from .sensor_table import SensorNoise, SensorTable, read_sensor_table
 from .sensors import (
     BodySensor,
     CurvatureSensor,
@@ -245,7 +245,6 @@ __all__ = [
     "fit_model_error",
     "follow_record",
     "predict_unread",
-    "ContinuumEstimating",
     "SensorNoise",
     "SensorTable",
     "read_sensor_table",

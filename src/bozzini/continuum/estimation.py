@@ -607,7 +607,7 @@ class ShapeEstimator:
         bent = rod.rest + (self._modes @ mean[self._slices["curvature"]]).reshape(-1, 3)
         lumped, held = self._load(mean), command.held
         if self._walls is not None:
-            body, state = self._press(mean, (packed, bent, lumped), command, start)
+            body, state = self._press(self._walls, mean, (packed, bent, lumped), command, start)
         else:
             body, state = self._balance((packed, bent, lumped), command, start)
         if short is None or not body.found:
@@ -671,13 +671,13 @@ class ShapeEstimator:
 
     def _press(
         self,
+        walls: PressingWalls,
         mean: Floats,
         rod: tuple[PackedGrid, Floats, LumpedLoads],
         command: TendonCommand,
         start: _Start,
     ) -> tuple[_Body, tuple[Floats, ...]]:
         """Return the equilibrium among walls, as `_balance` does."""
-        assert self._walls is not None
 
         def pull(lengths: Floats) -> tuple[Floats, Floats]:
             tensions, compliances = self._stretch(lengths - command.free_lengths)
@@ -685,7 +685,7 @@ class ShapeEstimator:
 
         axes, place, _ = self._move_base(mean)
         pressed = PressedRod(*rod, pull, axes, place - self._base[:3, 3])
-        found = self._walls.settle(pressed, start[0])
+        found = walls.settle(pressed, start[0])
         if found is None:
             return _Body(False, *start[:1], 0.0 * start[1], start[1]), ()
         turned, state, push, _ = found
