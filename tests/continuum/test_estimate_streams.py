@@ -19,6 +19,7 @@ from bozzini.continuum import (
     PlaceSensor,
     PointLoad,
     PoseSensor,
+    RobotCalibration,
     SensorRecord,
     ShapeEstimator,
     SightSensor,
@@ -270,3 +271,18 @@ def test_a_command_tells_what_it_leaves_out(tmp_path, capsys):
     ):
         assert run(f"continuum estimate {robot} {table} {options}") == 2
         assert words in capsys.readouterr().err
+
+
+def test_sensors_are_planned_under_commands_as_calibrated(tmp_path, capsys):
+    known = RobotCalibration(command="displacement", scale=0.5)
+    halved = dataclasses.replace(MODEL.robot, calibration=known)
+    found = []
+    for name, robot, factor in (("plain", MODEL.robot, 0.5), ("halved", halved, 1.0)):
+        path = robot.to_yaml(tmp_path / f"{name}.yaml")
+        titles = ["time [s]", *(f"{one} displacement [mm]" for one in robot.tendon_names)]
+        rows = ["0,0,0,0,0,0,0", ",".join(f"{x:.6g}" for x in [1.0, *factor * 2.0 * PULLED])]
+        (tmp_path / "t.csv").write_text("\n".join([",".join(titles), *rows]) + "\n")
+        line = f"continuum sensors {path} --commands {tmp_path / 't.csv'} --count 1 --candidates 2"
+        assert run(line) == 0
+        found.append(capsys.readouterr().out)
+    assert found[0] == found[1]

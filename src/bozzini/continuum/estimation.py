@@ -79,6 +79,9 @@ FAR, TAIL = 8.0, 0.025
 """Where a place counts as impossible, and the share beyond each end of an interval."""
 KEPT = ("_modes", "_walls", "_stations", "_weights", "_base", "_compliances", "_ends")
 """What an estimator shares with one that knows the place of a load."""
+DOUBTED, TURNED, BETTER = 0.01, 0.5, 0.1
+"""Chance of a fit below which other cables are tried taut or slack, how far, by the deviation of
+their zeros, and by what a cost must fall."""
 FRESH = 0.99
 """Share of the first variance of a load's place from which on nothing is known of it."""
 TRIED_PLACES, BEST_PLACES = 24, 3
@@ -346,6 +349,8 @@ class ShapeEstimator:
             before = dataclasses.replace(before, rotation_vectors=alone.rotation_vectors)
         short = self.model.natural_lengths - alone.lengths
         best = self._search(asked, read, before, short)
+        if state is None and read and best.body.found:
+            best = self._try_cables(asked, read, before, short, best)
         fresh = [k for k in range(len(self.loads)) if read and self._is_fresh(k, before)]
         for index in fresh:
             if best.body.found:
@@ -598,9 +603,7 @@ class ShapeEstimator:
         rod, pulled = self.model.rod, self.command == "tension"
         grid, tendons = rod.grid, len(self.robot.tendons)
         acting = asked if pulled or short is None else short
-        moved = asked + self._read("zero", mean)
-        moved = moved + self._read("coupling", mean).reshape(tendons, tendons) @ acting
-        command = self.model.make_command(moved, "tensions" if pulled else "displacements")
+        command = self._make_command(asked, mean, acting)
         stiffness = grid.stiffness * np.exp(self._read("stiffness", mean))[grid.sections][:, None]
         spans, _, paths, guides, counts, segment = grid.packed
         packed = spans, stiffness, paths, guides, counts, segment
@@ -625,6 +628,14 @@ class ShapeEstimator:
         solved = np.asarray(np.linalg.solve(matrix, np.concatenate(right)), dtype=np.float64)
         by_tension[held] = solved[size:]
         return body._replace(turned=solved[:size], pulled=by_tension)
+
+    def _make_command(self, asked: Floats, mean: Floats, acting: Floats) -> TendonCommand:
+        """Return what commands come to with the errors of a state."""
+        tendons = len(self.robot.tendons)
+        moved = asked + self._read("zero", mean)
+        moved = moved + self._read("coupling", mean).reshape(tendons, tendons) @ acting
+        pulled = self.command == "tension"
+        return self.model.make_command(moved, "tensions" if pulled else "displacements")
 
     def _balance(
         self, rod: tuple[PackedGrid, Floats, LumpedLoads], command: TendonCommand, start: _Start
@@ -929,6 +940,41 @@ class ShapeEstimator:
             own = self._slices[f"place {index}"]
             mean[own] = np.clip(mean[own], 0.0, self.robot.length)
         return mean
+
+    def _try_cables(
+        self,
+        asked: Floats,
+        read: Mapping[int, Floats],
+        before: EstimatorState,
+        short: Floats,
+        best: _Fit,
+    ) -> _Fit:
+        """Return the best fit from states where single cables are slack, not taut, or taut.
+
+        The search itself may end where the wrong ones are. That is tried if readings are missed by
+        more than one in a hundred are.
+        """
+        from scipy.special import chdtrc
+
+        inside = self._parts["zero"].inside.tolist()
+        if self.command == "tension" or chdtrc(len(best.missed), 2.0 * best.cost) > DOUBTED:
+            return best
+        tried = pushes = set(np.flatnonzero(self.model.rod.pushes).tolist())
+        while left := [k for k in inside if k not in tried]:
+            free = self._make_command(asked, best.mean, short).free_lengths
+            gaps = best.body.lengths - free
+            near = min(left, key=lambda k: abs(gaps[k]))
+            tried = tried | {near}
+            mean = best.mean.copy()
+            over = math.copysign(TURNED * self.error.zero, gaps[near])
+            mean[self._slices["zero"].start + inside.index(near)] -= gaps[near] + over
+            begin = best.body.rotation_vectors, best.body.lengths
+            start = self._evaluate(asked, read, mean, start=begin, short=short)
+            if start.body.found:
+                other = self._search(asked, read, before, short, start=start)
+                if other.cost < best.cost - BETTER:
+                    best, tried = other, {near} | pushes
+        return best
 
     def _is_fresh(self, index: int, before: EstimatorState) -> bool:
         """Whether nothing is known of a load's place."""
