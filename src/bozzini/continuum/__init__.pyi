@@ -36,7 +36,7 @@ from .error_fit import (
     follow_record,
     predict_unread,
 )
-from .estimation import ModelError, ShapeEstimator, UnknownLoad
+from .estimation import ShapeEstimator
 from .friction import FrictionState
 from .gradients import ShapeJacobian
 from .history import TendonHistory
@@ -60,6 +60,7 @@ from .measured import (
     read_timed_commands,
 )
 from .model import ContinuumModel
+from .model_error import ModelError, UnknownLoad
 from .models import CONTINUUM_MODELS
 from .motion_gradients import MotionSensitivity, differentiate_motion
 from .motion_log import write_mcap

@@ -17,7 +17,8 @@ from ..numeric.arrays import Floats
 from ..numeric.estimation import find_conformal_limit
 from ..progress import Progress, no_progress
 from ..results import Json, Result, take_axes
-from .estimation import ModelError, ShapeEstimator
+from .estimation import ShapeEstimator
+from .model_error import ModelError
 from .shape_estimate import LIMIT, EstimatorState, ShapeEstimate
 
 if TYPE_CHECKING:

@@ -18,9 +18,10 @@ from ..progress import Progress, no_progress
 from ..results import ReasonedResult, format_rows, rows_of, tabulated, take_axes
 from ..task import Task
 from .energy import EnergyModel
-from .estimation import ModelError, ShapeEstimator
+from .estimation import ShapeEstimator
 from .kinematics import ContinuumRobot
 from .measured import read_timed_commands
+from .model_error import ModelError
 from .sensor_table import SensorNoise
 from .sensors import BodySensor, CurvatureSensor, PlaceSensor, PoseSensor
 

@@ -14,8 +14,9 @@ import numpy as np
 from ..checks import quantity
 from ..continuum.energy import EnergyModel
 from ..continuum.error_fit import EstimateHistory, follow_record, predict_unread
-from ..continuum.estimation import ModelError, ShapeEstimator, UnknownLoad
+from ..continuum.estimation import ShapeEstimator
 from ..continuum.kinematics import ContinuumRobot
+from ..continuum.model_error import ModelError, UnknownLoad
 from ..continuum.motion_log import write_estimates
 from ..continuum.sensor_table import (
     TITLES,
