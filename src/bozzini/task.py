@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import dataclasses
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any, ClassVar, Self, get_type_hints
 
 import numpy as np
 
 from .checks import Quantity, check_fields, list_fields, spell_option
+from .errors import InputError
 from .progress import Progress, no_progress
 from .results import Json, Result
 from .units import add_unit
@@ -47,6 +48,8 @@ class Task(ABC):
         What writes its result in other formats, by the ending of a file.
     has_page : bool
         Whether `bozzini.scene.show` shows its result: its command writes that page, too.
+    streamed : str
+        The file that may be ``-``: rows of stdin then, which `stream` answers.
     command, key : str
         The words of its command, made of `group` and `name`, with blanks and with hyphens; files,
         studies and forms know the task by the second.
@@ -55,8 +58,9 @@ class Task(ABC):
     name: ClassVar[str]
     group: ClassVar[str] = ""
     result: ClassVar[type[Result]]
-    formats: ClassVar[Mapping[str, Callable[..., None]]] = {}
+    formats: ClassVar[Mapping[str, Callable[..., object]]] = {}
     has_page: ClassVar[bool] = False
+    streamed: ClassVar[str] = ""
     command: ClassVar[str]
     key: ClassVar[str]
 
@@ -79,6 +83,16 @@ class Task(ABC):
         InputError
             If the inputs are not legal together.
         """
+
+    def stream(self, lines: Iterable[str]) -> Iterator[str]:
+        """Return text for lines that come one by one, each as soon as it can be.
+
+        Raises
+        ------
+        InputError
+            If a line is not legal, or the task takes no lines.
+        """
+        raise InputError(f"'{self.command}' takes no rows of stdin")
 
     def describe(self, found: Any) -> str:
         """Return what people read: the numbers of the result with their units, or why not."""

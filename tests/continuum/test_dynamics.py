@@ -349,8 +349,15 @@ def test_wild_motions_in_space_gain_no_energy(robot: str, per_period: int, radiu
     held = WILD
     if robot != "wire":
         moved, period = make_arm(12), 0.1
-        held = [dataclasses.replace(load, force=tuple(5.0 * np.array(load.force)), arc_length=100.0 - 50.0 * k) for k, load in enumerate(WILD)]
-        commands = {robot: np.array([2.0, 0.5, 0.0, 0.3, 1.0, 0.0]) * (1.0 if robot == "tensions" else 0.2)}
+        held = [
+            dataclasses.replace(
+                load, force=tuple(5.0 * np.array(load.force)), arc_length=100.0 - 50.0 * k
+            )
+            for k, load in enumerate(WILD)
+        ]
+        commands = {
+            robot: np.array([2.0, 0.5, 0.0, 0.3, 1.0, 0.0]) * (1.0 if robot == "tensions" else 0.2)
+        }
     times = np.arange(0.0, 10.0 * period, period / per_period)
     options = dataclasses.replace(FREE, spectral_radius=radius, max_step=period)
     found = simulate(moved, times, held_by=held, options=options, **commands)

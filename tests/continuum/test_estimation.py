@@ -407,3 +407,23 @@ def test_sensors_are_planned_by_a_command(tmp_path, capsys):
     assert told[2]["exact"] < told[1]["exact"] < told[0]["exact"]
     assert main(f"continuum sensors {robot} --count 5 --candidates 4".split()) == 2
     assert "it must be at most 4" in capsys.readouterr().err
+
+
+def test_a_cable_that_is_wrongly_taut_is_turned_over():
+    gratings = tuple(
+        CurvatureSensor(name=f"g{k}", arc_length=10.0 + 20.0 * k, share=0.01) for k in range(8)
+    )
+    estimator = ShapeEstimator(model=MODEL, sensors=gratings)
+    random, better = np.random.default_rng(5), 0
+    for _ in range(6):
+        truth = draw_truth(estimator, random)
+        read = estimator._take_readings(read_sensors(truth, gratings, random))
+        before = estimator.begin()
+        start = before.rotation_vectors, before.lengths
+        alone = estimator._solve(PULLED, 0.0 * before.mean, start, None)
+        short = MODEL.natural_lengths - alone.lengths
+        first = estimator._search(PULLED, read, before, short)
+        found = estimator._try_cables(PULLED, read, before, short, first)
+        assert found.cost <= first.cost
+        better += found.cost < first.cost - 5.0
+    assert better > 0

@@ -18,7 +18,6 @@ import click
 
 from ..checks import show_apart, spell_option
 from ..continuum import CONTINUUM_MODELS, ContactOptions, DynamicsOptions, ElasticModel
-from ..continuum.estimating import ContinuumEstimating
 from ..continuum.kinematics import LOADS
 from ..continuum.predicting import RobotPredicting
 from ..continuum.sensing import SensorPlanning
@@ -27,6 +26,7 @@ from ..errors import GeometryError, InputError, PluginError
 from ..fabricate import BodyOptions
 from ..io.files import write_text
 from ..results import Json, format_rows
+from ..study.estimating import ContinuumEstimating
 from ..study.options import PathOptions, ReadOptions
 from ._tract_options import tract_options
 from .common import (

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 import inspect
+import sys
 from collections.abc import Callable
 
 import click
 
+from ..errors import InputError
 from ..task import Task, has_converged, is_argument
 from .common import (
     EXIT_NEGATIVE,
@@ -41,6 +43,13 @@ def make_command(kind: type[Task]) -> click.Command:
     @options_file(kind.list_fields(), f"bozzini new task {kind.key}")
     @answer_options(*formats, help=help)
     def command(task: Task, answer: Answer) -> None:
+        if kind.streamed and str(getattr(task, kind.streamed)) == "-":
+            if answer.out is not None or answer.as_json:
+                raise InputError("rows of stdin are answered on stdout: leave --out and --json out")
+            for text in task.stream(sys.stdin):
+                click.echo(text, nl=False)
+                sys.stdout.flush()
+            return
         with answer.show_progress() as progress:
             found = task.run(progress)
         ending = "" if answer.out is None else answer.out.name.lower()

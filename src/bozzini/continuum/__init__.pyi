@@ -34,9 +34,9 @@ from .error_fit import (
     SensorRecord,
     fit_model_error,
     follow_record,
+    predict_unread,
 )
-from .estimating import ContinuumEstimating, SensorNoise, SensorTable, read_sensor_table
-from .estimation import ModelError, ShapeEstimator, UnknownLoad
+from .estimation import ShapeEstimator
 from .fit_search import RobotFitOptions
 from .friction import FrictionState
 from .gradients import ShapeJacobian
@@ -64,6 +64,7 @@ from .measured import (
     read_timed_commands,
 )
 from .model import ContinuumModel
+from .model_error import ModelError, UnknownLoad
 from .models import CONTINUUM_MODELS
 from .motion_gradients import MotionSensitivity, differentiate_motion
 from .motion_log import write_mcap
@@ -76,6 +77,7 @@ from .rod import RodModel
 from .section import Helix, Section, Tendon
 from .section_residual import SectionResidual
 from .sensing import SensorChoice, SensorPlan, SensorPlanning, plan_sensors
+from .sensor_table import SensorNoise, SensorTable, read_sensor_table
 from .sensors import (
     BodySensor,
     CurvatureSensor,
@@ -86,7 +88,7 @@ from .sensors import (
     TensionSensor,
 )
 from .shape import Shape
-from .shape_estimate import EstimatedLoad, EstimatorState, ShapeEstimate
+from .shape_estimate import EstimatedContact, EstimatedLoad, EstimatorState, ShapeEstimate
 from .staged_fit import FitStage, StagedFit, fit_in_stages
 from .tracking import (
     TENDON_CONTROLLERS,
@@ -230,6 +232,7 @@ __all__ = [
     "SightSensor",
     "StrainSensor",
     "TensionSensor",
+    "EstimatedContact",
     "EstimatedLoad",
     "EstimatorState",
     "ShapeEstimate",
@@ -244,7 +247,7 @@ __all__ = [
     "RobotRows",
     "predict_rows",
     "read_robot_rows",
-    "ContinuumEstimating",
+    "predict_unread",
     "SensorNoise",
     "SensorTable",
     "read_sensor_table",

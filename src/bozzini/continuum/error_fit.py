@@ -11,13 +11,14 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..checks import check_array, check_kind, check_word
+from ..checks import check_array, check_integer, check_kind, check_word
 from ..errors import InputError
 from ..numeric.arrays import Floats
 from ..numeric.estimation import find_conformal_limit
 from ..progress import Progress, no_progress
 from ..results import Json, Result, take_axes
-from .estimation import ModelError, ShapeEstimator
+from .estimation import ShapeEstimator
+from .model_error import ModelError
 from .shape_estimate import LIMIT, EstimatorState, ShapeEstimate
 
 if TYPE_CHECKING:
@@ -29,6 +30,8 @@ SPAN = 2.0
 """Standard deviation of the logarithm of a size before anything is measured."""
 MOST_FITTED = 120
 """Evaluations of the likelihood."""
+SHOWN = 5
+"""Rows that a warning names."""
 APART = 1e6
 """Time between parts of a recording that do not follow each other [s]."""
 
@@ -61,7 +64,12 @@ class SensorRecord:
             )
         if np.any(np.diff(times) < 0.0):
             raise InputError("times must not fall: rows are in the order of time")
-        readings = {name: np.atleast_2d(values) for name, values in self.readings.items()}
+        if not len(times):
+            raise InputError("there are no rows: a recording has one or more")
+        readings = {
+            name: np.asarray(values, dtype=np.float64).reshape(len(values), -1)
+            for name, values in self.readings.items()
+        }
         for name, values in readings.items():
             if len(values) != len(times):
                 raise InputError(f"there are {len(values)} readings of '{name}': {len(times)} rows")
@@ -109,18 +117,29 @@ class AheadPrediction:
     @property
     def rms(self) -> float:
         """Root mean square of the length of a row's misses: of a place, its distance."""
-        squares = np.sum(self.misses**2, axis=1)
-        return math.sqrt(float(np.nanmean(squares)))
+        known = np.isfinite(self.misses)
+        squares = np.sum(np.where(known, self.misses, 0.0) ** 2, axis=1)
+        return _find_root_mean(squares[known.any(axis=1)])
+
+    @property
+    def ratio(self) -> float:
+        """Root mean square of all misses, by their standard deviations: 1 is as expected."""
+        squares = (self.misses / self.deviations) ** 2
+        return _find_root_mean(squares[np.isfinite(squares)])
 
     def measure_coverage(self, widening: float = 1.0) -> float:
         """Return the share of numbers within their 95 % interval, times a factor."""
         known = np.isfinite(self.misses)
         inside = np.abs(self.misses) <= widening * LIMIT * self.deviations
-        return float(np.mean(inside[known]))
+        return float(np.mean(inside[known])) if known.any() else math.nan
 
     def find_widening(self) -> float:
         """Return the factor by which 95 % intervals hold 95 % of these numbers (conformal)."""
         return find_conformal_limit(np.abs(self.misses) / self.deviations, 0.95) / LIMIT
+
+
+def _find_root_mean(squares: Floats) -> float:
+    return math.sqrt(float(np.mean(squares))) if len(squares) else math.nan
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -134,11 +153,46 @@ class EstimateHistory(Result):
     estimates : tuple of ShapeEstimate
         After the readings of each row.
     predictions : tuple of AheadPrediction
+    commands : (n, t) ndarray
+        Displacements [mm] or tensions [N] that reached the tendons.
+    widening : float
+        By which bands of shape and tensions were made wider.
+    why : str
+        What that is from.
+    notes : tuple of str
     """
 
     times: Floats
     estimates: tuple[ShapeEstimate, ...]
     predictions: tuple[AheadPrediction, ...]
+    commands: Floats
+    widening: float = 1.0
+    why: str = ""
+    notes: tuple[str, ...] = ()
+
+    def widen(self, factor: float, why: str = "") -> EstimateHistory:
+        """Return it with bands of shape and tensions that are a factor wider, and why."""
+        if factor == 1.0:
+            return self
+        return dataclasses.replace(
+            self,
+            estimates=tuple(one.widen(factor) for one in self.estimates),
+            widening=factor * self.widening,
+            why=why,
+        )
+
+    def describe_notes(self) -> list[str]:
+        """Return what a user should know, a line each."""
+        lines = [*filter(None, [self.why]), *(f"note: {one}" for one in self.notes)]
+        if wrong := self.unexpected:
+            worst = max((self.estimates[k - 1] for k in wrong), key=lambda one: one.surprise)
+            rows = ", ".join(map(str, wrong[:SHOWN])) + (", ..." if len(wrong) > SHOWN else "")
+            lines.append(
+                f"warning: readings of {len(wrong)} of {len(self.times)} row(s) ({rows}) cannot be "
+                f"by the sizes of errors, up to {worst.surprise:.3g} times what is expected: "
+                "intervals are too narrow; give larger errors, or --memory"
+            )
+        return lines
 
     @property
     def state(self) -> EstimatorState:
@@ -157,6 +211,11 @@ class EstimateHistory(Result):
         return f"row {wrong[0] + 1}: {self.estimates[wrong[0]].reason}" if wrong else ""
 
     @property
+    def unexpected(self) -> list[int]:
+        """Rows, from 1, whose readings are where by the sizes of errors they cannot be."""
+        return [k + 1 for k, one in enumerate(self.estimates) if not one.expected]
+
+    @property
     def residual(self) -> float:
         """Root mean square of what readings miss, by their noise."""
         return math.sqrt(float(np.mean([one.residual**2 for one in self.estimates])))
@@ -168,8 +227,16 @@ class EstimateHistory(Result):
             "reason": self.reason,
             "residual": self.residual,
             "rows": len(self.times),
+            "unexpected_rows": self.unexpected,
+            "widening": self.widening,
+            "notes": self.notes,
             "predictions": [
-                {"ahead": one.ahead, "rms": one.rms, "coverage": one.measure_coverage()}
+                {
+                    "ahead": one.ahead,
+                    "rms": one.rms,
+                    "ratio": one.ratio,
+                    "coverage": one.measure_coverage(),
+                }
                 for one in self.predictions
             ],
             "last": self.estimates[-1].to_dict(),
@@ -191,6 +258,13 @@ class EstimateHistory(Result):
                     columns[f"load_{k + 1}_{name}{end}_{unit}"] = [
                         getattr(one.loads[k], f"{name}{end}") for one in self.estimates
                     ]
+        if first.contact is not None or any(one.contact is not None for one in self.estimates):
+            contacts = [one.contact for one in self.estimates]
+            columns["gap_mm"] = [math.nan if one is None else one.gaps.min() for one in contacts]
+            columns["wall_force_N"] = [
+                math.nan if one is None else one.sizes.sum() for one in contacts
+            ]
+        columns["surprise"] = [one.surprise for one in self.estimates]
         columns["converged"] = [one.converged for one in self.estimates]
         columns["reason"] = [one.reason for one in self.estimates]
         return columns
@@ -223,6 +297,8 @@ def follow_record(
     A prediction knows the commands up to its row, and readings up to as many rows before.
     """
     check_kind("record", record, SensorRecord)
+    for steps in ahead:
+        check_integer("ahead", steps, low=1)
     estimates: list[ShapeEstimate] = []
     count = sum(sensor.count for sensor in estimator.sensors)
     missed = np.full((len(ahead), 2, len(record), count), np.nan)
@@ -244,12 +320,45 @@ def follow_record(
     progress("followed", 1.0)
     return EstimateHistory(
         times=record.times,
+        commands=record.commands,
         estimates=tuple(estimates),
         predictions=tuple(
             AheadPrediction(ahead=steps, misses=pair[0], deviations=pair[1])
             for steps, pair in zip(ahead, missed, strict=True)
         ),
     )
+
+
+def predict_unread(
+    estimator: ShapeEstimator, record: SensorRecord, *, read: Sequence[str]
+) -> AheadPrediction:
+    """Return what sensors that are not read miss of estimates, row by row, for calibration.
+
+    Where all are read, each row is predicted from those before it; `ahead` is then 1, else 0.
+
+    Raises
+    ------
+    InputError
+        If a sensor that is read is not the estimator's.
+    """
+    names = [one.name for one in estimator.sensors]
+    for name in read:
+        check_word("read", name, names)
+    unread, state = [name for name in names if name not in read], None
+    missed = np.full((2, len(record), sum(one.count for one in estimator.sensors)), np.nan)
+    told = np.concatenate([np.full(one.count, one.name not in read) for one in estimator.sensors])
+    for row in range(len(record)):
+        whole, command = record.read(row), record.commands[row]
+        if state is not None:
+            state = estimator.wait(state, float(record.times[row] - record.times[row - 1]))
+            if not unread:
+                missed[:, row] = estimator.miss(command, whole, state=state)
+        given = {name: values for name, values in whole.items() if name in read}
+        state = estimator.estimate(command, given, state=state).state
+        if unread:
+            missed[:, row] = estimator.miss(command, whole, state=state)
+            missed[:, row, ~told] = np.nan
+    return AheadPrediction(ahead=0 if unread else 1, misses=missed[0], deviations=missed[1])
 
 
 class _Rows(NamedTuple):
@@ -323,8 +432,17 @@ def fit_model_error(
         for one in dataclasses.fields(error)
         if one.name not in ("reach", unused) and getattr(error, one.name)
     ]
+    if len(record) < 2:
+        raise InputError("the recording has one row: predictions of it need two or more")
+    if not ahead:
+        raise InputError("ahead is empty: give rows ahead that are predicted")
+    for steps in ahead:
+        check_integer("ahead", steps, low=1, high=len(record) - 1)
+    legal = [one.name for one in dataclasses.fields(error) if one.name != "reach"]
     for name in names:
-        check_word("free", name, ["noise", *(one.name for one in dataclasses.fields(error))])
+        check_word("free", name, ["noise", *legal])
+        if not getattr(error, name, 1.0):
+            raise InputError(f"'{name}' is free and {getattr(error, name)}: begin above 0")
     begin = np.log([getattr(error, name, 1.0) for name in names])
 
     def change(values: Floats) -> tuple[ShapeEstimator, float]:
@@ -364,7 +482,7 @@ def fit_model_error(
         noise=noise,
         widenings=widenings,
         residual=float(found.fun) / len(record),
-        converged=True,
+        converged=bool(found.success),
         reason="" if found.success else f"the search ended after {most} evaluations",
     )
 
@@ -392,6 +510,7 @@ def _filter(
     scale, variance = first.measure_scale(other), noise**2
     ways = [slopes * scale for slopes in rows.slopes]
     state = other.begin()
+    start = state.mean
     found: list[tuple[list[Floats], list[Floats]]] = [([], []) for _ in ahead]
     last = rows.times[0]
     for row, (time, missed, own) in enumerate(zip(rows.times, rows.missed, ways, strict=True)):
@@ -415,7 +534,9 @@ def _filter(
                     continue
                 kept, grown = other.fade(elapsed)
                 way, near = ways[later], ways[later] * kept
-                found[place][0].append(rows.missed[later] - near @ state.mean)
+                found[place][0].append(
+                    rows.missed[later] - way @ start - near @ (state.mean - start)
+                )
                 spread = near @ state.covariance @ near.T + (way * grown) @ way.T
                 found[place][1].append(spread + variance * np.eye(len(way)))
     return found

@@ -28,7 +28,7 @@ from typing import NamedTuple, TypeAlias, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_fields, check_kind, check_word, quantity
+from ..checks import check_array, check_kind, check_number, check_word
 from ..errors import GeometryError, InputError
 from ..numeric.arrays import Floats
 from .calibration import Command
@@ -36,14 +36,24 @@ from .checks import check_items
 from .coupling import check_displacements
 from .elastic import check_tension_commands
 from .energy import STIFF, EnergyModel
-from .equilibrium import LumpedLoads
+from .equilibrium import LumpedLoads, TendonCommand
+from .estimate_walls import PackedGrid, PressedRod, PressingWalls, WallPush
 from .kernels.energy import CONVERGED
 from .kernels.equilibrium import make_state, solve_equilibrium
 from .kernels.loads import locate_stations
+from .model_error import ModelError, UnknownLoad
 from .observation import apply_screw
 from .robot import RobotDesign
-from .sensors import BodySensor, Sensed, TensionSensor
-from .shape_estimate import LIMIT, EstimatedLoad, EstimatorState, ShapeEstimate
+from .sensors import BodySensor, Miss, Sensed, TensionSensor
+from .shape_estimate import (
+    LIMIT,
+    EstimatedContact,
+    EstimatedLoad,
+    EstimatorState,
+    ShapeEstimate,
+    measure_sizes,
+)
+from .walls import Wall, take_boundaries
 
 MODES_LEFT = 1e-4
 """Share of the variance of the unknown curvature that modes may leave out."""
@@ -66,91 +76,17 @@ PLACE_STEP = 1e-3
 """Step for the derivative by the place of a load [mm]."""
 LEAST_STRIDE, MOST_STRIDE, STRIDE_GROWTH, MOST_STRIDES = 5e-4, 0.02, 1.25, 40
 """Strides from a place to those beside it, by the length: the first at least, most, and growth."""
-FAR, TAIL, SIZES = 8.0, 0.025, 400
-"""Where a place counts as impossible, share beyond each end of an interval, sizes that are told."""
+FAR, TAIL = 8.0, 0.025
+"""Where a place counts as impossible, and the share beyond each end of an interval."""
+KEPT = ("_modes", "_walls", "_stations", "_weights", "_base", "_compliances", "_ends")
+"""What an estimator shares with one that knows the place of a load."""
+DOUBTED, TURNED, BETTER = 0.01, 0.5, 0.1
+"""Chance of a fit below which other cables are tried taut or slack, how far, by the deviation of
+their zeros, and by what a cost must fall."""
+FRESH = 0.99
+"""Share of the first variance of a load's place from which on nothing is known of it."""
 TRIED_PLACES, BEST_PLACES = 24, 3
 """Places where an unknown load is tried, and from how many of them it is searched."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class ModelError:
-    """How far the elastic model may be wrong, as standard deviations, and how long it is.
-
-    Parameters
-    ----------
-    curvature, twist : float
-        Of the curvature that the model does not have, and of the twist [rad/mm].
-    reach : float
-        Length over which that curvature is alike [mm].
-    stiffness : float
-        Of the stiffness of each section, as a share.
-    zero : float
-        Of what is added to the displacement of each tendon [mm].
-    pull : float
-        Of what is added to each tension where tensions are commanded [N].
-    coupling : float
-        Of how far each tendon acts on each, itself too, as a share of its displacement.
-    position, rotation : float
-        Of the base, along and about each axis [mm], [rad].
-    memory : float, optional
-        Time after which curvature, zeros, and the position of the base have forgotten 63 % of what
-        they were [s]; never unless given. The others are constants.
-    drift : float
-        How far constants move in a second, by their standard deviation.
-    """
-
-    curvature: float = quantity("curvature", "Unknown curvature.", low=0.0, default=5e-4)
-    twist: float = quantity("curvature", "Unknown twist.", low=0.0, default=1e-4)
-    reach: float = quantity("length", "Over which it is alike.", low=1e-3, default=50.0)
-    stiffness: float = quantity(help="Of a section, as a share.", low=0.0, default=0.05, high=2.0)
-    zero: float = quantity("length", "Of a tendon's zero.", low=0.0, default=0.2)
-    pull: float = quantity("force", "Of a commanded tension.", low=0.0, default=0.1)
-    coupling: float = quantity(help="Of a tendon on another.", low=0.0, default=0.0)
-    position: float = quantity("length", "Of the base.", low=0.0, default=0.0)
-    rotation: float = quantity("angle", "Of the base.", low=0.0, default=0.0)
-    memory: float | None = quantity(
-        "time",
-        "After which errors are forgotten (default: never).",
-        low=0.0,
-        low_open=True,
-        default=None,
-    )
-    drift: float = quantity(help="Of constants, in a second.", low=0.0, default=0.0)
-
-    def __post_init__(self) -> None:
-        check_fields(self, "model error ")
-
-
-@dataclass(frozen=True, kw_only=True)
-class UnknownLoad:
-    """A force on the body that is not known: its size, and maybe its place.
-
-    Parameters
-    ----------
-    arc_length : float, optional
-        Where it acts [mm]; unknown unless given.
-    force : float
-        Standard deviation of the force along each axis across the body [N].
-    along : float
-        Of the force along the body [N].
-    moment : float
-        Of the moment about each axis [N mm].
-    """
-
-    arc_length: float | None = quantity("length", "Where it acts.", low=0.0, default=None)
-    force: float = quantity("force", "Across the body.", low=0.0, default=1.0)
-    along: float = quantity("force", "Along the body.", low=0.0, default=0.0)
-    moment: float = quantity(help="About each axis [N mm].", low=0.0, default=0.0)
-
-    def __post_init__(self) -> None:
-        check_fields(self, "load ", skip=() if self.arc_length is not None else ("arc_length",))
-        if not (self.force or self.along or self.moment):
-            raise InputError("load has no force and no moment: one must be above 0")
-
-    @property
-    def deviations(self) -> Floats:
-        """Of force and moment in the body's axes, (6,)."""
-        return np.array([self.force, self.force, self.along, *(self.moment,) * 3])
 
 
 class _Part(NamedTuple):
@@ -159,19 +95,19 @@ class _Part(NamedTuple):
     names: tuple[str, ...]
     whole: Floats
     inside: NDArray[np.int64]
-    forgets: bool
+    memory: float | None
 
     @classmethod
-    def make(cls, names: Sequence[str], deviations: ArrayLike, *, forgets: bool = False) -> _Part:
+    def make(
+        cls, names: Sequence[str], deviations: ArrayLike, *, memory: float | None = None
+    ) -> _Part:
         """Return so many numbers of these standard deviations, or of one."""
         whole = np.broadcast_to(np.asarray(deviations, dtype=np.float64), (len(names),))
         inside = np.flatnonzero(whole)
         chosen = tuple(names[int(k)].replace(" []", "") for k in inside)
-        return cls(chosen, whole, inside, forgets)
+        return cls(chosen, whole, inside, memory)
 
 
-_Packed: TypeAlias = tuple[Floats, Floats, Floats, Floats, NDArray[np.int64], int]
-"""A grid as the kernels take it."""
 _Start: TypeAlias = tuple[Floats, Floats]
 """Rotation vectors, and lengths of tendons, to begin with."""
 
@@ -185,6 +121,7 @@ class _Body(NamedTuple):
     lengths: Floats
     turned: Floats = np.empty(0)
     pulled: Floats = np.empty(0)
+    push: WallPush | None = None
 
 
 class _Fit(NamedTuple):
@@ -195,6 +132,7 @@ class _Fit(NamedTuple):
     missed: Floats
     slopes: Floats
     noises: tuple[Floats, ...] = ()
+    kept: tuple[NDArray[np.int64], ...] = ()
     cost: float = math.inf
     steps: int = 0
     settled: bool = False
@@ -217,11 +155,15 @@ class ShapeEstimator:
         Loads that are looked for.
     command : {"displacement", "tension"}
         What is commanded of the tendons.
+    duct : Duct, optional
+        Lumen that the body is in, by balls of its radius about the stations but the first.
+    wall_stiffness : float, optional
+        Force of the wall per length of the body and depth [MPa]; rigid unless given.
 
     Raises
     ------
     InputError
-        If a sensor or a load is not on the robot, or two sensors have one name.
+        If a sensor or a load is not on the robot, two sensors have one name, or the duct is none.
     """
 
     model: EnergyModel
@@ -229,9 +171,12 @@ class ShapeEstimator:
     error: ModelError = ModelError()
     loads: Sequence[UnknownLoad] = ()
     command: Command = "displacement"
+    duct: Wall | None = None
+    wall_stiffness: float | None = None
 
     def __post_init__(self) -> None:
         check_kind("model", self.model, EnergyModel)
+        check_kind("error", self.error, ModelError)
         check_word("command", self.command, get_args(Command))
         object.__setattr__(self, "sensors", check_items("sensors", self.sensors, BodySensor))
         object.__setattr__(self, "loads", check_items("loads", self.loads, UnknownLoad))
@@ -252,6 +197,9 @@ class ShapeEstimator:
                     f"{what}'s arc_length is {item.arc_length:g} mm: it must lie in [0, "
                     f"{length:g}] mm, the robot's length"
                 )
+        if self.wall_stiffness is not None:
+            check_number("wall_stiffness", self.wall_stiffness, low=0.0, low_open=True, unit="MPa")
+        _ = self._walls
 
     @property
     def robot(self) -> RobotDesign:
@@ -265,29 +213,29 @@ class ShapeEstimator:
 
     def begin(self) -> EstimatorState:
         """Return what is known before anything is read."""
-        mean = np.zeros(len(self._deviations))
-        for index, load in enumerate(self.loads):
-            if load.arc_length is None:
-                mean[self._slices[f"place {index}"]] = 0.5 * self.robot.length
-        rest = self.model.rod.rest
-        return EstimatorState(mean, np.diag(self._deviations**2), rest, self.model.natural_lengths)
+        rest, spread = self.model.rod.rest, np.diag(self._deviations**2)
+        return EstimatorState(self._first, spread, rest, self.model.natural_lengths)
 
     def wait(self, state: EstimatorState, elapsed: float = 1.0) -> EstimatorState:
         """Return what is known of it later, after so many seconds without a reading."""
+        check_number("elapsed", elapsed, low=0.0, unit="s")
+        self._check_state(state)
+        first = self._first
         kept, grown = self.fade(elapsed)
         covariance = kept[:, None] * state.covariance * kept + np.diag(grown)
-        return dataclasses.replace(state, mean=kept * state.mean, covariance=covariance)
+        mean = first + kept * (state.mean - first)
+        return dataclasses.replace(state, mean=mean, covariance=covariance)
 
     def fade(self, elapsed: float) -> tuple[Floats, Floats]:
         """Return the share of each number of the state left after so many seconds, and its gain.
 
         The gain is the variance that is added.
         """
-        spread, error = self._deviations, self.error
-        share = 1.0 if error.memory is None else math.exp(-elapsed / error.memory)
-        kept = np.where(self._forgets, share, 1.0)
-        grown = np.where(self._forgets, 1.0 - kept**2, error.drift**2 * elapsed) * spread**2
-        return kept, grown
+        share = self._forget(elapsed)
+        lasts = np.isnan(share)
+        kept = np.where(lasts, 1.0, share)
+        grown = np.where(lasts, self.error.drift**2 * elapsed, 1.0 - kept**2)
+        return kept, grown * self._deviations**2
 
     def estimate(
         self,
@@ -316,21 +264,30 @@ class ShapeEstimator:
         asked = self._take_commands(commands)
         read = self._take_readings(readings)
         before = self.begin() if state is None else state
+        self._check_state(before)
         start = before.rotation_vectors, before.lengths
-        alone = self._solve(asked, np.zeros(len(before.mean)), start, None)
+        nominal = start if before.nominal is None else (before.nominal, before.lengths)
+        alone = self._solve(asked, np.zeros(len(before.mean)), nominal, None)
+        if self._walls is not None and state is None:
+            before = dataclasses.replace(before, rotation_vectors=alone.rotation_vectors)
         short = self.model.natural_lengths - alone.lengths
         best = self._search(asked, read, before, short)
-        for index, one in enumerate(self.loads):
-            if one.arc_length is None and read and state is None:
+        if state is None and read and best.body.found:
+            best = self._try_cables(asked, read, before, short, best)
+        fresh = [k for k in range(len(self.loads)) if read and self._is_fresh(k, before)]
+        for index in fresh:
+            if best.body.found:
                 for trial in self._try_places(asked, read, index, (before, best), short):
                     other = self._search(asked, read, before, short, start=trial)
                     best = other if other.cost < best.cost else best
         found = self._describe(before, best, alone)
-        if len(self.loads) == 1 and self.loads[0].arc_length is None and read and state is None:
-            if found.converged:
-                load = self._profile_place(asked, read, (best, short), found.loads[0])
-                return dataclasses.replace(found, loads=(load,))
-        return found
+        if not found.converged or not fresh:
+            return found
+        loads = list(found.loads)
+        for index in fresh:
+            known = before, best, short
+            loads[index] = self._profile_place(asked, read, index, known, loads[index])
+        return dataclasses.replace(found, loads=tuple(loads))
 
     def predict(
         self, commands: ArrayLike, *, state: EstimatorState | None = None
@@ -374,8 +331,8 @@ class ShapeEstimator:
         both = np.full((2, sum(counts)), np.nan)
         spread = np.einsum("ki,ij,kj->k", fit.slopes, state.covariance, fit.slopes) + 1.0
         first, ends = 0, np.cumsum(counts)
-        for k, noise in zip(read, fit.noises, strict=False):  # none without a shape
-            to = ends[k] - counts[k] + np.arange(len(noise))
+        for k, noise, kept in zip(read, fit.noises, fit.kept, strict=False):  # none without a shape
+            to = ends[k] - counts[k] + kept
             own = slice(first, first + len(noise))
             both[:, to] = fit.missed[own] * noise, np.sqrt(spread[own]) * noise
             first += len(noise)
@@ -444,33 +401,34 @@ class ShapeEstimator:
         left = np.cumsum(sizes) / sizes.sum()  # from the smallest on
         own = (ways * np.sqrt(np.maximum(sizes, 0.0)))[:, left > MODES_LEFT][:, ::-1]
         deviations = np.array([error.curvature, error.curvature, error.twist])
-        columns = [
+        columns: list[Floats] = [
             (grid.spans * column)[:, None] * (deviations * np.eye(3)[axis])
             for axis in np.flatnonzero(deviations)
             for column in own.T
         ]
-        return np.array(columns).reshape(len(columns), -1).T
+        return np.array(columns).reshape(len(columns), 3 * len(grid.spans)).T
 
     @cached_property
     def _parts(self) -> dict[str, _Part]:
         error, robot, count = self.error, self.robot, self._modes.shape[1]
+        kept = math.inf if error.memory is None else error.memory
         tendons, pulled = robot.tendon_names, self.command == "tension"
         labels = [robot.section_label(k) for k in range(len(robot.sections))]
         unit = "N" if pulled else "mm"
         parts = {
-            "curvature": _Part.make([f"curvature {k}" for k in range(count)], 1.0, forgets=True),
+            "curvature": _Part.make([f"curvature {k}" for k in range(count)], 1.0, memory=kept),
             "stiffness": _Part.make([f"stiffness of {label}" for label in labels], error.stiffness),
             "zero": _Part.make(
                 [f"zero of {name} [{unit}]" for name in tendons],
                 error.pull if pulled else error.zero,
-                forgets=True,
+                memory=kept,
             ),
             "coupling": _Part.make(
                 [f"coupling of {a} by {b}" for a in tendons for b in tendons], error.coupling
             ),
             "rotation": _Part.make([f"base rotation {k} [rad]" for k in "xyz"], error.rotation),
             "position": _Part.make(
-                [f"base position {k} [mm]" for k in "xyz"], error.position, forgets=True
+                [f"base position {k} [mm]" for k in "xyz"], error.position, memory=kept
             ),
             "sensors": _Part.make(
                 [f"bias of {one.name} [{one.unit}]" for one in self.sensors],
@@ -481,9 +439,11 @@ class ShapeEstimator:
             label = f"load {index + 1}"
             names = [f"{label} force {axis} [N]" for axis in "xyz"]
             names += [f"{label} moment {axis} [N mm]" for axis in "xyz"]
-            parts[f"load {index}"] = _Part.make(names, load.deviations)
+            parts[f"load {index}"] = _Part.make(names, load.deviations, memory=load.memory)
             spread = robot.length if load.arc_length is None else 0.0
-            parts[f"place {index}"] = _Part.make([f"{label} place [mm]"], spread)
+            parts[f"place {index}"] = _Part.make(
+                [f"{label} place [mm]"], spread, memory=load.memory
+            )
         return parts
 
     @cached_property
@@ -497,9 +457,31 @@ class ShapeEstimator:
         return np.concatenate([part.whole[part.inside] for part in self._parts.values()])
 
     @cached_property
-    def _forgets(self) -> NDArray[np.bool_]:
-        parts = self._parts.values()
-        return np.concatenate([np.full(len(part.inside), part.forgets) for part in parts])
+    def _first(self) -> Floats:
+        """What the numbers are before anything is read: a load is in the middle."""
+        mean = np.zeros(len(self._deviations))
+        for index, load in enumerate(self.loads):
+            if load.arc_length is None:
+                mean[self._slices[f"place {index}"]] = 0.5 * self.robot.length
+        return mean
+
+    def _check_state(self, state: EstimatorState) -> None:
+        if state.mean.shape != self._first.shape:
+            raise InputError(
+                f"state has {state.mean.size} numbers: it must be of this estimator, which has "
+                f"{self._first.size}"
+            )
+
+    def _forget(self, elapsed: float) -> Floats:
+        """Return the share of each number that is left after a time; NaN of constants."""
+        shares = []
+        for part in self._parts.values():
+            if part.memory is None:
+                share = math.nan
+            else:
+                share = math.exp(-elapsed / part.memory) if part.memory else 0.0
+            shares.append(np.full(len(part.inside), share))
+        return np.concatenate(shares)
 
     def _read(self, name: str, mean: Floats) -> Floats:
         """Return all numbers of a part of a state, 0 where the model makes no error."""
@@ -544,16 +526,48 @@ class ShapeEstimator:
         rod, pulled = self.model.rod, self.command == "tension"
         grid, tendons = rod.grid, len(self.robot.tendons)
         acting = asked if pulled or short is None else short
-        moved = asked + self._read("zero", mean)
-        moved = moved + self._read("coupling", mean).reshape(tendons, tendons) @ acting
-        command = self.model.make_command(moved, "tensions" if pulled else "displacements")
+        command = self._make_command(asked, mean, acting)
         stiffness = grid.stiffness * np.exp(self._read("stiffness", mean))[grid.sections][:, None]
         spans, _, paths, guides, counts, segment = grid.packed
         packed = spans, stiffness, paths, guides, counts, segment
         bent = rod.rest + (self._modes @ mean[self._slices["curvature"]]).reshape(-1, 3)
-        lumped, held, never = self._load(mean), command.held, np.zeros(tendons, dtype=np.bool_)
+        lumped, held = self._load(mean), command.held
+        if self._walls is not None:
+            body, state = self._press(self._walls, mean, (packed, bent, lumped), command, start)
+        else:
+            body, state = self._balance((packed, bent, lumped), command, start)
+        if short is None or not body.found:
+            return body
+        on_segments, on_commands = self._push(mean, body, (packed, bent), acting)
+        _, compliances = self._stretch(body.lengths - command.free_lengths)
+        slopes, size = state[2].reshape(tendons, -1), body.rotation_vectors.size
+        matrix = np.zeros((size + int(held.sum()),) * 2)
+        matrix[:size, :size] = state[6]
+        matrix[:size, size:] = slopes[held].T
+        matrix[size:, :size] = slopes[held]
+        matrix[size:, size:] = -np.diag(compliances[held])
+        by_tension = on_commands * pulled
+        right = on_segments - slopes.T @ by_tension, -on_commands[held]
+        solved = np.asarray(np.linalg.solve(matrix, np.concatenate(right)), dtype=np.float64)
+        by_tension[held] = solved[size:]
+        return body._replace(turned=solved[:size], pulled=by_tension)
+
+    def _make_command(self, asked: Floats, mean: Floats, acting: Floats) -> TendonCommand:
+        """Return what commands come to with the errors of a state."""
+        tendons = len(self.robot.tendons)
+        moved = asked + self._read("zero", mean)
+        moved = moved + self._read("coupling", mean).reshape(tendons, tendons) @ acting
+        pulled = self.command == "tension"
+        return self.model.make_command(moved, "tensions" if pulled else "displacements")
+
+    def _balance(
+        self, rod: tuple[PackedGrid, Floats, LumpedLoads], command: TendonCommand, start: _Start
+    ) -> tuple[_Body, tuple[Floats, ...]]:
+        """Return the equilibrium of a grid, its rest and loads, and what the kernel knows of it."""
+        (packed, bent, lumped), held = rod, command.held
+        never = np.zeros(len(held), dtype=np.bool_)
         loads = lumped.places, (lumped.forces, lumped.moments, lumped.follows)
-        state = make_state(len(bent), tendons)
+        state = make_state(len(bent), len(held))
         turned, lengths = (array.copy() for array in start)
         found = False
         for _ in range(TAUT_STEPS):
@@ -577,21 +591,39 @@ class ShapeEstimator:
             if off.max(initial=0.0) <= TAUT_SHARE * np.abs(least).max(initial=0.0) + TAUT_LEAST:
                 found = True
                 break
-        body = _Body(found, turned, state[1], lengths)
-        if short is None or not found:
-            return body
-        on_segments, on_commands = self._push(mean, body, (packed, bent), acting)
-        slopes, size = state[2].reshape(tendons, -1), turned.size
-        matrix = np.zeros((size + int(held.sum()),) * 2)
-        matrix[:size, :size] = state[6]
-        matrix[:size, size:] = slopes[held].T
-        matrix[size:, :size] = slopes[held]
-        matrix[size:, size:] = -np.diag(compliances[held])
-        by_tension = on_commands * pulled
-        right = on_segments - slopes.T @ by_tension, -on_commands[held]
-        solved = np.linalg.solve(matrix, np.concatenate(right))
-        by_tension[held] = solved[size:]
-        return body._replace(turned=solved[:size], pulled=by_tension)
+        return _Body(found, turned, state[1], lengths), state
+
+    @cached_property
+    def _walls(self) -> PressingWalls | None:
+        if self.duct is None:
+            return None
+        origin = self._base[:3, 3]
+        walls = tuple(
+            dataclasses.replace(wall, origin=origin) for wall in take_boundaries(self.duct, ())
+        )
+        return PressingWalls(walls, self.robot, self.model.rod.grid.arc_length, self.wall_stiffness)
+
+    def _press(
+        self,
+        walls: PressingWalls,
+        mean: Floats,
+        rod: tuple[PackedGrid, Floats, LumpedLoads],
+        command: TendonCommand,
+        start: _Start,
+    ) -> tuple[_Body, tuple[Floats, ...]]:
+        """Return the equilibrium among walls, as `_balance` does."""
+
+        def pull(lengths: Floats) -> tuple[Floats, Floats]:
+            tensions, compliances = self._stretch(lengths - command.free_lengths)
+            return np.where(command.held, tensions, command.pulls), command.held / compliances
+
+        axes, place, _ = self._move_base(mean)
+        pressed = PressedRod(*rod, pull, axes, place - self._base[:3, 3])
+        found = walls.settle(pressed, start[0])
+        if found is None:
+            return _Body(False, *start[:1], 0.0 * start[1], start[1]), ()
+        turned, state, push, _ = found
+        return _Body(True, turned, state[1], state[0], push=push), state
 
     def _stretch(self, gaps: Floats) -> tuple[Floats, Floats]:
         """Return tensions of tendons longer than their free lengths by gaps, and compliances.
@@ -606,7 +638,7 @@ class ShapeEstimator:
         return np.where(pushes, gaps, grown) / give, give / np.where(pushes, 1.0, gone)
 
     def _push(
-        self, mean: Floats, body: _Body, segments: tuple[_Packed, Floats], acting: Floats
+        self, mean: Floats, body: _Body, segments: tuple[PackedGrid, Floats], acting: Floats
     ) -> tuple[Floats, Floats]:
         """Return what the numbers of a state do to the segments, and to the commands."""
         packed, bent = segments
@@ -626,13 +658,26 @@ class ShapeEstimator:
             change = (more - less) @ self._read(f"load {index}", mean) / (ends[1] - ends[0])
             known = self.loads[index].arc_length is not None
             on_segments[:, slices[f"place {index}"]] = change[:, None][:, known:]
+        if body.push is not None and (self.error.rotation or self.error.position):
+            # The wall presses a body whose base moves: elsewhere, and in other axes.
+            axes, _, left = self._move_base(mean)
+            places, _, levers = _locate(packed, turned, self._ends)
+            forces, blocks, _ = body.push
+            change = np.zeros((len(places), 3, len(mean)))
+            if self.error.rotation:
+                change[..., slices["rotation"]] = np.cross(forces[:, None], left.T).swapaxes(1, 2)
+                moved = np.cross(left.T, (places @ axes.T)[:, None]).swapaxes(1, 2)
+                change[..., slices["rotation"]] -= blocks @ moved
+            if self.error.position:
+                change[..., slices["position"]] = -blocks @ self._base[:3, :3]
+            on_segments += np.einsum("pij,pik->jk", axes @ levers[:, 3:], change)
         on_commands = np.zeros((tendons, len(mean)))
         on_commands[:, slices["zero"]] = np.eye(tendons)[:, self._parts["zero"].inside]
         if self.error.coupling:
             on_commands[:, slices["coupling"]] = np.kron(np.eye(tendons), acting)
         return on_segments, on_commands
 
-    def _find_levers(self, packed: _Packed, turned: Floats, places: Sequence[float]) -> Floats:
+    def _find_levers(self, packed: PackedGrid, turned: Floats, places: Sequence[float]) -> Floats:
         """Return what a force and a moment in the body's axes do to the segments, (p, 3 n, 6)."""
         stations = find_stations(self.model.rod.grid.arc_length, places)
         _, axes, moved = _locate(packed, turned, stations)
@@ -642,6 +687,25 @@ class ShapeEstimator:
     @cached_property
     def _base(self) -> Floats:
         return self.robot.base_frame
+
+    def _move_base(self, mean: Floats) -> tuple[Floats, Floats, Floats]:
+        """Return axes and place of the base in a state, and how rotations turn them (3, 3)."""
+        from scipy.spatial.transform import Rotation
+
+        axes, place = self._base[:3, :3], self._base[:3, 3]
+        if self.error.position:
+            place = place + axes @ self._read("position", mean)
+        if not self.error.rotation:
+            return axes, place, np.zeros((3, 3))
+        turn = self._read("rotation", mean)
+        left = axes @ apply_screw(turn, np.eye(3)).T
+        return axes @ Rotation.from_rotvec(turn).as_matrix(), place, left
+
+    @cached_property
+    def _ends(self) -> tuple[NDArray[np.int64], Floats, Floats]:
+        """The stations but the first."""
+        arc = self.model.rod.grid.arc_length
+        return find_stations(arc, arc[1:])
 
     # Readings.
 
@@ -675,26 +739,19 @@ class ShapeEstimator:
         self, mean: Floats, body: _Body, stations: tuple[NDArray[np.int64], Floats, Floats]
     ) -> tuple[Floats, Floats, Floats]:
         """Return places, axes and their derivatives by the state in the world, of stations."""
-        from scipy.spatial.transform import Rotation
-
         places, rotations, moved = _locate(
             self.model.rod.grid.packed, body.rotation_vectors, stations
         )
-        base, slices = self._base, self._slices
-        axes, shift = base[:3, :3], self._read("position", mean)
+        slices, (axes, origin, left) = self._slices, self._move_base(mean)
         slopes = moved @ body.turned
-        if self.error.rotation:
-            turn = self._read("rotation", mean)
-            axes = axes @ Rotation.from_rotvec(turn).as_matrix()
-            left = base[:3, :3] @ apply_screw(turn, np.eye(3)).T
         arms = places @ axes.T
         slopes = np.concatenate([axes @ slopes[:, :3], axes @ slopes[:, 3:]], axis=1)
         if self.error.rotation:
-            slopes[:, :3, slices["rotation"]] = left
-            slopes[:, 3:, slices["rotation"]] = np.cross(left.T, arms[:, None]).swapaxes(1, 2)
+            slopes[:, :3, slices["rotation"]] += left
+            slopes[:, 3:, slices["rotation"]] += np.cross(left.T, arms[:, None]).swapaxes(1, 2)
         if self.error.position:
-            slopes[:, 3:, slices["position"]] = base[:3, :3]
-        return arms + base[:3, 3] + base[:3, :3] @ shift, axes @ rotations, slopes
+            slopes[:, 3:, slices["position"]] += self._base[:3, :3]
+        return arms + origin, axes @ rotations, slopes
 
     def _sense(self, mean: Floats, body: _Body) -> list[Sensed]:
         """Return the body where each sensor sits."""
@@ -723,10 +780,13 @@ class ShapeEstimator:
             return _Fit(mean, body, np.empty(0), np.empty((0, len(mean))))
         seen = self._sense(mean, body)
         biases, biased = self._read("sensors", mean), self._parts["sensors"].inside.tolist()
-        missed, slope_rows, noises = [], [], []
+        missed, slope_rows, noises, kept = [], [], [], []
         for k, reading in read.items():
             sensor = self.sensors[k]
             miss = sensor.compare(reading - biases[k], seen[k])
+            known = np.flatnonzero(np.isfinite(miss.values))
+            miss = Miss(*(one[known] for one in miss))
+            kept.append(known)
             own = miss.slopes.copy()
             if k in biased:
                 own[:, self._slices["sensors"].start + biased.index(k)] += 1.0
@@ -735,7 +795,8 @@ class ShapeEstimator:
             noises.append(miss.deviations)
         if not missed:
             return _Fit(mean, body, np.empty(0), np.empty((0, len(mean))))
-        return _Fit(mean, body, np.concatenate(missed), np.concatenate(slope_rows), tuple(noises))
+        rows = np.concatenate(missed), np.concatenate(slope_rows)
+        return _Fit(mean, body, *rows, tuple(noises), tuple(kept))
 
     # Search.
 
@@ -769,6 +830,9 @@ class ShapeEstimator:
                     return fit._replace(cost=cost, steps=count, settled=settled)
                 mean = self._limit(before.mean + root @ (way + step))
                 near = fit.body.rotation_vectors, fit.body.lengths
+                if self._walls is not None:
+                    turned = fit.body.turned @ (mean - fit.mean)
+                    near = near[0] + turned.reshape(near[0].shape), near[1]
                 other = self._evaluate(asked, read, mean, start=near, short=short)
                 if other.body.found:
                     tried = _whiten(root, mean - before.mean)
@@ -799,6 +863,48 @@ class ShapeEstimator:
             own = self._slices[f"place {index}"]
             mean[own] = np.clip(mean[own], 0.0, self.robot.length)
         return mean
+
+    def _try_cables(
+        self,
+        asked: Floats,
+        read: Mapping[int, Floats],
+        before: EstimatorState,
+        short: Floats,
+        best: _Fit,
+    ) -> _Fit:
+        """Return the best fit from states where single cables are slack, not taut, or taut.
+
+        The search itself may end where the wrong ones are. That is tried if readings are missed by
+        more than one in a hundred are.
+        """
+        from scipy.special import chdtrc
+
+        inside = self._parts["zero"].inside.tolist()
+        if self.command == "tension" or chdtrc(len(best.missed), 2.0 * best.cost) > DOUBTED:
+            return best
+        tried = pushes = set(np.flatnonzero(self.model.rod.pushes).tolist())
+        while left := [k for k in inside if k not in tried]:
+            free = self._make_command(asked, best.mean, short).free_lengths
+            gaps = best.body.lengths - free
+            near = min(left, key=lambda k: abs(gaps[k]))
+            tried = tried | {near}
+            mean = best.mean.copy()
+            over = math.copysign(TURNED * self.error.zero, gaps[near])
+            mean[self._slices["zero"].start + inside.index(near)] -= gaps[near] + over
+            begin = best.body.rotation_vectors, best.body.lengths
+            start = self._evaluate(asked, read, mean, start=begin, short=short)
+            if start.body.found:
+                other = self._search(asked, read, before, short, start=start)
+                if other.cost < best.cost - BETTER:
+                    best, tried = other, {near} | pushes
+        return best
+
+    def _is_fresh(self, index: int, before: EstimatorState) -> bool:
+        """Whether nothing is known of a load's place."""
+        if self.loads[index].arc_length is not None:
+            return False
+        at = self._slices[f"place {index}"].start
+        return bool(before.covariance[at, at] > FRESH * self._deviations[at] ** 2)
 
     def _try_places(
         self,
@@ -846,15 +952,22 @@ class ShapeEstimator:
         self,
         asked: Floats,
         read: Mapping[int, Floats],
-        known: tuple[_Fit, Floats],
+        index: int,
+        known: tuple[EstimatorState, _Fit, Floats],
         load: EstimatedLoad,
     ) -> EstimatedLoad:
         """Return a load with intervals by the likelihood of places beside the best one.
 
         Between two sensors that may be flat, or have two peaks. All else is normal at each place.
         """
-        (best, short), length = known, self.robot.length
-        kept = np.delete(best.mean, self._slices["place 0"].start)
+        (state, best, short), length = known, self.robot.length
+        at = self._slices[f"place {index}"].start
+        kept = np.delete(best.mean, at)
+        before = dataclasses.replace(
+            state,
+            mean=np.delete(state.mean, at),
+            covariance=np.delete(np.delete(state.covariance, at, 0), at, 1),
+        )
         rows = []
         first = (load.place_high - load.place_low) / (4.0 * LIMIT)
         least = np.clip(first, LEAST_STRIDE * length, MOST_STRIDE * length)
@@ -863,60 +976,62 @@ class ShapeEstimator:
             mean = kept
             for _ in range(MOST_STRIDES if way else 1):
                 place = min(max(place + way * stride, 0.0), length)
-                there = dataclasses.replace(
-                    self, loads=(dataclasses.replace(self.loads[0], arc_length=place),)
-                )
-                before = there.begin()
+                loads = list(self.loads)
+                loads[index] = dataclasses.replace(loads[index], arc_length=place)
+                there = dataclasses.replace(self, loads=tuple(loads))
+                there.__dict__.update({name: getattr(self, name) for name in KEPT})
                 near = fit.body.rotation_vectors, fit.body.lengths
                 start = there._evaluate(asked, read, mean, start=near, short=short)
                 if not start.body.found:
                     break
                 fit = there._search(asked, read, before, short, start=start)
                 mean = fit.mean
-                rows.append(there._weigh_place(place, before, fit))
+                rows.append((place, *there._weigh_place(index, before, fit)))
                 if rows[-1][1] > rows[0][1] + FAR or place in (0.0, length):
                     break
                 stride = min(STRIDE_GROWTH * stride, MOST_STRIDE * length)
-        places, costs, sizes, spreads = np.array(sorted(rows)).T
+        rows.sort(key=lambda row: row[0])
+        places, costs = np.array([row[:2] for row in rows]).T
         weights = np.exp(costs.min() - costs) * np.gradient(places) if len(places) > 1 else costs**0
         weights /= weights.sum()
         edges = np.append(places[0], 0.5 * (places[1:] + places[:-1]))
         edges = np.append(edges, places[-1])
         shares = np.append(0.0, np.cumsum(weights))
         low, high = np.interp([TAIL, 1.0 - TAIL], shares, edges)
-        from scipy.special import ndtr
-
-        grid = np.linspace(0.0, float((sizes + 5.0 * spreads).max()), SIZES)
-        below = ndtr((grid[:, None] - sizes) / np.maximum(spreads, 1e-12)) @ weights
-        least_size, most_size = np.interp([TAIL, 1.0 - TAIL], below, grid)
+        least, most = measure_sizes([row[2:] for row in rows], weights)
         return dataclasses.replace(
             load,
+            place=min(max(load.place, float(low)), float(high)),
             place_low=float(low),
             place_high=float(high),
-            force_low=float(least_size),
-            force_high=float(most_size),
+            force_low=least,
+            force_high=most,
         )
 
     def _weigh_place(
-        self, place: float, before: EstimatorState, fit: _Fit
-    ) -> tuple[float, float, float, float]:
-        """Return a place, the negative logarithm of how likely it is, and size of the force."""
+        self, index: int, before: EstimatorState, fit: _Fit
+    ) -> tuple[float, Floats, Floats]:
+        """Return the negative logarithm of how likely a place is, force and covariance there."""
         crossed = fit.slopes @ before.covariance
         inner = crossed @ fit.slopes.T + np.eye(len(crossed))
         covariance = before.covariance - crossed.T @ np.linalg.solve(inner, crossed)
         cost = fit.cost + 0.5 * float(np.linalg.slogdet(inner)[1])
-        own = self._slices["load 0"]
-        force = self._read("load 0", fit.mean)
-        force[3:] = 0.0
-        size = float(np.linalg.norm(force))
-        way = (force / max(size, 1e-300))[self._parts["load 0"].inside]
-        return place, cost, size, math.sqrt(max(float(way @ covariance[own, own] @ way), 0.0))
+        return cost, *self._take_force(index, fit.mean, covariance, slice(0, 3))
+
+    def _take_force(
+        self, index: int, mean: Floats, covariance: Floats, axes: slice
+    ) -> tuple[Floats, Floats]:
+        """Return force or moment of a load and its covariance, without axes that have none."""
+        own, inside = self._slices[f"load {index}"], self._parts[f"load {index}"].inside
+        chosen = np.flatnonzero((inside >= axes.start) & (inside < axes.stop)) + own.start
+        return mean[chosen], covariance[np.ix_(chosen, chosen)]
 
     # Answers.
 
     def _describe(self, before: EstimatorState, fit: _Fit, alone: _Body) -> ShapeEstimate:
         grid, count = self.model.rod.grid, len(before.mean)
         covariance, likelihood, body = before.covariance, 0.0, fit.body
+        expected = 0.0
         nominal = self._base @ grid.place_frames(alone.rotation_vectors[None])[0]
         if body.found and len(fit.missed):
             crossed = fit.slopes @ covariance
@@ -924,19 +1039,25 @@ class ShapeEstimator:
             root = _whiten(np.asarray(np.linalg.cholesky(inner)), crossed)
             covariance = covariance - root.T @ root
             off = fit.missed + fit.slopes @ (fit.mean - before.mean)
-            likelihood = float(off @ np.linalg.solve(inner, off) + np.linalg.slogdet(inner)[1])
+            expected = float(off @ np.linalg.solve(inner, off))
+            likelihood = expected + float(np.linalg.slogdet(inner)[1])
             likelihood = -0.5 * (likelihood + len(off) * math.log(2.0 * math.pi))
             likelihood -= float(np.log(np.concatenate(fit.noises)).sum())
-        frames, spread = nominal, np.zeros((len(nominal), 6, 6))
-        pulled = np.zeros((len(self.robot.tendons), count))
+        frames = np.full((len(nominal), 4, 4), np.nan)
+        spread = np.full((len(nominal), 6, 6), np.nan)
+        tensions = np.full(len(body.tensions), np.nan)
+        pulled, contact = np.zeros((len(self.robot.tendons), count)), None
         if body.found:
             stations = find_stations(grid.arc_length, grid.arc_length)
             places, axes, slopes = self._place(fit.mean, body, stations)
             frames = np.tile(np.eye(4), (len(places), 1, 1))
             frames[:, :3, :3], frames[:, :3, 3] = axes, places
             spread = slopes @ covariance @ slopes.swapaxes(1, 2)
-            pulled = body.pulled
+            pulled, tensions = body.pulled, body.tensions
+            if body.push is not None:
+                contact = EstimatedContact.make(body.push, slopes[1:, 3:], covariance)
         tension_spread = np.einsum("ti,ij,tj->t", pulled, covariance, pulled)
+        tension_spread[np.isnan(tensions)] = np.nan
         missed = math.sqrt(float(np.mean(fit.missed**2))) if len(fit.missed) else 0.0
         reason = ""
         if not body.found:
@@ -949,13 +1070,22 @@ class ShapeEstimator:
             frames=frames,
             covariance=spread,
             commanded=nominal[:, :3, 3],
-            tensions=body.tensions,
+            tensions=tensions,
             tension_deviations=np.sqrt(np.maximum(tension_spread, 0.0)),
             loads=tuple(self._describe_load(k, fit.mean, covariance, frames)
                         for k in range(len(self.loads))),
+            contact=contact,
             names=self.names,
-            state=EstimatorState(fit.mean, covariance, body.rotation_vectors, body.lengths),
+            state=EstimatorState(
+                fit.mean,
+                covariance,
+                body.rotation_vectors if body.found else before.rotation_vectors,
+                body.lengths if body.found else before.lengths,
+                None if self._walls is None else alone.rotation_vectors,
+            ),
             residual=missed,
+            innovation=expected,
+            numbers=len(fit.missed),
             log_likelihood=likelihood,
             steps=fit.steps,
             converged=not reason,
@@ -965,20 +1095,15 @@ class ShapeEstimator:
     def _describe_load(
         self, index: int, mean: Floats, covariance: Floats, frames: Floats
     ) -> EstimatedLoad:
-        own = self._slices[f"load {index}"]
-        values, inside = self._read(f"load {index}", mean), self._parts[f"load {index}"].inside
+        values = self._read(f"load {index}", mean)
         place, spread = self._place_load(index, mean), 0.0
         if self.loads[index].arc_length is None:
             at = self._slices[f"place {index}"].start
             spread = LIMIT * math.sqrt(max(covariance[at, at], 0.0))
         numbers: list[float] = []
         for axes in (slice(0, 3), slice(3, 6)):
-            size = float(np.linalg.norm(values[axes]))
-            way = np.zeros(6)
-            way[axes] = values[axes] / size if size > 0.0 else 0.0
-            way = way[inside]
-            half = LIMIT * math.sqrt(max(float(way @ covariance[own, own] @ way), 0.0))
-            numbers += [size, max(size - half, 0.0), size + half]
+            known = self._take_force(index, mean, covariance, axes)
+            numbers += [float(np.linalg.norm(known[0])), *measure_sizes([known], np.ones(1))]
         force, moment = numbers[:3], numbers[3:]
         station = int(np.argmin(np.abs(self.model.arc_length - place)))
         vector = frames[station, :3, :3] @ values[:3]
@@ -1013,13 +1138,15 @@ class ShapeEstimator:
             if name not in names:
                 raise InputError(f"there is no sensor '{name}': they are {', '.join(names)}")
             index = names.index(name)
-            values = np.atleast_1d(np.asarray(reading, dtype=np.float64))
+            values = np.atleast_1d(check_array(f"reading of '{name}'", reading))
             if values.shape != (self.sensors[index].count,):
                 raise InputError(
                     f"reading of '{name}' has shape {values.shape}: it must be "
                     f"({self.sensors[index].count},)"
                 )
-            if np.isfinite(values).all():
+            if np.isinf(values).any():
+                raise InputError(f"reading of '{name}' is infinite: NaN stands for none")
+            if self.sensors[index].has_reading(values):
                 found[index] = values
         return dict(sorted(found.items()))
 
@@ -1033,7 +1160,7 @@ def find_stations(arc: Floats, places: ArrayLike) -> tuple[NDArray[np.int64], Fl
 
 
 def _locate(
-    packed: _Packed, turned: Floats, stations: tuple[NDArray[np.int64], Floats, Floats]
+    packed: PackedGrid, turned: Floats, stations: tuple[NDArray[np.int64], Floats, Floats]
 ) -> tuple[Floats, Floats, Floats]:
     """Return places, axes and Jacobians (p, 6, 3 n) by the segments of points of the body."""
     count = len(stations[0])

@@ -18,10 +18,11 @@ from ..progress import Progress, no_progress
 from ..results import ReasonedResult, format_rows, rows_of, tabulated, take_axes
 from ..task import Task
 from .energy import EnergyModel
-from .estimating import SensorNoise
-from .estimation import ModelError, ShapeEstimator
+from .estimation import ShapeEstimator
 from .kinematics import ContinuumRobot
 from .measured import read_timed_commands
+from .model_error import ModelError
+from .sensor_table import SensorNoise
 from .sensors import BodySensor, CurvatureSensor, PlaceSensor, PoseSensor
 
 if TYPE_CHECKING:
@@ -236,7 +237,11 @@ class SensorPlanning(Task):
         rows, command = np.zeros((1, len(robot.tendons))), "displacement"
         if self.commands is not None:
             timed = read_timed_commands(self.commands, robot)
-            command, rows = timed.command, timed.commands
+            command = timed.command
+            if command == "tension":
+                rows = robot.to_tensions(timed.commands)
+            else:
+                rows = robot.to_displacements(timed.commands, in_time=True)
         estimator = ShapeEstimator(
             model=EnergyModel(robot, segment="channel"),
             error=self.error,

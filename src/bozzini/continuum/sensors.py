@@ -11,8 +11,11 @@ import numpy as np
 from ..checks import check_fields, quantity
 from ..errors import InputError
 from ..numeric.arrays import Floats
-from .checks import check_name
+from .checks import check_name, check_values
 from .observation import solve_screw
+
+NEAREST = 1e-6
+"""Least noise of a sight across its ray, of a point at the camera [mm]."""
 
 
 class Sensed(NamedTuple):
@@ -86,11 +89,18 @@ class BodySensor(ABC):
     """Numbers of a reading."""
     unit: ClassVar[str]
     """Of a constant error."""
+    may_err: ClassVar[bool] = True
+    """Whether it can have one."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "name", check_name("sensor", self.name))
         skip = () if self.arc_length is not None else ("arc_length",)
         check_fields(self, f"sensor '{self.name}' ", skip=(*skip, "offset"))
+        if self.bias and not self.may_err:
+            raise InputError(f"sensor '{self.name}' bias is {self.bias:g}: such a sensor has none")
+        own = getattr(self, "offset", None)
+        if own is not None:
+            check_values(f"sensor '{self.name}' offset", own, (len(type(self).offset),))  # type: ignore[attr-defined]
 
     @property
     def at(self) -> tuple[float, float, float]:
@@ -106,6 +116,10 @@ class BodySensor(ABC):
             If that depends on more than the body.
         """
         raise InputError(f"what '{self.name}' reads depends on where the camera is")
+
+    def has_reading(self, reading: Floats) -> bool:
+        """Whether there is a number in a reading (count,), in which NaN stands for none."""
+        return bool(np.isfinite(reading).any())
 
     @abstractmethod
     def compare(self, reading: Floats, seen: Sensed) -> Miss:
@@ -157,6 +171,7 @@ class PoseSensor(PlaceSensor):
     rotation_deviation: float = quantity("angle", "Noise.", low=0.0, low_open=True, default=0.01)
 
     count = 6
+    may_err = False
 
     def predict(self, seen: Sensed) -> Floats:
         """Return place and rotation vector."""
@@ -168,8 +183,15 @@ class PoseSensor(PlaceSensor):
         """Return the miss of a pose (6,)."""
         from scipy.spatial.transform import Rotation
 
-        turned = Rotation.from_rotvec(reading[3:]) * Rotation.from_matrix(seen.rotation).inv()
-        turn = turned.as_rotvec()
+        if np.isfinite(reading[3:]).all():
+            turned = Rotation.from_rotvec(reading[3:]) * Rotation.from_matrix(seen.rotation).inv()
+            turn = turned.as_rotvec()
+        else:  # a tracker that has lost it
+            return Miss(
+                np.append(reading[:3] - seen.place, np.full(3, np.nan)),
+                np.concatenate([seen.moved[3:], seen.moved[:3]]),
+                np.full(6, self.deviation),
+            )
         values = np.concatenate([reading[:3] - seen.place, turn])
         slopes = np.concatenate([seen.moved[3:], solve_screw(-turn, seen.moved[:3].T).T])
         noise = np.repeat([self.deviation, self.rotation_deviation], 3)
@@ -191,17 +213,30 @@ class SightSensor(PlaceSensor):
     angle: float = quantity("angle", "Noise.", low=0.0, low_open=True, default=1e-3)
 
     count = 6
+    may_err = False
+
+    def has_reading(self, reading: Floats) -> bool:
+        """Whether all six numbers are there."""
+        return bool(np.isfinite(reading).all())
 
     def predict(self, seen: Sensed) -> Floats:
         """Refuse: the centre of the camera is part of the reading."""
         return BodySensor.predict(self, seen)
 
     def compare(self, reading: Floats, seen: Sensed) -> Miss:
-        """Return how far a point is beside a ray (6,), across it."""
+        """Return how far a point is beside a ray (6,), across it.
+
+        Raises
+        ------
+        InputError
+            If the ray has no direction.
+        """
+        if not np.any(reading[3:]):
+            raise InputError(f"reading of '{self.name}' has a ray without a direction")
         way = reading[3:] / np.linalg.norm(reading[3:])
         across = np.linalg.svd(way[None])[2][1:]
         off = seen.place - reading[:3]
-        noise = np.full(2, self.angle * abs(float(way @ off)))
+        noise = np.full(2, max(self.angle * abs(float(way @ off)), NEAREST))
         return Miss(-across @ off, across @ seen.moved[3:], noise)
 
 

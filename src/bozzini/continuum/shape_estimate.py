@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -10,6 +12,7 @@ import numpy as np
 
 from ..numeric.arrays import Floats
 from ..results import Json, Result, list_row, rows_of, tabulated, take_axes, to_plain
+from .estimate_walls import WallPush
 from .robot import RobotDesign
 
 if TYPE_CHECKING:
@@ -17,6 +20,8 @@ if TYPE_CHECKING:
 
 LIMIT = 1.959963985
 """Half of a 95 % interval, in standard deviations."""
+SURPRISED, DRAWN = 1e-4, 2048
+"""Chance below which readings are not as expected, and sizes that are drawn for an interval."""
 HIDDEN = ("curvature", "coupling")
 """So begin the names of numbers that mean nothing one by one."""
 
@@ -31,12 +36,15 @@ class EstimatorState:
     covariance : (q, q) ndarray
     rotation_vectors, lengths : ndarray
         Of the segments and tendons, from which the next shape is searched.
+    nominal : ndarray, optional
+        Rotation vectors of the model alone, where it is among walls.
     """
 
     mean: Floats
     covariance: Floats
     rotation_vectors: Floats
     lengths: Floats
+    nominal: Floats | None = None
 
 
 @dataclass(frozen=True)
@@ -67,6 +75,54 @@ class EstimatedLoad:
     vector: tuple[float, ...] = (0.0, 0.0, 0.0)
 
 
+@dataclass(frozen=True, eq=False)
+class EstimatedContact:
+    """How walls press the body at its stations, in the world.
+
+    Parameters
+    ----------
+    gaps : (k,) ndarray
+        Between body and wall [mm]; infinite where it is far, and at the base.
+    forces : (k, 3) ndarray
+        [N].
+    deviations : (k,) ndarray
+        Standard deviation of the size of each [N].
+    resultant_covariance : (3, 3) ndarray
+        Of their sum [N^2].
+    """
+
+    gaps: Floats
+    forces: Floats
+    deviations: Floats
+    resultant_covariance: Floats
+
+    @classmethod
+    def make(cls, push: WallPush, moved: Floats, covariance: Floats) -> EstimatedContact:
+        """Return it of stations but the first that move by a state's numbers as (n, 3, q)."""
+        change = -push.blocks @ moved
+        sizes = np.linalg.norm(push.forces, axis=1)
+        ways = push.forces / np.maximum(sizes, 1e-300)[:, None]
+        size_changes = np.einsum("ni,niq->nq", ways, change)
+        variances = np.einsum("nq,qr,nr->n", size_changes, covariance, size_changes)
+        whole = change.sum(axis=0)
+        return cls(
+            np.append(np.inf, push.gaps),
+            np.concatenate([np.zeros((1, 3)), push.forces]),
+            np.append(0.0, np.sqrt(np.maximum(variances, 0.0))),
+            np.asarray(whole @ covariance @ whole.T),
+        )
+
+    @property
+    def sizes(self) -> Floats:
+        """Of the forces [N], (k,)."""
+        return np.asarray(np.linalg.norm(self.forces, axis=1))
+
+    @property
+    def resultant(self) -> Floats:
+        """Sum of the forces [N], (3,)."""
+        return np.asarray(self.forces.sum(axis=0))
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ShapeEstimate(Result):
     """The shape of a robot in the world, and how well it is known.
@@ -85,12 +141,18 @@ class ShapeEstimate(Result):
     tensions, tension_deviations : (t,) ndarray
         Of the tendons [N].
     loads : tuple of EstimatedLoad
+    contact : EstimatedContact or None
+        With walls, if there is a shape.
     names : tuple of str
         Of the numbers of the state.
     state : EstimatorState
         All that was estimated beside the shape.
     residual : float
         Root mean square of what readings miss after they were taken in, by their noise.
+    innovation : float
+        Sum of squares of what they missed before, by what was expected.
+    numbers : int
+        That were read.
     log_likelihood : float
         Of the readings, by the linearised model.
     steps : int
@@ -107,9 +169,12 @@ class ShapeEstimate(Result):
     tensions: Floats
     tension_deviations: Floats
     loads: tuple[EstimatedLoad, ...] = rows_of(EstimatedLoad)
+    contact: EstimatedContact | None = None
     names: tuple[str, ...]
     state: EstimatorState
     residual: float
+    innovation: float = 0.0
+    numbers: int = 0
     log_likelihood: float
     steps: int
     converged: bool
@@ -126,6 +191,18 @@ class ShapeEstimate(Result):
         return np.asarray(np.sqrt(np.einsum("kii->ki", self.covariance[:, 3:, 3:])))
 
     @property
+    def surprise(self) -> float:
+        """Root mean square of what readings missed before, by what was expected: 1 is right."""
+        return math.sqrt(self.innovation / self.numbers) if self.numbers else math.nan
+
+    @property
+    def expected(self) -> bool:
+        """Whether readings are where they may be: within the 99.99 % of a chi-square."""
+        from scipy.special import chdtrc
+
+        return not self.numbers or bool(chdtrc(self.numbers, self.innovation) > SURPRISED)
+
+    @property
     def tip(self) -> Floats:
         """Where the robot ends, in the world, (3,) [mm]."""
         return np.asarray(self.points[-1])
@@ -135,6 +212,14 @@ class ShapeEstimate(Result):
         """Of the place of the tip, (3, 3) [mm^2]."""
         return np.asarray(self.covariance[-1, 3:, 3:])
 
+    def widen(self, factor: float) -> ShapeEstimate:
+        """Return it with deviations of the shape and the tensions times a factor."""
+        return dataclasses.replace(
+            self,
+            covariance=factor**2 * self.covariance,
+            tension_deviations=factor * self.tension_deviations,
+        )
+
     def to_dict(self) -> Json:
         """Return the estimate as plain values, units in the names."""
         spread = np.sqrt(np.maximum(np.diag(self.state.covariance), 0.0))
@@ -142,6 +227,7 @@ class ShapeEstimate(Result):
             "converged": self.converged,
             "reason": self.reason,
             "residual": self.residual,
+            "surprise": self.surprise,
             "tip_mm": self.tip,
             "tip_covariance_mm2": self.tip_covariance,
             "tip_direction": self.frames[-1, :3, 2],
@@ -158,6 +244,11 @@ class ShapeEstimate(Result):
             "log_likelihood": self.log_likelihood,
             "steps": self.steps,
         }
+        if self.contact is not None:
+            values["wall_force_N"] = self.contact.sizes
+            values["wall_force_deviation_N"] = self.contact.deviations
+            values["wall_resultant_N"] = self.contact.resultant
+            values["wall_resultant_covariance_N2"] = self.contact.resultant_covariance
         return {name: to_plain(value) for name, value in values.items()}
 
     def list_columns(self) -> dict[str, Floats]:
@@ -166,6 +257,10 @@ class ShapeEstimate(Result):
         for k, axis in enumerate("xyz"):
             columns[f"{axis}_mm"] = self.points[:, k]
             columns[f"{axis}_deviation_mm"] = self.deviations[:, k]
+        if self.contact is not None:
+            columns["gap_mm"] = self.contact.gaps
+            columns["wall_force_N"] = self.contact.sizes
+            columns["wall_force_deviation_N"] = self.contact.deviations
         return columns
 
     def plot(self, ax: Axes | None = None) -> Axes:
@@ -193,3 +288,28 @@ class ShapeEstimate(Result):
             axes.plot(*at, "rv", label=f"{load.force:.3g} N")
         axes.legend(fontsize="small")
         return axes
+
+
+def measure_sizes(known: Sequence[tuple[Floats, Floats]], weights: Floats) -> tuple[float, float]:
+    """Return the 95 % interval of the size of a vector, from means and covariances with weights.
+
+    It begins at 0 where that is within an ellipsoid of 95 %.
+    """
+    from scipy.stats import chi2
+
+    count = len(known[0][0])
+    if not count:
+        return 0.0, 0.0
+    drawn = np.random.default_rng(0).standard_normal((DRAWN, count))
+    drawn = np.concatenate([drawn, -drawn])
+    limit, near, sizes = chi2.ppf(0.95, count), [], []
+    for mean, covariance in known:
+        values, ways = np.linalg.eigh(covariance)
+        spread = np.sqrt(np.maximum(values, 1e-24))
+        near.append(float(np.sum((mean @ ways / spread) ** 2)) < limit)
+        sizes.append(np.linalg.norm(mean + (drawn * spread) @ ways.T, axis=1))
+    order = np.argsort(whole := np.concatenate(sizes))
+    shares = np.cumsum(np.repeat(weights, len(drawn))[order])
+    tail = 0.05 if float(weights @ np.array(near)) > 0.05 * weights.sum() else 0.025
+    low, high = np.interp([tail, 1.0 - tail], shares / shares[-1], whole[order])
+    return (0.0 if tail == 0.05 else float(low)), float(high)

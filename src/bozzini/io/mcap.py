@@ -37,6 +37,10 @@ _MESSAGES = {
     "geometry_msgs/Point": "float64 x\nfloat64 y\nfloat64 z\n",
     "geometry_msgs/Pose": "geometry_msgs/Point position\ngeometry_msgs/Quaternion orientation\n",
     "geometry_msgs/PoseStamped": f"{_HEADER}geometry_msgs/Pose pose\n",
+    "geometry_msgs/PoseWithCovariance": "geometry_msgs/Pose pose\nfloat64[36] covariance\n",
+    "geometry_msgs/PoseWithCovarianceStamped": (
+        f"{_HEADER}geometry_msgs/PoseWithCovariance pose\n"
+    ),
     "geometry_msgs/Quaternion": "float64 x\nfloat64 y\nfloat64 z\nfloat64 w\n",
     "geometry_msgs/Transform": (
         "geometry_msgs/Vector3 translation\ngeometry_msgs/Quaternion rotation\n"

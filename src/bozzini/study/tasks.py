@@ -18,7 +18,6 @@ from .jobs import JOBS, FunctionJob, Job, RowJob, check_keywords, find_function
 
 
 def _find_own() -> dict[str, type[Task]]:
-    from ..continuum.estimating import ContinuumEstimating
     from ..continuum.predicting import RobotPredicting
     from ..continuum.sensing import SensorPlanning
     from ..continuum.tracking import ContinuumTracking
@@ -30,6 +29,7 @@ def _find_own() -> dict[str, type[Task]]:
     from ..hysteresis.tasks import LoopFitting, LoopPredicting
     from ..motion.chain_task import ChainTask
     from ..vision.planning import SetupPlanning
+    from .estimating import ContinuumEstimating
     from .reaching import TreeListing, TreeReaching
 
     kinds: tuple[type[Task], ...] = (

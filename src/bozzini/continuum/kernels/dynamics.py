@@ -1333,9 +1333,7 @@ def advance(rod, tendons, tables, walls, scheme, window, state, memory, rows):
                     momentum_rate[j, i] = -momentum_rate[j, i]
             for i in range(3 if loose else 0):
                 ground[8, i], ground[9, i] = -work[1][n + 1, 0, i], -work[1][n + 1, 1, i]
-        if not _fill_row(
-            rod, tendons, drive, targets, state, end_work, end_rate, solver, rows, 0
-        ):
+        if not _fill_row(rod, tendons, drive, targets, state, end_work, end_rate, solver, rows, 0):
             return 0
         if loose and fresh == 1:
             copy_matrix(rate, end_rate)  # by momenta those of roll are noise

@@ -1,8 +1,8 @@
-"""Estimate shape and loads of a table of commands and readings: the job, and its columns."""
+"""Tables of commands and readings of a robot's sensors, and their columns."""
 
 from __future__ import annotations
 
-import math
+import dataclasses
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,33 +10,48 @@ from pathlib import Path
 
 import numpy as np
 
-from ..checks import check_path, quantity
+from ..checks import check_fields, check_path, quantity
 from ..errors import FileFormatError, InputError
 from ..io.sheets import Sheet, read_sheet, split_title, take_numbers
 from ..numeric.arrays import Floats
-from ..progress import Progress, no_progress
-from ..task import Task
 from .calibration import Command, Marker
-from .energy import EnergyModel
-from .error_fit import EstimateHistory, SensorRecord, follow_record
-from .estimation import ModelError, ShapeEstimator, UnknownLoad
+from .error_fit import SensorRecord
 from .kinematics import ContinuumRobot
 from .measured import KINDS, MISSING, TIP, check_sheet, find_factor
-from .sensors import BodySensor, CurvatureSensor, PlaceSensor, PoseSensor, TensionSensor
+from .sensors import (
+    BodySensor,
+    CurvatureSensor,
+    PlaceSensor,
+    PoseSensor,
+    SightSensor,
+    StrainSensor,
+    TensionSensor,
+)
 from .unknowns import RobotSetup
 
+SIGNED = r"-?[0-9]+(?:\.[0-9]*)?"
+NUMBER = r"([0-9]+(?:\.[0-9]*)?)"
 TITLES = {
     "time": re.compile(r"(time)"),
     "displacement": re.compile(r"(.+) displacement"),
     "tension": re.compile(r"(.+) tension"),
     "rotation": re.compile(r"(.+?)[\s_]+rotation[\s_]+([xyz])"),
-    "curvature": re.compile(r"curvature at ([0-9.]+) mm[\s_]+([xy])"),
+    "curvature": re.compile(rf"curvature at {NUMBER} mm[\s_]+([xy])"),
+    "strain": re.compile(rf"strain at {NUMBER} mm beside ({SIGNED}) ({SIGNED}) mm"),
+    "camera": re.compile(r"(.+?)[\s_]+camera([0-9]*)[\s_]+([xyz])"),
+    "ray": re.compile(r"(.+?)[\s_]+ray([0-9]*)[\s_]+([xyz])"),
     "place": re.compile(r"(.+?)[\s_]+([xyz])"),
 }
 """Names of columns, and what they are of."""
 QUANTITIES = {"time": "time", "rotation": "angle", "curvature": "curvature", "place": "length"}
+QUANTITIES |= {"strain": "dimensionless", "camera": "length", "ray": "dimensionless"}
 QUANTITIES |= KINDS
-"""Kind of quantity of each."""
+"""Kind of quantity of each; strains and directions may have no unit."""
+OF_MARKERS = ("place", "rotation", "camera", "ray")
+"""What is of the tip or a marker."""
+FORMS = ("curvature at", "strain at")
+FORM_HELP = "write 'curvature at 50 mm x [rad/m]' or 'strain at 50 mm beside 0.5 -0.3 mm'"
+"""How columns begin that are meant as readings, and what they look like."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,13 +66,23 @@ class SensorNoise:
         Of a curvature [rad/mm], and its part that grows with it.
     tension : float
         [N].
+    strain, strain_bias : float
+        Of a strain, and of its constant error, such as of the temperature.
+    sight : float
+        Of the direction of a ray [rad].
     """
 
-    place: float = quantity("length", "Noise of places.", low=1e-9, default=0.5)
-    angle: float = quantity("angle", "Noise of rotations.", low=1e-9, default=0.01)
-    bend: float = quantity("curvature", "Noise of curvatures.", low=1e-12, default=1e-5)
+    place: float = quantity("length", "Noise of places.", low=1e-4, default=0.5)
+    angle: float = quantity("angle", "Noise of rotations.", low=1e-6, default=0.01)
+    bend: float = quantity("curvature", "Noise of curvatures.", low=1e-9, default=1e-5)
     bend_share: float = quantity(help="Noise by the curvature.", low=0.0, default=0.01)
-    tension: float = quantity("force", "Noise of tensions.", low=1e-9, default=0.1)
+    tension: float = quantity("force", "Noise of tensions.", low=1e-6, default=0.1)
+    strain: float = quantity(help="Noise of strains.", low=1e-9, default=1e-6)
+    strain_bias: float = quantity(help="Constant error of each strain.", low=0.0, default=0.0)
+    sight: float = quantity("angle", "Noise of rays.", low=1e-6, default=1e-3)
+
+    def __post_init__(self) -> None:
+        check_fields(self)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,8 +113,10 @@ def read_sensor_table(
     Columns: ``time [s]``, a second a row without it; ``T1 displacement [mm]``, or ``T1 tension
     [N]``, which are commands if no displacement is given and readings otherwise; places in the
     world, ``tip x [mm]``, of the tip or a marker of the robot's calibration, with ``tip rotation x
-    [rad]`` for a pose; ``curvature at 50 mm x [rad/m]`` about x and y of the cross-section. Cells
-    of readings may be empty.
+    [rad]`` for a pose; ``curvature at 50 mm x [rad/m]`` about x and y of the cross-section;
+    ``strain at 50 mm beside 0.5 -0.3 mm`` of a fibre there; ``tip camera x [mm]`` and ``tip
+    ray x``, centre and direction of a sight, ``camera2``, ``ray2`` of another. Cells of readings
+    may be empty.
 
     Raises
     ------
@@ -102,12 +129,13 @@ def read_sensor_table(
     """
     file = check_path("table", path)
     try:
-        return _take_sheet(read_sheet(file), robot, noise)
+        return take_sensor_sheet(read_sheet(file), robot, noise)
     except InputError as error:
         raise type(error)(f"{file.name}: {error}") from None
 
 
-def _take_sheet(sheet: Sheet, robot: ContinuumRobot, noise: SensorNoise) -> SensorTable:
+def take_sensor_sheet(sheet: Sheet, robot: ContinuumRobot, noise: SensorNoise) -> SensorTable:
+    """Return what `read_sensor_table` does of a table as text."""
     titles = [title.strip() for title in sheet.titles]
     check_sheet(sheet, titles)
     known = {TIP: Marker(name=TIP)} | {
@@ -122,7 +150,9 @@ def _take_sheet(sheet: Sheet, robot: ContinuumRobot, noise: SensorNoise) -> Sens
             ("", None),
         )
         own = "" if match is None else match[1]
-        if match is None or (kind in ("place", "rotation") and own not in known):
+        if kind not in ("curvature", "strain") and name.lower().startswith(FORMS):
+            raise FileFormatError(f"column '{title}' is not understood: {FORM_HELP}")
+        if match is None or (kind in OF_MARKERS and own not in known):
             ignored.append(title)
             continue
         if kind in KINDS and own not in robot.tendon_names:
@@ -132,7 +162,9 @@ def _take_sheet(sheet: Sheet, robot: ContinuumRobot, noise: SensorNoise) -> Sens
         if match.groups() in found[kind]:
             raise FileFormatError(f"column '{title}' is there twice")
         empty = () if kind in ("time", "displacement") else MISSING
-        values = find_factor(title, QUANTITIES[kind]) * take_numbers(sheet, place, empty=empty)
+        unit = split_title(title)[1] if kind in ("strain", "ray") else "given"
+        factor = find_factor(title, QUANTITIES[kind]) if unit else 1.0
+        values = factor * take_numbers(sheet, place, empty=empty)
         found[kind][match.groups()] = values
     command: Command = "displacement" if found["displacement"] else "tension"
     commands = [found[command].get((name,)) for name in robot.tendon_names]
@@ -169,6 +201,11 @@ def _find_sensors(
             raise FileFormatError(f"{kind} '{own}' has no column of its axis {lacking[0]}")
         return np.stack([found[kind][own, axis] for axis in axes], axis=-1)
 
+    for own, *_ in found["rotation"]:
+        if not any(key[0] == own for key in found["place"]):
+            raise FileFormatError(
+                f"rotation '{own}' has no place: give '{own} x [mm]', y and z, too"
+            )
     for own in dict.fromkeys(key[0] for key in found["place"]):
         marker, values = known[own], join("place", own, "xyz")
         turned = any(key[0] == own for key in found["rotation"])
@@ -189,6 +226,34 @@ def _find_sensors(
             )
         )
         readings[name] = join("curvature", own, "xy")
+    for (own, x, y), values in found["strain"].items():
+        name = f"strain at {own} mm beside {x} {y} mm"
+        sensors.append(
+            StrainSensor(
+                name=name,
+                arc_length=float(own),
+                offset=(float(x), float(y)),
+                deviation=noise.strain,
+                bias=noise.strain_bias,
+            )
+        )
+        readings[name] = values[:, None]
+    for own, number in dict.fromkeys(key[:2] for kind in ("camera", "ray") for key in found[kind]):
+        parts = [
+            found[kind].get((own, number, axis)) for kind in ("camera", "ray") for axis in "xyz"
+        ]
+        if any(one is None for one in parts):
+            raise FileFormatError(
+                f"'{own} ray{number}' has not all columns: '{own} camera{number} x [mm]' and "
+                f"'{own} ray{number} x', with y and z"
+            )
+        name, marker = f"{own} ray{number}", known[own]
+        sensors.append(
+            SightSensor(
+                name=name, arc_length=marker.arc_length, offset=marker.offset, angle=noise.sight
+            )
+        )
+        readings[name] = np.stack(parts, axis=-1)  # type: ignore[arg-type]
     if command == "displacement":
         for (own,), values in found["tension"].items():
             sensors.append(TensionSensor(name=own, deviation=noise.tension))
@@ -196,88 +261,14 @@ def _find_sensors(
     return sensors, readings
 
 
-@dataclass(frozen=True, kw_only=True)
-class ContinuumEstimating(Task):
-    """Find where a robot is from commands and sensors: shape, loads, slow errors, with intervals.
-
-    TABLE has a row for each moment: commands as `T1 displacement [mm]` or `T1 tension [N]`;
-    readings as `tip x [mm]` (or a marker of the robot's calibration), `tip rotation x [rad]`,
-    `curvature at 50 mm x [rad/m]`, and tensions beside displacements; `time [s]`. Cells of readings
-    may be empty. Errors of the model are as large as their options say; curvature, zeros and the
-    base's position are forgotten after `--memory`, the others stay.
-
-    The picture is the tip over time with its 95 % band; of one row, the shape.
-
-    Exit code 0: done; 1: a row has no estimate; 2: bad input.
-    """
-
-    name = "estimate"
-    group = "continuum"
-    result = EstimateHistory
-
-    robot: str = quantity("file", "A robot file.")
-    table: str = quantity("file", "Commands and readings.")
-    load: bool = quantity("flag", "Look for one unknown force across the body.", default=False)
-    load_place: float | None = quantity(
-        "length", "Where it acts (default: unknown).", low=0.0, default=None
-    )
-    load_force: float = quantity(
-        "force", "Standard deviation of that force along each axis.", default=1.0, low=1e-9
-    )
-    ahead: int = quantity(
-        help="Rows ahead that are predicted and compared.", default=0, low=0, whole=True
-    )
-    between: int = quantity(
-        help="Further cross-sections between two discs.", default=0, low=0, high=100, whole=True
-    )
-    noise: SensorNoise = SensorNoise()
-    error: ModelError = ModelError()
-
-    def run(self, progress: Progress = no_progress) -> EstimateHistory:
-        """Return the estimates of all rows."""
-        robot = ContinuumRobot.from_yaml(self.robot)
-        table = read_sensor_table(self.table, robot, noise=self.noise)
-        if table.command == "tension":
-            # Noise of a measured tension about 0: a cable does not push.
-            measured = table.record.commands
-            pulls = np.where(robot.pushes, measured, np.maximum(measured, 0.0))
-            commands = robot.to_tensions(pulls)
-        else:
-            commands = robot.to_displacements(table.record.commands, in_time=True)
-        record = SensorRecord(
-            times=table.record.times, commands=commands, readings=table.record.readings
-        )
-        loads: Sequence[UnknownLoad] = ()
-        if self.load:
-            loads = (UnknownLoad(arc_length=self.load_place, force=self.load_force),)
-        estimator = ShapeEstimator(
-            model=EnergyModel(robot, segment="channel", between=self.between),
-            sensors=table.sensors,
-            error=self.error,
-            loads=loads,
-            command=table.command,
-        )
-        ahead = (self.ahead,) if self.ahead else ()
-        return follow_record(estimator, record, ahead=ahead, progress=progress)
-
-    def describe(self, found: EstimateHistory) -> str:
-        """Return the last row, and how well rows ahead were predicted."""
-        last = found.estimates[-1]
-        spread = last.deviations[-1]
-        tip = ", ".join(
-            f"{value:.2f} ± {1.96 * deviation:.2f}"
-            for value, deviation in zip(last.tip, spread, strict=True)
-        )
-        lines = [f"{len(found.times)} row(s); after the last: tip {tip} mm (95 %)"]
-        for load in last.loads:
-            lines.append(
-                f"force {load.force:.3g} N ({load.force_low:.3g} to {load.force_high:.3g}) at "
-                f"{load.place:.1f} mm ({load.place_low:.1f} to {load.place_high:.1f})"
-            )
-        for one in found.predictions:
-            if not math.isnan(one.rms):
-                lines.append(
-                    f"{one.ahead} row(s) ahead: {one.rms:.3g} rms, "
-                    f"{100.0 * one.measure_coverage():.1f} % within 95 % intervals"
-                )
-        return "\n".join([*lines, *filter(None, [found.reason])])
+def convert_record(
+    robot: ContinuumRobot, table: SensorTable, *, before: Sequence[Floats] = ()
+) -> SensorRecord:
+    """Return the recording of a table with what its commands come to, after rows before it."""
+    rows = np.concatenate([*before, table.record.commands])
+    if table.command == "tension":
+        # Noise of a measured tension about 0: a cable does not push.
+        commands = robot.to_tensions(np.where(robot.pushes, rows, np.maximum(rows, 0.0)))
+    else:
+        commands = robot.to_displacements(rows, in_time=True)
+    return dataclasses.replace(table.record, commands=commands[-len(table.record) :])
