@@ -15,7 +15,7 @@ from bozzini.study.case import Case, open_phantom
 from bozzini.study.jobs import InsertionJob
 from bozzini.study.options import InsertionOptions, PathOptions, ReadOptions
 
-HEAD_STEP, VOXEL = 1.0, 2.0
+HEAD_STEP = 1.0
 SIZES = ((8.0, 12.0), (10.8, 12.0), (13.0, 12.0))
 """Diameter and link: fits, fits barely if at all, fits hardly ever [mm]."""
 
@@ -68,14 +68,13 @@ def test_what_is_no_scope_plan_or_option_is_one_clear_line() -> None:
             wrong()
 
 
-def open_bench(tract, *, voxel: float | None = None) -> Bench:
+def open_bench(tract) -> Bench:
     class OneTract(PlanningRequest):
         def read(self):
             return tract
 
     scope = Scope(diameter=SIZES[0][0], link_length=SIZES[0][1])
-    options = PathOptions(voxel=voxel)
-    bench = Bench(OneTract(reading=ReadOptions(), options=options, scope=scope), no_progress)
+    bench = Bench(OneTract(reading=ReadOptions(), options=PathOptions(), scope=scope), no_progress)
     bench.rest = bench.rest.change(head_step=HEAD_STEP)
     return bench
 
@@ -89,7 +88,6 @@ def plan_in_cockpit(bench: Bench, scope: Scope) -> Plan:
 
 def judge_in_study(seed: int, scope: Scope) -> tuple[int, float]:
     fixed = {"phantom": seed, "link_length": scope.link_length, "head_step": HEAD_STEP}
-    fixed["voxel"] = VOXEL
     rows = InsertionJob(fixed).run({"diameter": np.array([scope.diameter])})
     return int(rows.code[0]), float(rows.outputs["clearance"][0])
 
@@ -98,7 +96,7 @@ def judge_in_study(seed: int, scope: Scope) -> tuple[int, float]:
 def test_all_routes_have_one_answer(monkeypatch) -> None:
     # What would fit is not compared here, and to seek it takes most of the time.
     monkeypatch.setattr(insertion, "find_advice", lambda job, refusal, *, progress: refusal)
-    met = check_agreement(seed=2)  # in voxels of 1.5 mm 0 to 39 agree, too
+    met = check_agreement(seed=2)  # 0 to 39 agree, too
     assert "" in met and len(met) > 1
 
 
@@ -115,9 +113,9 @@ def test_a_scope_that_the_finer_grid_lets_through_passes_in_the_cockpit_too(monk
 
 def check_agreement(seed: int) -> set[str]:
     """Compare all routes for the scopes in a phantom; return the codes that were met."""
-    tract = open_phantom(seed=seed, voxel=VOXEL)
-    options = InsertionOptions(head_step=HEAD_STEP, voxel=VOXEL)
-    case, bench = Case.open(tract, options), open_bench(tract, voxel=VOXEL)
+    tract = open_phantom(seed=seed)
+    options = InsertionOptions(head_step=HEAD_STEP)
+    case, bench = Case.open(tract, options), open_bench(tract)
     codes = set()
     for diameter, link in SIZES:
         scope = Scope(diameter=diameter, link_length=link)

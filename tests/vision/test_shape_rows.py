@@ -1,4 +1,4 @@
-"""Shapes of 8 tubes in rendered pictures of each kind, against the true curves."""
+"""Shapes of 12 tubes in rendered pictures of each kind, against the true curves."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class Row:
     background: float = 0.03
     gloss: float = 0.0
     covered: bool = False
-    count: int = 8
+    count: int = 12
     tip: float = 0.20
     curve: float = 0.25
     refused: int = 0
@@ -66,7 +66,7 @@ ROWS = {
     "all": Row(Sensor(blur=2.0, noise=0.03, jpeg=60, uneven=0.6)),
     "gloss": Row(gloss=0.5, refused=1),
     # The bar hides a ring, or a part of the tube.
-    "covered": Row(cameras=LARGE, covered=True, refused=1),
+    "covered": Row(cameras=LARGE, covered=True, refused=2),
 }
 
 
