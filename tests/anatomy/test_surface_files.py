@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import json
 import struct
+import zipfile
 import zlib
 
 import numpy as np
@@ -372,3 +373,79 @@ def test_pictures_and_colours_on_a_surface_are_passed_over_in_silence(tmp_path, 
         assert tract.volume == pytest.approx(VOLUME, rel=1e-5), path.name
         assert {item.severity for item in tract.findings} <= {"note"}
     assert capfd.readouterr() == ("", "")
+
+
+MODEL = "http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel"
+
+
+def write_3mf(path, model, **others):
+    """Write an archive of models as slicers of printers do: the first is the one to begin with."""
+    link = f'<Relationships><Relationship Type="{MODEL}" Target="/3D/a.model"/></Relationships>'
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, text in {"_rels/.rels": link, "3D/a.model": model, **others}.items():
+            archive.writestr(name, text)
+    return path
+
+
+def box_object(number):
+    triangles = [t for a, b, c, d in QUADS for t in ((a, b, c), (a, c, d))]
+    return (
+        f'<object id="{number}" name="box {number}"><mesh><vertices>'
+        + "".join(f'<vertex x="{x}" y="{y}" z="{z}"/>' for x, y, z in CORNERS)
+        + "</vertices><triangles>"
+        + "".join(f'<triangle v1="{a}" v2="{b}" v3="{c}"/>' for a, b, c in triangles)
+        + "</triangles></mesh></object>"
+    )
+
+
+CORE = 'xmlns="http://schemas.microsoft.com/3dmanufacturing/core/2015/02"'
+OTHER = 'xmlns:p="http://schemas.microsoft.com/3dmanufacturing/production/2015/06"'
+# By rows: x goes to y, y to -x, all twice as long.
+TURN = "0 2 0 -2 0 0 0 0 2 1 0 0"
+
+
+def test_a_3mf_is_put_where_its_build_says_in_its_unit(tmp_path):
+    model = (
+        f'<model {CORE} {OTHER} unit="centimeter"><resources>{{}}'
+        '<object id="5"><components><component objectid="1" {} transform="{}"/></components>'
+        '</object></resources><build><item objectid="5" transform="1 0 0 0 1 0 0 0 1 0 10 0"/>'
+        "</build></model>"
+    )
+    whole = write_3mf(tmp_path / "a.3mf", model.format(box_object(1), "", TURN))
+    apart = write_3mf(
+        tmp_path / "b.3mf", model.format("", 'p:path="/3D/b.model"', TURN),
+        **{"3D/b.model": f"<model {CORE}><resources>{box_object(1)}</resources></model>"},
+    )  # fmt: skip
+    turned = 2.0 * CORNERS[:, [1, 0, 2]] * [-1.0, 1.0, 1.0] + [1.0, 10.0, 0.0]
+    for path in (whole, apart):
+        tract = read_surface(path)
+        assert tract.volume == pytest.approx(8.0 * 1000.0 * VOLUME)
+        low, high = tract.vertices.min(axis=0), tract.vertices.max(axis=0)
+        np.testing.assert_allclose(low, 10.0 * turned.min(axis=0), atol=1e-9)
+        np.testing.assert_allclose(high, 10.0 * turned.max(axis=0), atol=1e-9)
+    assert read_surface(whole, unit="mm").volume == pytest.approx(8.0 * VOLUME)
+
+
+@pytest.mark.parametrize(
+    ("model", "message"),
+    [
+        (f'<model {CORE} unit="yard"/>', "its unit is 'yard'"),
+        (f"<model {CORE}><build/></model>", "holds no triangles"),
+        (f'<model {CORE}><build><item objectid="3"/></build></model>', "it has no object 3"),
+        ("<!DOCTYPE x><model/>", "declares XML entities"),
+        ("<model", "is not 3MF triangles"),
+        (
+            f'<model {CORE}><resources><object id="1"><components><component objectid="1"/>'
+            '</components></object></resources><build><item objectid="1"/></build></model>',
+            "more than 20 deep",
+        ),
+    ],
+)
+def test_a_broken_3mf_is_one_line(tmp_path, model, message):
+    with pytest.raises(FileFormatError, match=message) as caught:
+        read_surface(write_3mf(tmp_path / "a.3mf", model))
+    assert "\n" not in str(caught.value)
+    whole = (tmp_path / "a.3mf").read_bytes()
+    (tmp_path / "a.3mf").write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(FileFormatError, match="is not 3MF triangles"):
+        read_surface(tmp_path / "a.3mf")

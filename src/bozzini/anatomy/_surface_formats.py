@@ -1,4 +1,4 @@
-"""Triangles of files: STL, PLY, OBJ, GLB, OFF and VTK, refused where they are damaged.
+"""Triangles of files: STL, PLY, OBJ, GLB, OFF, 3MF and VTK, refused where they are damaged.
 
 trimesh reads PLY, OBJ, GLB and OFF. VTK is read here: meshio 5.3 reads neither PolyData of legacy
 VTK files nor VTP. STL is read here too, since trimesh reads files that are cut short.
@@ -28,10 +28,11 @@ from ..errors import FileFormatError
 from ..io.inputs import note_input
 from ..io.records import check_depth
 from ..results import Json
+from ._threemf import read_3mf
 from .files import FRAME_KEY, explain, has_suffix, quiet_libraries
 from .tract import Finding, Organ, Point, Tract, count_noun, to_point
 
-SURFACE_SUFFIXES = (".stl", ".ply", ".obj", ".glb", ".off", ".vtk", ".vtp", ".vtu")
+SURFACE_SUFFIXES = (".stl", ".ply", ".obj", ".glb", ".off", ".3mf", ".vtk", ".vtp", ".vtu")
 
 Vertices = NDArray[np.float64]
 Faces = NDArray[np.int64]
@@ -51,12 +52,15 @@ class SurfaceFile(NamedTuple):
         What it noted, unchecked.
     short : int
         Faces of one or two corners that were dropped.
+    unit : float, optional
+        Of the corners, as far as the file states it [mm].
     """
 
     parts: list[tuple[str, Vertices, Faces]]
     marked: bool = False
     frame: object = None
     short: int = 0
+    unit: float | None = None
 
 
 def read_parts(file: Path, *, repair: bool = False) -> SurfaceFile:
@@ -74,6 +78,9 @@ def read_parts(file: Path, *, repair: bool = False) -> SurfaceFile:
     for suffix, reader in readers.items():
         if has_suffix(file, (suffix,)):
             return SurfaceFile([("1", *reader(file))])
+    if has_suffix(file, (".3mf",)):
+        found, unit = read_3mf(file)
+        return SurfaceFile(found, unit=unit)
     short = 0
     import trimesh
 

@@ -165,7 +165,7 @@ def read_surface(
 ) -> Tract:
     """Read the wall of a lumen from a file of triangles, as mm in the file's own frame.
 
-    A scene (GLB, OBJ) may hold several parts; each is moved to where its node puts it. Without
+    A scene (GLB, OBJ, 3MF) may hold several parts; each is moved to where its node puts it. Without
     `part`, parts that touch or overlap are united, small ones are taken for obstacles, and a scene
     of parts apart from each other is refused with a list of them.
 
@@ -175,14 +175,14 @@ def read_surface(
     Parameters
     ----------
     path : path-like
-        A ``.stl``, ``.ply``, ``.obj``, ``.glb``, ``.off``, ``.vtk`` (legacy), ``.vtp`` or ``.vtu``
-        file.
+        A ``.stl``, ``.ply``, ``.obj``, ``.glb``, ``.off``, ``.3mf``, ``.vtk`` (legacy), ``.vtp``
+        or ``.vtu`` file.
     part : str, int or sequence of them, optional
         Parts by name or number (1 is the largest), ``"all"``; several are united. A file of
         one mesh has its connected parts, numbered from the largest.
     unit : str, optional
         Unit of the file's coordinates, for example ``"mm"``, ``"m"``, ``"in"``. By default m for
-        GLB, as its standard states, the voxel size of a GCA model, else mm.
+        GLB, as its standard states, that of a 3MF, the voxel size of a GCA model, else mm.
     frame : str, optional
         Where the world axes of the file point in the patient, such as ``"LPS"``.
     repair : bool
@@ -216,7 +216,8 @@ def read_surface(
         message = f"{count_noun(content.short, 'face')} of one or two corners dropped"
         found.append(Finding("faces-dropped", "note", message))
     model = find_model(file)
-    sizes = np.ones(3) * (scale or (1000.0 if is_glb else 1.0))
+    unit_used = scale or content.unit or (1000.0 if is_glb else 1.0)
+    sizes = np.ones(3) * unit_used
     if scale is None and model is not None:
         sizes = model.voxel
     if scale is None and is_glb and not content.marked:
@@ -231,7 +232,7 @@ def read_surface(
         raise FileFormatError(f"{path} holds no triangles")
     parts.sort(key=lambda part: (-float(f"{part.volume:.6g}"), part.name))
     longest = max(float(np.ptp(part.vertices, axis=0).max()) for part in parts)
-    hint = _propose_unit(longest, scale or (1000.0 if is_glb else 1.0))
+    hint = _propose_unit(longest, unit_used)
     if np.isfinite(longest):
         check_scale(longest, hint=hint)  # an absurd size is refused before any work
     tract = _choose(parts, part, file.name, found, repair=repair)

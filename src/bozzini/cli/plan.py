@@ -68,12 +68,12 @@ def command(
     """Plan how a scope moves through the lumen in INPUT.
 
     INPUT is a label volume (.nii, .nii.gz, .nrrd, .nhdr, .mha, .mhd, .dcm, or a folder of masks), a
-    surface (.stl, .ply, .obj, .off, .glb, .vtk, .vtp, .vtu), or shapes (.json, .yaml), of which
-    triangles are made. Lengths take units (5mm, 0.5cm). The organ decides which end is the entry:
-    a colon is entered from its lower end, other organs from the higher one; of an unknown organ
-    both ends are tried. With --robot the motion of a tendon robot
-    is made too: tendons.csv is the time table of its drives. Exit code 0: it fits; 1: it does not,
-    or that is not proved, and the report names the place; 2: bad input.
+    surface (.stl, .ply, .obj, .off, .glb, .3mf, .vtk, .vtp, .vtu), or shapes (.json, .yaml), of
+    which triangles are made. Lengths take units (5mm, 0.5cm). The organ decides which end is the
+    entry: a colon is entered from its lower end, other organs from the higher one; of an unknown
+    organ both ends are tried. With --robot the motion of a tendon robot is made too: tendons.csv is
+    the time table of its drives. Exit code 0: it fits; 1: it does not, or that is not proved, and
+    the report names the place; 2: bad input.
     """
     link = open_slicer(answer)
     reserve_target(answer)
