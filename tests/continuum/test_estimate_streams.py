@@ -201,6 +201,12 @@ def test_rows_of_stdin_are_answered_as_those_of_a_table(tmp_path, capsys, monkey
         np.testing.assert_allclose(
             np.array(list(one), dtype=float), np.array(list(other), dtype=float), atol=1e-6
         )
+    rows = lines.getvalue().splitlines()
+    far = ",".join([rows[2].split(",")[0], "1000", *rows[2].split(",")[2:]])
+    for wrong, code in ((far, 1), ("0," + rows[2].split(",", 1)[1], 0), ("-1,", 2)):
+        monkeypatch.setattr(sys, "stdin", io.StringIO("\n".join([*rows[:2], wrong])))
+        assert run(f"continuum estimate {robot} -") == code
+    capsys.readouterr()
     assert run(f"continuum estimate {robot} - --json") == 2
     assert "leave --out and --json out" in capsys.readouterr().err
 
@@ -286,3 +292,21 @@ def test_sensors_are_planned_under_commands_as_calibrated(tmp_path, capsys):
         assert run(line) == 0
         found.append(capsys.readouterr().out)
     assert found[0] == found[1]
+
+
+def test_two_forces_are_found_where_they_are():
+    gratings = tuple(
+        CurvatureSensor(name=f"g{k}", arc_length=10.0 + 20.0 * k, share=0.01) for k in range(8)
+    )
+    forces = ((50.0, 0.4), (130.0, -0.3))
+    loads = tuple(
+        PointLoad(arc_length=place, force=(force, 0.1, 0.0), frame="body")
+        for place, force in forces
+    )
+    pushed = dataclasses.replace(MODEL, loads=loads)
+    read = ShapeEstimator(model=pushed, sensors=gratings, error=SURE).predict(PULLED)
+    both = ShapeEstimator(model=MODEL, sensors=gratings, error=SURE, loads=(UnknownLoad(),) * 2)
+    found = sorted(both.estimate(PULLED, read).loads, key=lambda one: one.place)
+    for load, (place, force) in zip(found, forces, strict=True):
+        assert load.place_low < place < load.place_high
+        assert load.force_low < math.hypot(force, 0.1) < load.force_high

@@ -115,8 +115,8 @@ class ContinuumEstimating(Task):
             found.widen(*self._calibrate(robot, table)), notes=self._note(table)
         )
 
-    def stream(self, lines: Iterable[str]) -> Iterator[str]:
-        """Return a line of CSV for the header, and each row, of such lines as soon as it is there.
+    def stream(self, lines: Iterable[str]) -> Iterator[tuple[str, bool]]:
+        """Return lines of CSV for rows of CSV, each as soon as it is there, and if it converged.
 
         Raises
         ------
@@ -148,10 +148,12 @@ class ContinuumEstimating(Task):
             state = None
             if last is not None:
                 elapsed = float(times[0] - last.times[-1])
+                if elapsed < 0.0:
+                    raise InputError(f"row {number}: time {times[0]:g} s is before the last row's")
                 state = estimator.wait(last.state, elapsed)
             last = follow_record(estimator, record, state=state)
             text = format_table(last.widen(*factors).list_columns())
-            yield text if len(commands) == 1 else text.split("\n", 1)[1]
+            yield text if len(commands) == 1 else text.split("\n", 1)[1], last.converged
 
     def _make_estimator(self, robot: ContinuumRobot, table: SensorTable) -> ShapeEstimator:
         loads: Sequence[UnknownLoad] = ()
