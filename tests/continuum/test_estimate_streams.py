@@ -230,6 +230,13 @@ def test_a_log_has_the_tip_with_its_covariance_and_walls_are_kept(tmp_path, caps
     assert np.all(np.linalg.eigvalsh(covariance) > 0.0)
     place = [getattr(tips[-1].pose.pose.position, axis) for axis in "xyz"]
     assert all(f"{1e3 * value:.2f} ±" in told for value in place)
+    rows = (tmp_path / "table.csv").read_text().splitlines()
+    far = ",".join(["0", "1000", *rows[1].split(",")[2:]])
+    (tmp_path / "far.csv").write_text("\n".join([rows[0], far]))
+    assert run(f"continuum estimate {robot} {tmp_path / 'far.csv'} --out {tmp_path}/far.mcap") == 1
+    assert "of the last there is no estimate" in capsys.readouterr().out
+    with (tmp_path / "far.mcap").open("rb") as file:
+        assert not list(make_reader(file).iter_messages())
 
 
 def test_strains_and_sights_have_columns(tmp_path):

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from ..errors import InputError, MissingExtraError
+from ..errors import MissingExtraError
 from ..io.files import check_new_file, write_atomically
 
 if TYPE_CHECKING:
@@ -118,14 +118,13 @@ def write_estimates(history: EstimateHistory, path: str | os.PathLike[str]) -> P
     target = check_mcap(path)
     rows = [k for k, one in enumerate(history.estimates) if np.isfinite(one.frames).all()]
     found = [history.estimates[k] for k in rows]
-    if not found:
-        raise InputError("no row has an estimate: there is nothing to write")
+    stations = len(history.estimates[0].arc_length)
     order = np.r_[3:6, 0:3]
     scale = np.repeat([METRE, 1.0], 3)
     log = _Log(
         names=history.estimates[0].robot.tendon_names,
         time=history.times[rows],
-        frames=np.array([one.frames for one in found]),
+        frames=np.array([one.frames for one in found]).reshape(len(found), stations, 4, 4),
         displacements=np.zeros((len(found), 0)),
         tensions=np.array([one.tensions for one in found]),
         wall_sum=np.array(
@@ -159,8 +158,10 @@ def _put_log(history: _Log, place: Path) -> None:
     from scipy.spatial.transform import Rotation
 
     frames = history.frames
-    turns = Rotation.from_matrix(frames[..., :3, :3].reshape(-1, 3, 3)).as_quat()
-    turns = turns.reshape(*frames.shape[:2], 4)
+    turns = np.empty((*frames.shape[:2], 4))
+    if turns.size:
+        turns = Rotation.from_matrix(frames[..., :3, :3].reshape(-1, 3, 3)).as_quat()
+        turns = turns.reshape(*frames.shape[:2], 4)
     with place.open("wb") as file, Writer(file) as writer:
         schemas = {
             topic: writer.register_msgdef(
@@ -169,7 +170,7 @@ def _put_log(history: _Log, place: Path) -> None:
             for topic, (kind, text, parts) in _MESSAGES.items()
             if topic != "/tip" or history.covariances is not None
         }
-        first, last = float(history.time[0]), float(history.time[-1])
+        first, last = (float(time) for time in history.time[[0, -1]]) if len(turns) else (0.0, 0.0)
         zero = 0.0 if first >= 0.0 and last < LAST_S else first
         for row, time in enumerate(history.time):
             moment = round(1e9 * (float(time) - zero))

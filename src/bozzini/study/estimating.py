@@ -212,7 +212,9 @@ class ContinuumEstimating(Task):
             for value, deviation in zip(last.tip, last.deviations[-1], strict=True)
         )
         lines = [f"{len(found.times)} row(s); after the last: tip {tip} mm (95 %)"]
-        for load in last.loads:
+        if np.isnan(last.tip).any():
+            lines = [f"{len(found.times)} row(s); of the last there is no estimate"]
+        for load in last.loads if last.converged else ():
             lines.append(
                 f"force {load.force:.3g} N ({load.force_low:.3g} to {load.force_high:.3g}) at "
                 f"{load.place:.1f} mm ({load.place_low:.1f} to {load.place_high:.1f})"
