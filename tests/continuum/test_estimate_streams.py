@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
+from scipy.spatial.transform import Rotation, Slerp
 
 from bozzini.cli.main import main
 from bozzini.continuum import (
@@ -62,6 +63,11 @@ def test_a_force_that_comes_and_goes_is_found_where_it_is():
     for load in (before, after):
         assert load.force_low == 0.0 and load.force < 1e-3
         assert load.place_low <= load.place <= load.place_high
+    # Turned as the body is at the place itself, not at the next station.
+    whole = ShapeEstimator(model=pushed, error=SURE).estimate(PULLED)
+    turns = Rotation.from_matrix(whole.frames[2:4, :3, :3])  # stations at 40 and 60 mm
+    there = Slerp([40.0, 60.0], turns)(during.place).apply([0.3, 0.2, 0.0])
+    np.testing.assert_allclose(during.vector, there, atol=1e-3)
     lasting = dataclasses.replace(estimator, loads=(UnknownLoad(memory=100.0),))
     state = lasting.estimate(PULLED, held).state
     assert lasting.estimate(PULLED, state=lasting.wait(state, 1.0)).loads[0].force > 0.3
