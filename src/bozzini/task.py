@@ -84,8 +84,8 @@ class Task(ABC):
             If the inputs are not legal together.
         """
 
-    def stream(self, lines: Iterable[str]) -> Iterator[str]:
-        """Return text for lines that come one by one, each as soon as it can be.
+    def stream(self, lines: Iterable[str]) -> Iterator[tuple[str, bool]]:
+        """Return text for lines that come one by one, as soon as it can be, and if it is an answer.
 
         Raises
         ------

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
+from scipy.spatial.transform import Rotation, Slerp
 
 from bozzini.cli.main import main
 from bozzini.continuum import (
@@ -62,6 +63,11 @@ def test_a_force_that_comes_and_goes_is_found_where_it_is():
     for load in (before, after):
         assert load.force_low == 0.0 and load.force < 1e-3
         assert load.place_low <= load.place <= load.place_high
+    # Turned as the body is at the place itself, not at the next station.
+    whole = ShapeEstimator(model=pushed, error=SURE).estimate(PULLED)
+    turns = Rotation.from_matrix(whole.frames[2:4, :3, :3])  # stations at 40 and 60 mm
+    there = Slerp([40.0, 60.0], turns)(during.place).apply([0.3, 0.2, 0.0])
+    np.testing.assert_allclose(during.vector, there, atol=1e-3)
     lasting = dataclasses.replace(estimator, loads=(UnknownLoad(memory=100.0),))
     state = lasting.estimate(PULLED, held).state
     assert lasting.estimate(PULLED, state=lasting.wait(state, 1.0)).loads[0].force > 0.3
@@ -201,6 +207,12 @@ def test_rows_of_stdin_are_answered_as_those_of_a_table(tmp_path, capsys, monkey
         np.testing.assert_allclose(
             np.array(list(one), dtype=float), np.array(list(other), dtype=float), atol=1e-6
         )
+    rows = lines.getvalue().splitlines()
+    far = ",".join([rows[2].split(",")[0], "1000", *rows[2].split(",")[2:]])
+    for wrong, code in ((far, 1), ("0," + rows[2].split(",", 1)[1], 0), ("-1,", 2)):
+        monkeypatch.setattr(sys, "stdin", io.StringIO("\n".join([*rows[:2], wrong])))
+        assert run(f"continuum estimate {robot} -") == code
+    capsys.readouterr()
     assert run(f"continuum estimate {robot} - --json") == 2
     assert "leave --out and --json out" in capsys.readouterr().err
 
@@ -224,6 +236,13 @@ def test_a_log_has_the_tip_with_its_covariance_and_walls_are_kept(tmp_path, caps
     assert np.all(np.linalg.eigvalsh(covariance) > 0.0)
     place = [getattr(tips[-1].pose.pose.position, axis) for axis in "xyz"]
     assert all(f"{1e3 * value:.2f} ±" in told for value in place)
+    rows = (tmp_path / "table.csv").read_text().splitlines()
+    far = ",".join(["0", "1000", *rows[1].split(",")[2:]])
+    (tmp_path / "far.csv").write_text("\n".join([rows[0], far]))
+    assert run(f"continuum estimate {robot} {tmp_path / 'far.csv'} --out {tmp_path}/far.mcap") == 1
+    assert "of the last there is no estimate" in capsys.readouterr().out
+    with (tmp_path / "far.mcap").open("rb") as file:
+        assert not list(make_reader(file).iter_messages())
 
 
 def test_strains_and_sights_have_columns(tmp_path):
@@ -286,3 +305,21 @@ def test_sensors_are_planned_under_commands_as_calibrated(tmp_path, capsys):
         assert run(line) == 0
         found.append(capsys.readouterr().out)
     assert found[0] == found[1]
+
+
+def test_two_forces_are_found_where_they_are():
+    gratings = tuple(
+        CurvatureSensor(name=f"g{k}", arc_length=10.0 + 20.0 * k, share=0.01) for k in range(8)
+    )
+    forces = ((50.0, 0.4), (130.0, -0.3))
+    loads = tuple(
+        PointLoad(arc_length=place, force=(force, 0.1, 0.0), frame="body")
+        for place, force in forces
+    )
+    pushed = dataclasses.replace(MODEL, loads=loads)
+    read = ShapeEstimator(model=pushed, sensors=gratings, error=SURE).predict(PULLED)
+    both = ShapeEstimator(model=MODEL, sensors=gratings, error=SURE, loads=(UnknownLoad(),) * 2)
+    found = sorted(both.estimate(PULLED, read).loads, key=lambda one: one.place)
+    for load, (place, force) in zip(found, forces, strict=True):
+        assert load.place_low < place < load.place_high
+        assert load.force_low < math.hypot(force, 0.1) < load.force_high

@@ -46,9 +46,13 @@ def make_command(kind: type[Task]) -> click.Command:
         if kind.streamed and str(getattr(task, kind.streamed)) == "-":
             if answer.out is not None or answer.as_json:
                 raise InputError("rows of stdin are answered on stdout: leave --out and --json out")
-            for text in task.stream(sys.stdin):
+            every = True
+            for text, answered in task.stream(sys.stdin):
                 click.echo(text, nl=False)
                 sys.stdout.flush()
+                every = every and answered
+            if not every:
+                run_exit(EXIT_NEGATIVE)
             return
         with answer.show_progress() as progress:
             found = task.run(progress)

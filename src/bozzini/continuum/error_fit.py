@@ -85,7 +85,7 @@ class SensorRecord:
         return {name: values[row] for name, values in self.readings.items()}
 
     def select(self, rows: ArrayLike) -> SensorRecord:
-        """Return some of the rows; a gap between them is one in which all is forgotten."""
+        """Return some of the rows; a gap between them is long: what has a memory is forgotten."""
         chosen = np.asarray(rows)
         places = np.flatnonzero(chosen) if chosen.dtype == bool else chosen
         gaps = np.where(np.diff(places, prepend=places[:1] - 1) > 1, APART, 0.0)
@@ -312,6 +312,8 @@ def follow_record(
         for place, steps in enumerate(ahead):
             if (later := row + steps) < len(record):
                 elapsed = float(record.times[later] - record.times[row])
+                if elapsed >= APART:  # another part of the recording
+                    continue
                 missed[place, :, later] = estimator.miss(
                     record.commands[later],
                     record.read(later),

@@ -1063,7 +1063,7 @@ class ShapeEstimator:
         if not body.found:
             reason = NO_SHAPE
         elif not fit.settled:
-            reason = f"the search did not settle within {MOST_STEPS} steps"
+            reason = f"the search did not settle: it ended after {fit.steps} step(s)"
         return ShapeEstimate(
             robot=self.robot,
             arc_length=grid.arc_length,
@@ -1072,7 +1072,7 @@ class ShapeEstimator:
             commanded=nominal[:, :3, 3],
             tensions=tensions,
             tension_deviations=np.sqrt(np.maximum(tension_spread, 0.0)),
-            loads=tuple(self._describe_load(k, fit.mean, covariance, frames)
+            loads=tuple(self._describe_load(k, fit.mean, covariance, body)
                         for k in range(len(self.loads))),
             contact=contact,
             names=self.names,
@@ -1093,7 +1093,7 @@ class ShapeEstimator:
         )  # fmt: skip
 
     def _describe_load(
-        self, index: int, mean: Floats, covariance: Floats, frames: Floats
+        self, index: int, mean: Floats, covariance: Floats, body: _Body
     ) -> EstimatedLoad:
         values = self._read(f"load {index}", mean)
         place, spread = self._place_load(index, mean), 0.0
@@ -1105,8 +1105,10 @@ class ShapeEstimator:
             known = self._take_force(index, mean, covariance, axes)
             numbers += [float(np.linalg.norm(known[0])), *measure_sizes([known], np.ones(1))]
         force, moment = numbers[:3], numbers[3:]
-        station = int(np.argmin(np.abs(self.model.arc_length - place)))
-        vector = frames[station, :3, :3] @ values[:3]
+        vector = np.full(3, np.nan)
+        if body.found:
+            stations = find_stations(self.model.rod.grid.arc_length, [place])
+            vector = self._place(mean, body, stations)[1][0] @ values[:3]
         return EstimatedLoad(
             place=place,
             place_low=max(place - spread, 0.0),

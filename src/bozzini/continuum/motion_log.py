@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from ..errors import InputError
 from ..io.mcap import LAST_S, METRE, Entry, make_header, to_quaternion, to_xyz, write_log
 
 if TYPE_CHECKING:
@@ -69,14 +68,13 @@ def write_estimates(history: EstimateHistory, path: str | os.PathLike[str]) -> P
     """
     rows = [k for k, one in enumerate(history.estimates) if np.isfinite(one.frames).all()]
     found = [history.estimates[k] for k in rows]
-    if not found:
-        raise InputError("no row has an estimate: there is nothing to write")
+    stations = len(history.estimates[0].arc_length)
     order = np.r_[3:6, 0:3]
     scale = np.repeat([METRE, 1.0], 3)
     motion = _Motion(
         names=history.estimates[0].robot.tendon_names,
         time=history.times[rows],
-        frames=np.array([one.frames for one in found]),
+        frames=np.array([one.frames for one in found]).reshape(len(found), stations, 4, 4),
         displacements=np.zeros((len(found), 0)),
         tensions=np.array([one.tensions for one in found]),
         wall_sum=np.array(
@@ -109,6 +107,8 @@ def _list_entries(motion: _Motion) -> Iterator[Entry]:
     from scipy.spatial.transform import Rotation
 
     frames = motion.frames
+    if not len(frames):
+        return
     turns = Rotation.from_matrix(frames[..., :3, :3].reshape(-1, 3, 3)).as_quat()
     turns = turns.reshape(*frames.shape[:2], 4)
     first, last = float(motion.time[0]), float(motion.time[-1])

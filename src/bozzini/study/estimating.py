@@ -115,8 +115,8 @@ class ContinuumEstimating(Task):
             found.widen(*self._calibrate(robot, table)), notes=self._note(table)
         )
 
-    def stream(self, lines: Iterable[str]) -> Iterator[str]:
-        """Return a line of CSV for the header, and each row, of such lines as soon as it is there.
+    def stream(self, lines: Iterable[str]) -> Iterator[tuple[str, bool]]:
+        """Return lines of CSV for rows of CSV, each as soon as it is there, and if it converged.
 
         Raises
         ------
@@ -148,10 +148,12 @@ class ContinuumEstimating(Task):
             state = None
             if last is not None:
                 elapsed = float(times[0] - last.times[-1])
+                if elapsed < 0.0:
+                    raise InputError(f"row {number}: time {times[0]:g} s is before the last row's")
                 state = estimator.wait(last.state, elapsed)
             last = follow_record(estimator, record, state=state)
             text = format_table(last.widen(*factors).list_columns())
-            yield text if len(commands) == 1 else text.split("\n", 1)[1]
+            yield text if len(commands) == 1 else text.split("\n", 1)[1], last.converged
 
     def _make_estimator(self, robot: ContinuumRobot, table: SensorTable) -> ShapeEstimator:
         loads: Sequence[UnknownLoad] = ()
@@ -210,7 +212,9 @@ class ContinuumEstimating(Task):
             for value, deviation in zip(last.tip, last.deviations[-1], strict=True)
         )
         lines = [f"{len(found.times)} row(s); after the last: tip {tip} mm (95 %)"]
-        for load in last.loads:
+        if np.isnan(last.tip).any():
+            lines = [f"{len(found.times)} row(s); of the last there is no estimate"]
+        for load in last.loads if last.converged else ():
             lines.append(
                 f"force {load.force:.3g} N ({load.force_low:.3g} to {load.force_high:.3g}) at "
                 f"{load.place:.1f} mm ({load.place_low:.1f} to {load.place_high:.1f})"
