@@ -701,6 +701,47 @@ def test_a_motion_states_its_frame_and_what_of_the_table_is_ignored(run, tube):
     assert "note: ignored columns: T2 tensoin [N]" in out
 
 
+def test_loads_and_base_of_a_motion_are_columns_of_the_table(run, tube):
+    def move(head, rows, *arguments):
+        lines = [f"{time},1{row}" for time, row in zip((0, 0.05, 0.1), rows, strict=True)]
+        Path("rows.csv").write_text("\n".join([f"time [s],T1 tension [N]{head}", *lines]))
+        code, out, err = run("simulate", "passive.yaml", "rows.csv", *arguments, "--json")
+        return np.array(json.loads(out)["tip_mm"]) if code == 0 else err
+
+    none, load = move("", [""] * 3), ("--load", "force=0:0.2N:0")
+    np.testing.assert_array_equal(move(",load 1", [",0"] * 3, *load), none)
+    held = move(",load 1", [",0"] * 3, *load, "--held-by", load[1])
+    assert held[0, 1] > none[0, 1] + 1.0
+    moved = move(",base x [cm],base rz [deg]", [",0,0", ",0.5,0", ",1,0"])
+    assert moved[-1, 0] - none[-1, 0] == pytest.approx(10.0, abs=2.0)
+    fallen = move("", [""] * 3, "--free", "--gravity", "0,3,0")
+    assert fallen[-1, 1] - fallen[0, 1] == pytest.approx(0.5 * 3e3 * 0.1**2, rel=0.2)
+    assert "'load 2': there are 1 loads" in move(",load 2", [",0"] * 3, *load)
+
+
+def test_what_a_moving_robot_is_outside_of(run, tube):
+    shapes = {
+        **TUBE,
+        "shapes": [{"centre": list(at), "radius": 5} for at in ((9, 0, 0), (9, 0, 99))],
+    }
+    Path("bar.json").write_text(json.dumps(shapes))
+    Path("rows.csv").write_text("time [s],T1 tension [N]\n0,0\n0.1,3\n0.2,3\n")
+    line = ("simulate", "passive.yaml", "rows.csv", "--damping-time", "20ms", "--json")
+    code, out, err = run(*line, "--obstacle", "bar.json", "--wall-stiffness", "0.5MPa")
+    assert (code, err) == (0, "") and json.loads(out)["wall_N"][-1] > 0.0
+    code, _, err = run(*line, "--obstacle", "bar.json")
+    assert code == 2 and "wall_stiffness is not given" in err
+
+
+def test_drives_of_a_calibrated_robot_have_the_rate_that_is_commanded(run, tube):
+    text = Path("passive.yaml").read_text().replace("angle: 0 deg", "angle: 0 deg, stiffness: 5 kN")
+    Path("fitted.yaml").write_text(text + "calibration:\n  command: displacement\n  scale: 0.5\n")
+    Path("jump.csv").write_text("time [s],T1 displacement [mm]\n0,0\n0.1,2\n0.2,2\n")
+    code, out, err = run("simulate", "fitted.yaml", "jump.csv", "--drive-rate", "10mm/s", "--json")
+    assert (code, err) == (0, "")
+    assert json.loads(out)["tendons"]["T1"]["displacement_mm"] == pytest.approx([0.0, 0.5, 1.0])
+
+
 def test_energy_from_nowhere_ends_the_command_with_a_note(run, tube, monkeypatch):
     monkeypatch.setattr("bozzini.continuum.dynamics.GAINED", -1.0)
     code, out, _ = run("simulate", "passive.yaml", "times.csv")
@@ -714,7 +755,7 @@ def test_energy_from_nowhere_ends_the_command_with_a_note(run, tube, monkeypatch
         (("--speed", "20mm/s"), "without --tract"),
         (("--friction", "0.1"), "without --tract"),
         ((*SOFT, "--speed", "-2mm/s"), "speed is -2 mm/s"),
-        ((*SOFT, "--tolerance", "1e-3mm"), "tolerance of contact is of equilibria"),
+        (("--held-by", "up"), "--held-by"),
     ],
 )
 def test_walls_of_a_motion_are_refused_in_one_line(run, tube, arguments, words):

@@ -25,6 +25,8 @@ from bozzini.continuum import (
     Section,
     StaticTensions,
     Tendon,
+    TendonChoice,
+    TendonController,
     TendonTrackedBy,
     TensionPrediction,
     Wire,
@@ -225,6 +227,38 @@ def test_a_softer_robot_has_slower_modes():
     weightless = DynamicsOptions(segment="channel", gravity=(0.0, 0.0, 0.0))
     before, after = (linearise(robot, options=weightless) for robot in (ARM, soften(ARM, 0.2)))
     assert (after.frequency / before.frequency)[:6] == pytest.approx(math.sqrt(0.8), rel=1e-6)
+
+
+def test_an_aim_out_of_reach_does_not_end_across_a_fold():
+    controller = make(StaticTensions, highest=60.0)
+    rest = controller.hold(np.zeros(3))
+    for angle in (0.0, 0.7, 2.0):
+        way = np.array([math.cos(angle), math.sin(angle)])
+        held, ahead = controller.reach(300.0 * way, rest), []
+        ahead = [controller.reach(size * way, rest).place @ way for size in (20.0, 40.0, 60.0)]
+        assert np.all(np.diff([*ahead, held.place @ way]) > -1e-3)
+        # It is where it comes to from rest, without a jump.
+        slowly = rest
+        for share in np.linspace(0.1, 1.0, 10):
+            slowly = controller.hold(share * held.tensions, slowly)
+        assert held.place == pytest.approx(slowly.place, abs=1e-3)
+
+
+def test_a_controller_of_ones_own_chooses_tensions():
+    @dataclasses.dataclass(frozen=True, kw_only=True)
+    class Constant(TendonController):
+        def choose(self, state, wanted, seen, limits):
+            return TendonChoice(np.array([1.0, 0.0, 0.0]), state.estimate)
+
+    run = run_tendons(make(Constant), np.zeros((6, 2)), plant=ARM)
+    np.testing.assert_allclose(run.commands[-1], [1.0, 0.0, 0.0])
+
+
+def test_controllers_without_damping_say_so():
+    options = dataclasses.replace(OPTIONS, damping_time=0.0)
+    controller = ResolvedRates(robot=ARM, options=options)
+    found = compare_tendons({"": controller}, np.zeros((5, 2)), plant=ARM)
+    assert any("no damping" in note for note in found.notes)
 
 
 def test_what_is_not_legal_is_told():

@@ -27,7 +27,13 @@ from bozzini.continuum import (
     push_in,
     simulate,
 )
-from bozzini.continuum.dynamics import EnergyBalance, MovingRod, _Contacts
+from bozzini.continuum.dynamics import (
+    EnergyBalance,
+    MovingRod,
+    _Contacts,
+    _split_base,
+    _take_base,
+)
 from bozzini.continuum.kernels import dynamics as kernels
 from bozzini.duct import RoundCones
 from bozzini.errors import GeometryError, InputError
@@ -345,19 +351,12 @@ WILD = [PointLoad(force=(0.1, 0.1, 0.05)), PointLoad(arc_length=100.0, force=(-0
 @pytest.mark.parametrize("robot", ["wire", "tensions", "displacements"])
 def test_wild_motions_in_space_gain_no_energy(robot: str, per_period: int, radius: float) -> None:
     # Neither linear nor planar; the roll of a thin rod is a thousand times faster than its steps.
-    moved, period, commands = make_wire(12), 1.0 / FIRST, {}
-    held = WILD
+    moved, period, commands, held = make_wire(12), 1.0 / FIRST, {}, WILD
     if robot != "wire":
         moved, period = make_arm(12), 0.1
-        held = [
-            dataclasses.replace(
-                load, force=tuple(5.0 * np.array(load.force)), arc_length=100.0 - 50.0 * k
-            )
-            for k, load in enumerate(WILD)
-        ]
-        commands = {
-            robot: np.array([2.0, 0.5, 0.0, 0.3, 1.0, 0.0]) * (1.0 if robot == "tensions" else 0.2)
-        }
+        held = [PointLoad(force=(0.5, 0.5, 0.2)), PointLoad(arc_length=50.0, force=(-1.0, 0.5, 0))]
+        size = 1.0 if robot == "tensions" else 0.2
+        commands = {robot: size * np.array([2.0, 0.5, 0.0, 0.3, 1.0, 0.0])}
     times = np.arange(0.0, 10.0 * period, period / per_period)
     options = dataclasses.replace(FREE, spectral_radius=radius, max_step=period)
     found = simulate(moved, times, held_by=held, options=options, **commands)
@@ -576,6 +575,16 @@ def test_a_base_that_falls_has_no_weight_on_it() -> None:
     np.testing.assert_allclose(moved.tip[-1] - base[-1, :3, 3], rest.tip[-1], atol=1e-3)
 
 
+def test_a_base_that_stops_goes_no_further() -> None:
+    times = np.linspace(0.0, 2.0, 9)
+    base = np.tile(np.eye(4), (9, 1, 1))
+    base[:, 2, 3] = np.minimum(60.0 * times, 65.0)
+    fine = np.linspace(0.0, 2.0, 401)
+    moved = _split_base(times, _take_base(times, base), fine)[:, 3, 2]
+    assert moved.max() < 65.0 + 1e-9 and np.all(np.diff(moved) > -1e-9)
+    np.testing.assert_allclose(moved[::50], base[:-1, 2, 3])
+
+
 def test_a_base_that_turns_and_a_turned_robot_see_the_same() -> None:
     turn = Rotation.from_rotvec([0.0, 0.7, 0.0])
     frame = np.eye(4)
@@ -737,6 +746,29 @@ def test_a_robot_pushed_in_slowly_ends_as_one_in_equilibrium_at_each_step() -> N
     assert np.linalg.norm(tip - still.last.points[-1]) < 0.5
     assert found.wall_sum[-1] == pytest.approx(still.last.normal_forces.sum(), rel=0.1)
     assert found.gaps.min() > -0.5
+
+
+def test_a_robot_pushed_round_a_tight_bend_gains_no_energy() -> None:
+    # It snaps from wall to wall, further in a step than the wall is flat.
+    turn = np.linspace(0.0, 2.5, 60)
+    bend = np.stack([40.0 * (1.0 - np.cos(turn)), 0.0 * turn, 60.0 + 40.0 * np.sin(turn)], axis=1)
+    way = np.concatenate([np.linspace([0.0, 0.0, 0.0], bend[0], 20)[:-1], bend])
+    duct, wire = (
+        RoundCones(way, np.full(len(way), 5.0)),
+        Wire(diameter=1.0, modulus=60e3, density=6450.0),
+    )
+    section = Section(length=180.0, radius=2.0, discs=29, wire=wire, line_weight=2e-4)
+    model = ContactModel(ContinuumRobot((section,)), duct, options=COARSE)
+    times = np.linspace(0.0, 0.85, 18)
+    robot, base = push_in(model, way, times=times, speed=120.0)
+    options = dataclasses.replace(FALLING, max_step=5e-3)
+    found = simulate(
+        robot, times, base=base, duct=duct, contact=SOFT, introducer=180.0, options=options
+    )
+    balance = found.energy
+    assert found.converged and balance.walls.max() > 0.5
+    gained = balance.residual - np.minimum.accumulate(balance.residual)
+    assert gained.max() < 0.011 * max(balance.total.max(), balance.work.max())
 
 
 def test_a_robot_that_starts_a_little_in_a_wall_has_the_energy_from_it() -> None:

@@ -65,6 +65,15 @@ path_options = options_of(PathOptions, "options")
 
 LOAD_EXAMPLE = "at=30mm,force=0:0:-1N,frame=body"
 
+obstacle_option = click.option(
+    "--obstacle",
+    "obstacles",
+    multiple=True,
+    type=INPUT,
+    metavar="SHAPES",
+    help="A file of shapes (.json, .yaml) that the robot is outside of; may be repeated.",
+)
+
 load_option = option(
     "--load NAME=VALUE,...",
     f"A load on the body, such as {LOAD_EXAMPLE} (at: the tip unless given; moment as force; "
@@ -74,22 +83,22 @@ load_option = option(
 )
 
 
-def parse_load(text: str) -> PointLoad | LineLoad:
+def parse_load(text: str, flag: str = "--load") -> PointLoad | LineLoad:
     """Return ``NAME=VALUE,...`` as a load; one with ``line`` is along a part of the backbone."""
     from ..continuum import LineLoad, PointLoad
 
-    parts = (split_setting("--load", part.strip(), LOAD_EXAMPLE) for part in text.split(","))
-    given = gather_once("--load", parts)
+    parts = (split_setting(flag, part.strip(), LOAD_EXAMPLE) for part in text.split(","))
+    given = gather_once(flag, parts)
     along = "line" in given
     legal = ("line", "from", "to", "frame") if along else ("at", "force", "moment", "frame")
     for name in given:
         if name not in legal:
             raise InputError(
-                f"--load names '{name}': a load {'along a line' if along else 'at a point'} has "
+                f"{flag} names '{name}': a load {'along a line' if along else 'at a point'} has "
                 f"{', '.join(legal)}, such as {LOAD_EXAMPLE}"
             )
     if not (along or "force" in given or "moment" in given):
-        raise InputError(f"--load is '{text}': it has no force, moment or line")
+        raise InputError(f"{flag} is '{text}': it has no force, moment or line")
     fields: Json = {"frame": given.get("frame", "base")}
     for name, field, kind in (
         ("at", "arc_length", "length"),
@@ -104,7 +113,7 @@ def parse_load(text: str) -> PointLoad | LineLoad:
         ("line", "force", "line force"),
     ):
         if name in given:
-            fields[field] = _parse_components(name, given[name], kind)
+            fields[field] = _parse_components(f"{flag} {name}", given[name], kind)
     return LineLoad(**fields) if along else PointLoad(**fields)
 
 
@@ -112,11 +121,11 @@ def _parse_components(name: str, text: str, kind: str) -> tuple[float, ...]:
     """Return ``X:Y:Z`` as numbers; each but 0 has its unit, or none has one."""
     parts = [part.strip() for part in text.split(":")]
     if len(parts) != 3:
-        raise InputError(f"--load {name} is '{text}': it must be X:Y:Z, such as 0:0:-1N")
+        raise InputError(f"{name} is '{text}': it must be X:Y:Z, such as 0:0:-1N")
     values = tuple(parse_quantity(part, kind) for part in parts)
     bare = [part for part, value in zip(parts, values, strict=True) if value and _is_number(part)]
     if bare and not all(_is_number(part) for part in parts):
-        raise InputError(f"--load {name} is '{text}': {bare[0]} has no unit, give each one its own")
+        raise InputError(f"{name} is '{text}': {bare[0]} has no unit, give each one its own")
     return values
 
 
@@ -217,14 +226,7 @@ def _describe_shape(shape: ContactShape) -> str:
 @click.command("contact", cls=CheckedCommand)
 @click.argument("robot_file", metavar="ROBOT.yaml", type=INPUT)
 @click.argument("source", metavar="[INPUT]", required=False, type=INPUT)
-@click.option(
-    "--obstacle",
-    "obstacles",
-    multiple=True,
-    type=INPUT,
-    metavar="SHAPES",
-    help="A file of shapes (.json, .yaml) that the robot is outside of; may be repeated.",
-)
+@obstacle_option
 @click.option(
     "--displacement",
     metavar="NAME=LENGTH,...",

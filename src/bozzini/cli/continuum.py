@@ -54,12 +54,13 @@ from .common import (
 )
 from .contact import (
     contact_command,
-    contact_options,
     insert_command,
     load_option,
+    obstacle_option,
     parse_load,
     path_options,
     read_lumen,
+    read_shapes,
     start_inside,
 )
 from .fit import command as fit_command
@@ -1160,9 +1161,23 @@ def _format_workspace(found: ContinuumWorkspace) -> list[str]:
 @option("--speed SPEED", "Push it into --tract, from an introducer before the entry.", "speed")
 @option("--drive-rate SPEED", "Largest speed of drives to displacements.", "speed")
 @load_option
+@option(
+    "--held-by NAME=VALUE,...",
+    "What holds it until the first time in place of --load, as that; can be repeated.",
+    multiple=True,
+)
+@click.option("--free", is_flag=True, help="Let the base go at the first time.")
+@click.option(
+    "--gravity",
+    type=VectorType("dimensionless"),
+    metavar="X,Y,Z",
+    help="Acceleration of free fall in the world [m/s^2] (default: 0,0,-9.80665).",
+)
+@obstacle_option
 @tract_options
 @path_options
-@contact_options
+@options_of(ContactOptions, "contact", leave_out=("wall_stiffness", "segment_length", "tolerance"))
+@option("--wall-stiffness PRESSURE", "Stiffness of walls per length of the body.", "pressure")
 @options_of(DynamicsOptions, "dynamics")
 @answer_options(
     *(".csv", ".html", ".mcap", *FILMS, *PICTURES),
@@ -1176,6 +1191,11 @@ def simulate_command(
     speed: float | None,
     drive_rate: float | None,
     load: tuple[str, ...],
+    held_by: tuple[str, ...],
+    free: bool,
+    gravity: tuple[float, float, float] | None,
+    obstacles: tuple[Path, ...],
+    wall_stiffness: float | None,
     reading: ReadOptions,
     options: PathOptions,
     contact: ContactOptions,
@@ -1188,9 +1208,13 @@ def simulate_command(
     they change evenly, and there is a row of the answer for each. Masses follow from the weights in
     the robot file. Tendons have no mass; their displacements need their stiffness. At the start
     those with friction hold their tension evenly. A calibrated robot converts the commands, as in
-    pose; places are in the frame of the base at rest. The walls of --tract give way
+    pose; places are in the frame of the base at rest. The walls of --tract and --obstacle give way
     (--wall-stiffness); with --speed the base is pushed in from the first time on, until the whole
     robot is in.
+
+    TABLE may also have 'load 1', by what the first --load is multiplied, and so on; and where the
+    base is, in its frame at rest: 'base x [mm]', y and z, and 'base rx [deg]', ry and rz, a
+    rotation vector. What it does not have is 1, and 0.
 
     Exit code 0: simulated to the end; 1: not, and where, or energy came from nowhere; 2: bad input.
     """
@@ -1207,26 +1231,40 @@ def simulate_command(
     robot = read_robot(robot_file)
     given = read_timed_commands(table, robot)
     duct: Duct | None = None
-    commands: MotionCommands = {"loads": [parse_load(text) for text in load]}
+    commands: MotionCommands = {
+        "loads": [parse_load(text) for text in load],
+        "load_factors": given.take_factors(len(load)),
+        "base": given.base,
+        "free": free,
+    }
+    if gravity is not None:
+        dynamics = dataclasses.replace(dynamics, gravity=gravity)
+    contact = dataclasses.replace(contact, wall_stiffness=wall_stiffness)
     if given.command == "tension":
         commands["tensions"] = robot.to_tensions(given.commands)
     else:
         commands["displacements"] = robot.to_displacements(given.commands, in_time=True)
     if drive_rate is not None:
-        commands["drive_rate"] = drive_rate
+        known = robot.calibration
+        commands["drive_rate"] = drive_rate * (known.scale if known is not None else 1.0)
     placed: RobotDesign = robot
     if tract is not None:
         duct, line = read_lumen(tract, reading, options, answer, line=speed is not None)
-        commands |= {"duct": duct, "contact": contact}
+        commands |= {"duct": duct}
         if line is not None and speed is not None:
             model = ContactModel(robot, duct, options=contact)
+            if given.base is not None:
+                raise InputError("--speed is given, and the table moves the base: give one of them")
             placed, base = push_in(model, start_inside(model, line), times=given.times, speed=speed)
             commands |= {"base": base, "introducer": robot.length}
     elif speed is not None:
         raise InputError("--speed is given without --tract")
-    elif contact != ContactOptions():
-        raise InputError("what touches a wall is given without --tract")
-    found = simulate(placed, given.times, options=dynamics, **commands)
+    elif contact != ContactOptions() and not obstacles:
+        raise InputError("what touches a wall is given without --tract or --obstacle")
+    if tract is not None or obstacles:
+        commands |= {"obstacles": tuple(map(read_shapes, obstacles)), "contact": contact}
+    before = tuple(parse_load(text, "--held-by") for text in held_by) or None
+    found = simulate(placed, given.times, held_by=before, options=dynamics, **commands)
     if answer.out is not None and answer.out.suffix.lower() in (".html", *FILMS):
         with answer.show_progress() as progress:
             _show_motion(found, duct, answer.out, progress)

@@ -37,6 +37,8 @@ _ITERATIONS, _SETTLED = 20, 1e-6
 """Most steps of the inverse at rest, and the miss at which it ends, by the robot's length."""
 _STRIDE = 0.1
 """Most that the inverse moves the tip in a step, by the robot's length."""
+_TRUST, _HALVINGS = 0.7, 6
+"""Most that a stride may miss what its slopes say, and how often it is halved; a fold jumps."""
 _OUT_OF_REACH = 1e-3
 """Miss of the first place, by the robot's length, from which on it counts as out of reach."""
 _DAMPING = 1e-9
@@ -85,8 +87,16 @@ class TendonState(NamedTuple):
     ahead: tuple[HeldTip, ...] = ()
 
 
-class _Choice(NamedTuple):
-    """A command, and what is remembered of it."""
+class TendonChoice(NamedTuple):
+    """What a controller chooses.
+
+    Attributes
+    ----------
+    tensions : ndarray, shape (t,)
+        The command [N].
+    estimate, ahead
+        What it remembers, as of `TendonState`.
+    """
 
     tensions: Floats
     estimate: Floats
@@ -96,6 +106,9 @@ class _Choice(NamedTuple):
 @dataclass(frozen=True, kw_only=True)
 class TendonController(ABC):
     """Tensions, within limits of their size and rate, that lead the tip of a tendon robot.
+
+    One of your own has `choose`, and `remember` and `remember_command` if it remembers more than
+    two numbers.
 
     Parameters
     ----------
@@ -181,11 +194,28 @@ class TendonController(ABC):
                 sides,
                 np.concatenate([self.lowest - tensions, tensions - self.highest]),
             )
-            before = held.place
-            held = self.hold(np.clip(tensions + change, self.lowest, self.highest), held)
+            change = np.clip(tensions + change, self.lowest, self.highest) - tensions
+            found = self._move_held(held, change)
+            if found is None:
+                break
+            before, held = held.place, found
             if np.hypot(*(held.place - before)) <= _SETTLED * self.robot.length:
                 break
         return held
+
+    def _move_held(self, held: HeldTip, change: Floats) -> HeldTip | None:
+        """Return the tip after a change of tensions, or a part of it; None across a fold."""
+        for _ in range(_HALVINGS):
+            expected = held.by_tension @ change
+            try:
+                found = self.hold(held.tensions + change, held)
+            except GeometryError:
+                found = None
+            least = max(float(np.hypot(*expected)), _SETTLED * self.robot.length)
+            if found and np.hypot(*(found.place - held.place - expected)) <= _TRUST * least:
+                return found
+            change = 0.5 * change
+        return None
 
     def begin(self, place: ArrayLike) -> TendonState:
         """Return the state of a robot whose model rests with its tip at a place (2,).
@@ -204,7 +234,7 @@ class TendonController(ABC):
                 f"hold it {miss:.3g} mm from there at best"
             )
         given = np.tile(held.tensions, (self.delay + 1, 1))
-        return TendonState(given, held, self._remember(held))
+        return TendonState(given, held, self.remember(held))
 
     def step(
         self, state: TendonState, wanted: ArrayLike, *, seen: ArrayLike
@@ -232,11 +262,11 @@ class TendonController(ABC):
         change = self.rate * self.period
         low = np.maximum(self.lowest, last - change)
         high = np.minimum(self.highest, last + change)
-        choice = self._choose(state, places, self._take_place("seen", seen), (low, high))
+        choice = self.choose(state, places, self._take_place("seen", seen), (low, high))
         tensions = np.clip(choice.tensions, low, high)
         held = self.hold(tensions, state.held)
         given = np.concatenate([state.given[1:], tensions[None]])
-        estimate = self._remember_command(choice.estimate, held)
+        estimate = self.remember_command(choice.estimate, held)
         return tensions, TendonState(given, held, estimate, choice.ahead)
 
     def _take_place(self, name: str, place: ArrayLike) -> Floats:
@@ -248,30 +278,43 @@ class TendonController(ABC):
     def _at(self, wanted: Floats, sample: int) -> Floats:
         return np.asarray(wanted[min(sample, len(wanted) - 1)])
 
-    def _remember(self, held: HeldTip) -> Floats:
+    def remember(self, held: HeldTip) -> Floats:
         """Return what a controller remembers at first."""
         return np.zeros(2)
 
-    def _remember_command(self, estimate: Floats, held: HeldTip) -> Floats:
+    def remember_command(self, estimate: Floats, held: HeldTip) -> Floats:
         """Return what it remembers with the command that it has given."""
         return estimate
 
     @abstractmethod
-    def _choose(
+    def choose(
         self, state: TendonState, wanted: Floats, seen: Floats, limits: tuple[Floats, Floats]
-    ) -> _Choice:
-        """Return tensions, which are brought within the limits of now afterwards."""
+    ) -> TendonChoice:
+        """Return a command, which is brought within limits afterwards.
+
+        Parameters
+        ----------
+        state : TendonState
+            Now.
+        wanted : ndarray, shape (h, 2)
+            Places of the tip now and at the next samples [mm]; the last one holds on.
+        seen : ndarray, shape (2,)
+            Where it is now [mm].
+        limits : tuple of ndarray, shape (t,)
+            Smallest and largest tensions that are legal now [N].
+        """
 
 
 @dataclass(frozen=True, kw_only=True)
 class StaticTensions(TendonController):
     """The tensions that bring the tip there at rest; what is seen is left aside."""
 
-    def _choose(
+    def choose(
         self, state: TendonState, wanted: Floats, seen: Floats, limits: tuple[Floats, Floats]
-    ) -> _Choice:
+    ) -> TendonChoice:
+        """Return a command; see `TendonController.choose`."""
         aim = self._at(wanted, self.delay + 1)
-        return _Choice(self.reach(aim, state.held).tensions, state.estimate)
+        return TendonChoice(self.reach(aim, state.held).tensions, state.estimate)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -287,9 +330,10 @@ class ResolvedRates(TendonController):
 
     gain: float | None = quantity(help="Of the way back [1/s].", default=None, low=0.0, high=1e4)
 
-    def _choose(
+    def choose(
         self, state: TendonState, wanted: Floats, seen: Floats, limits: tuple[Floats, Floats]
-    ) -> _Choice:
+    ) -> TendonChoice:
+        """Return a command; see `TendonController.choose`."""
         ahead = self._at(wanted, self.delay + 1) - self._at(wanted, self.delay)
         gain = 0.7 * self._decay[1] if self.gain is None else self.gain
         change = ahead + gain * self.period * (wanted[0] - seen)
@@ -301,7 +345,7 @@ class ResolvedRates(TendonController):
             np.concatenate([eye, -eye]),
             np.concatenate([limits[0] - tensions, tensions - limits[1]]),
         )
-        return _Choice(tensions + more, state.estimate)
+        return TendonChoice(tensions + more, state.estimate)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -323,9 +367,10 @@ class ProportionalIntegral(TendonController):
         help="By its integral [1/s].", default=None, low=0.0, high=1e4
     )
 
-    def _choose(
+    def choose(
         self, state: TendonState, wanted: Floats, seen: Floats, limits: tuple[Floats, Floats]
-    ) -> _Choice:
+    ) -> TendonChoice:
+        """Return a command; see `TendonController.choose`."""
         off = wanted[0] - seen
         total = state.estimate + self.period * off
         ratio, decay = self._decay
@@ -334,7 +379,7 @@ class ProportionalIntegral(TendonController):
         aim = self._at(wanted, self.delay + 1) + proportional * off + integral * total
         tensions = self.reach(aim, state.held).tensions
         cut = np.any((tensions < limits[0]) | (tensions > limits[1]) | (tensions >= self.highest))
-        return _Choice(tensions, state.estimate if cut else total)
+        return TendonChoice(tensions, state.estimate if cut else total)
 
 
 @dataclass(frozen=True)
@@ -433,11 +478,13 @@ class EstimatingController(TendonController):
     def _filter(self) -> Floats:
         return self.model.find_filter(noise=self.noise, drift=self.drift)
 
-    def _remember(self, held: HeldTip) -> Floats:
+    def remember(self, held: HeldTip) -> Floats:
+        """Return the state at rest by the model, and the aims."""
         rest = self.model.at_rest @ held.place
         return np.concatenate([rest, np.tile(held.place, self.delay)])
 
-    def _remember_command(self, estimate: Floats, held: HeldTip) -> Floats:
+    def remember_command(self, estimate: Floats, held: HeldTip) -> Floats:
+        """Return the state at the next sample, and the aims."""
         state, aims = self._split(np.concatenate([estimate, held.place]))
         state = self.model.a @ state + self.model.b @ aims[0]
         return np.concatenate([state, aims[1:].ravel()])
@@ -477,9 +524,10 @@ class LinearQuadratic(EstimatingController):
         """Aim by the state, shape (2, n)."""
         return self.model.find_feedback(self.effort)
 
-    def _choose(
+    def choose(
         self, state: TendonState, wanted: Floats, seen: Floats, limits: tuple[Floats, Floats]
-    ) -> _Choice:
+    ) -> TendonChoice:
+        """Return a command; see `TendonController.choose`."""
         estimate, then = self._correct(state.estimate, seen)
         offset = then[-2:]
         now, after = (self._at(wanted, self.delay + k) - offset for k in (0, 1))
@@ -487,7 +535,7 @@ class LinearQuadratic(EstimatingController):
         half = (len(moving) - 4) // 2
         moving[half : 2 * half] = self.model.at_rest[:half] @ (after - now) / self.period
         aim = after - self.feedback @ (then - moving)
-        return _Choice(self.reach(aim, state.held).tensions, estimate)
+        return TendonChoice(self.reach(aim, state.held).tensions, estimate)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -530,9 +578,10 @@ class TensionPrediction(EstimatingController):
             driven[k, :, : k + 1] = pulses[k::-1].transpose(1, 0, 2)
         return free, driven
 
-    def _choose(
+    def choose(
         self, state: TendonState, wanted: Floats, seen: Floats, limits: tuple[Floats, Floats]
-    ) -> _Choice:
+    ) -> TendonChoice:
+        """Return a command; see `TendonController.choose`."""
         estimate, then = self._correct(state.estimate, seen)
         count, strings = self.knots[-1] + 1, len(self.lowest)
         ahead = list(state.ahead[1:])
@@ -568,4 +617,4 @@ class TensionPrediction(EstimatingController):
                 begin - self.rate, -begin - self.rate,
             ]),
         )  # fmt: skip
-        return _Choice(plan[:strings], estimate, tuple(ahead))
+        return TendonChoice(plan[:strings], estimate, tuple(ahead))

@@ -7,7 +7,7 @@ of its wires, line weights, discs. Tendons have no mass. Their friction is the l
 capstan's with memory, at each step (`kernels.capstan`); at the start they hold tensions evenly.
 
 Walls give way and hold by friction, with the law of `contact`: in every step the wall is its
-tangent plane where the body is expected, found from the signed distance of any duct.
+tangent plane where the body comes to, found from the signed distance of any duct.
 """
 
 from __future__ import annotations
@@ -649,7 +649,8 @@ class MotionCommands(TypedDict, total=False):
     load_factors : (k, l) array_like
         By what each load is multiplied, linear between times; 1 unless given.
     base : (k, 4, 4) array_like
-        Frames of the base in its own frame at rest [mm], joined by cubics.
+        Frames of the base in its own frame at rest [mm], joined by cubics; still between two that
+        are the same.
     free : bool
         Whether the base is let go at the first time, in place of `base`: of robots whose tendons
         have no friction, under tensions. With a spectral radius of 1 the roll of a thin rod, which
@@ -720,8 +721,9 @@ def simulate(
     Notes
     -----
     The equilibrium at the start knows of no wall. A step in which a wall presses is of first order:
-    a blow takes the speed across the wall. Large steps may win energy, in walls, of tendons with
-    friction and of undamped motions in space; a tenth or more of it is in the `notes`.
+    a blow takes the speed across the wall. A step that would gain energy, 1 % of the most there or
+    done, is made anew with a spectral radius of 0, then of first order, then in parts: large steps
+    damp. Tendons with friction are not watched so; a tenth or more is in the `notes`.
     """
     check_robot(robot)
     check_kind("options", options, DynamicsOptions)
@@ -1096,7 +1098,10 @@ def _run(
                 contacts.planes[1][:] = math.inf
         reached = advance((0, 0.0), (0, 0.0), fresh)
         contacts.before[2][:] = moved[1][1:]
-        course = *state[:4], state.ground, *memory[3:], *contacts.before, *along
+        totals: Floats = memory[4]
+        course: list[Floats] = [
+            *state[:4], state.ground, memory[3], totals, *contacts.before, *along
+        ]  # fmt: skip
         sizes = np.repeat(np.diff(tables[0]) / steps, steps)
         for row, step, size in zip(*_number_steps(steps), sizes.tolist(), strict=True):
             done, part = float(step), 1.0
@@ -1112,7 +1117,7 @@ def _run(
                         break
                     there = moved[1][1:].copy()
                     missed = contacts.miss_energy(there)
-                    good = missed <= PLANE_ENERGY * memory[4][12]
+                    good = missed <= PLANE_ENERGY * totals[12]
                     if good or (least and attempt + 1 == MOST_LOOKS):
                         break
                     for array, before in zip(course, kept, strict=True):
@@ -1209,7 +1214,7 @@ def _take_base(times: Floats, base: ArrayLike | None) -> Floats:
         raise InputError(f"base has shape {frames.shape}: it must be {(len(times), 4, 4)}")
     for index, frame in enumerate(frames):
         check_frame(f"base[{index}]", frame)
-    from scipy.interpolate import CubicSpline
+    from scipy.interpolate import CubicHermiteSpline, CubicSpline
     from scipy.spatial.transform import Rotation
 
     turns = Rotation.from_matrix(frames[:, :3, :3]).as_rotvec()
@@ -1219,7 +1224,20 @@ def _take_base(times: Floats, base: ArrayLike | None) -> Floats:
             way = turns[index] / angle
             whole = np.round((turns[index - 1] @ way - angle) / (2.0 * math.pi))
             turns[index] += 2.0 * math.pi * whole * way
-    spline = CubicSpline(times, np.concatenate([frames[:, :3, 3], turns], axis=1))
+    values = np.concatenate([frames[:, :3, 3], turns], axis=1)
+    spline = CubicSpline(times, values)
+    slopes, still = spline(times, 1), (np.diff(values, axis=0) == 0.0).all(axis=1)
+    if still.any() and not still.all():
+        # No further than where it stops: flat there, and in the piece beside that monotone.
+        between = np.diff(values, axis=0) / np.diff(times)[:, None]
+        for index in np.flatnonzero(still).tolist():
+            slopes[index : index + 2] = 0.0
+            for piece, end in ((index - 1, index - 1), (index + 1, index + 2)):
+                if 0 <= piece < len(between) and not still[piece]:
+                    most = 3.0 * np.abs(between[piece])
+                    same = slopes[end] * between[piece] > 0.0
+                    slopes[end] = np.where(same, np.clip(slopes[end], -most, most), 0.0)
+        spline = CubicHermiteSpline(times, values, slopes)
     return np.ascontiguousarray(spline.c.transpose(1, 0, 2))
 
 

@@ -8,6 +8,7 @@ import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, NamedTuple, get_args
 
 import numpy as np
@@ -31,13 +32,17 @@ if TYPE_CHECKING:
 KINDS: dict[str, str] = {"displacement": "length", "tension": "force"}
 """Kind of quantity of each command."""
 
-EXAMPLES = {"length": "mm", "force": "N", "time": "s"}
+EXAMPLES = {"length": "mm", "force": "N", "time": "s", "angle": "deg"}
 MISSING = ("", "nan", "na", "none")
 """Cells of a value that was not measured, in lower case."""
 
 TIP = "tip"
 """Name of the point that is the tip unless a marker of this name is described."""
 
+_BASE = dict.fromkeys(("base x", "base y", "base z"), "length") | dict.fromkeys(
+    ("base rx", "base ry", "base rz"), "angle"
+)
+_LOAD = re.compile(r"load [1-9][0-9]{0,2}")
 _AXIS = re.compile(r"(.+?)[\s_]+([xyz])")
 
 
@@ -276,12 +281,33 @@ class TimedCommands(NamedTuple):
         Displacements [mm] or tensions [N], 0 of tendons without a column.
     notes : tuple of str
         What of the table was ignored.
+    factors : dict of int to ndarray
+        By what loads are multiplied, by their number from 1 on, (n,).
+    base : (n, 4, 4) ndarray, optional
+        Frames of the base in its own frame at rest [mm], if the table has any of it.
     """
 
     command: Command
     times: Floats
     commands: Floats
     notes: tuple[str, ...] = ()
+    factors: Mapping[int, Floats] = MappingProxyType({})
+    base: Floats | None = None
+
+    def take_factors(self, count: int) -> Floats | None:
+        """Return the factors of loads (n, count), 1 where the table has none.
+
+        Raises
+        ------
+        InputError
+            If it has one of a load that is not there.
+        """
+        found = np.ones((len(self.times), count))
+        for number, values in self.factors.items():
+            if number > count:
+                raise InputError(f"the table has a column 'load {number}': there are {count} loads")
+            found[:, number - 1] = values
+        return found if self.factors else None
 
 
 def read_timed_commands(path: str | os.PathLike[str], robot: RobotDesign) -> TimedCommands:
@@ -304,18 +330,32 @@ def read_timed_commands(path: str | os.PathLike[str], robot: RobotDesign) -> Tim
         found, _ = _find_columns(titles, robot, {}, demanded=(), needs_points=False)
         command, places = next(iter(found.items()))
         timed = _find_times(titles)
-        kinds = {timed: "time", **dict.fromkeys(places.values(), KINDS[command])}
+        named = {split_title(title)[0]: place for place, title in enumerate(titles)}
+        moving = {named[name]: kind for name, kind in _BASE.items() if name in named}
+        kinds = {timed: "time", **dict.fromkeys(places.values(), KINDS[command]), **moving}
         values = {
             place: find_factor(titles[place], kind) * take_numbers(sheet, place)
             for place, kind in kinds.items()
         }
+        loads = {int(name[5:]): place for name, place in named.items() if _LOAD.fullmatch(name)}
+        factors = {number: take_numbers(sheet, place) for number, place in loads.items()}
     except InputError as error:
         raise type(error)(f"{file.name}: {error}") from None
     commands = np.zeros((len(sheet.rows), len(robot.tendons)))
     for name, place in places.items():
         commands[:, robot.tendon_names.index(name)] = values[place]
+    base = None
+    if moving:
+        from scipy.spatial.transform import Rotation
+
+        zero = np.zeros(len(sheet.rows))
+        x, y, z, *turns = (values.get(named.get(name, -1), zero) for name in _BASE)
+        base = np.tile(np.eye(4), (len(zero), 1, 1))
+        base[:, :3, :3] = Rotation.from_rotvec(np.stack(turns, axis=1)).as_matrix()
+        base[:, :3, 3] = np.stack([x, y, z], axis=1)
     kind: Command = "displacement" if command == "displacement" else "tension"
-    return TimedCommands(kind, values[timed], commands, _note_ignored(titles, kinds))
+    notes = _note_ignored(titles, {*kinds, *loads.values()})
+    return TimedCommands(kind, values[timed], commands, notes, factors, base)
 
 
 class RobotRows(NamedTuple):

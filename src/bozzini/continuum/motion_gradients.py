@@ -79,12 +79,18 @@ class MotionSensitivity(Result):
         rough = [name for name, error in zip(self.names, self.errors, strict=True) if error > ROUGH]
         return f"differences of two steps differ: {', '.join(rough)}" if rough else ""
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What is wrong with the motion."""
+        return self.history.notes
+
     def to_dict(self) -> Json:
         """Return verdict, times and derivatives of the tip as plain values."""
         return {
             "converged": self.converged,
             "reason": self.reason,
             "residual": self.residual,
+            "notes": list(self.notes),
             "time_s": self.history.time.tolist(),
             "derivatives": {
                 name: {"unit": unit, "error": float(error), "tip_mm": self.tip[..., k].tolist()}

@@ -40,6 +40,10 @@ TENDON_CONTROLLERS: dict[str, type[TendonController]] = {
 """Controllers by name."""
 _NOTE = "tendons have no mass, and drives hold their tensions at once"
 _FRICTION = "tendons have friction, which controllers know nothing of"
+_UNDAMPED = (
+    "controllers believe in no damping: resolved rates and proportional-integral control then have "
+    "gains of 0 unless given, as any other makes the slowest mode grow"
+)
 _AT_LIMIT = 1e-9
 """Share of a limit by which a tension at it may miss it."""
 
@@ -259,9 +263,12 @@ def compare_tendons(
         Told the share that is done.
     """
     rows, tips, period = [], [], 0.0
+    notes = [_NOTE, *([_FRICTION] if plant.tendon_friction.any() else [])]
     for done, (name, controller) in enumerate(controllers.items()):
         progress(name, done / len(controllers))
         run = run_tendons(controller, wanted, plant=plant, noise=noise, seed=seed)
+        if controller.linear.damping_ratio[0] == 0.0 and _UNDAMPED not in notes:
+            notes.append(_UNDAMPED)
         rows.append(_measure(name, controller, run, wanted))
         tips.append(run.tip)
         period = controller.period
@@ -271,7 +278,7 @@ def compare_tendons(
         times=np.multiply(period, np.arange(len(wanted)), dtype=np.float64),
         wanted=wanted,
         tips=np.array(tips),
-        notes=(_NOTE, *([_FRICTION] if plant.tendon_friction.any() else [])),
+        notes=tuple(notes),
     )
 
 

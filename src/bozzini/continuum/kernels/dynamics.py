@@ -16,9 +16,16 @@ these are Hamilton's equations, with the static model's equilibria. Tendons have
 Whiting and Hulbert 2000), which has one parameter, the spectral radius rho of an infinitely fast
 mode after one step: ``a_m = (3 - rho) / (2 + 2 rho)``, ``a_f = 1 / (1 + rho)``, ``g = 1/2 + a_m -
 a_f``. It is of second order; rho = 1 is the implicit midpoint rule, rho = 0 forgets fast modes in
-one step. Small motions are stable at any step; of large ones without damping, planar ones were at
-rho = 0.5, those in space can win energy at steps of a tenth of a period. A stage has ``q`` alone:
+one step. A stage has ``q`` alone:
 with ``s = a_m / (a_f g dt)``, ``q' = s (q - q_h)`` and ``pi' = s (pi - pi_h)``.
+
+*Energy*: linear motions gain none at any step. Others may, as inertia ``M(q) = J^T m J`` changes
+with the shape and the roll of thin segments, with hardly any inertia, is never resolved by a step.
+So energy is counted after each, and one after which more than `GAIN` of it came from nowhere is
+made anew, with rho = 0, then by the implicit Euler method (a_m = a_f = g = 1). That gains at most
+``q'^T (dt M'[q'] - M_1 + M_0) q' / 2`` and what the potential bends down, both of second order in
+the step's own motion, and loses ``m |v_1 - v_0|^2 / 2``. Then it is halved. Tendons with friction
+are left out, as their balance is of first order.
 
 *Newton's method* takes the tangent ``s^2 J^T m J + s (J^T c J + tau K) + d2V/dq2``; gyroscopic
 terms, of the order of the rotation in one step, are left out, so it converges by about that factor.
@@ -32,8 +39,8 @@ x_0)`` that its gap has where the end is expected, and a gap ``c`` below 0 gives
 e`` along ``n``, with the wall's compliance ``e``, as in `kernels.contact`. Friction is a spring of
 the slip ``u`` across ``n``: ``f = -mu N u / max(|u|, u_0)``, with the normal force N of the step
 before; u grows with the motion and is never longer than u_0 after a step (Coulomb with elastic
-slip). A step with a wall's force is one of the implicit Euler method (a_m = a_f = g = 1), of first
-order: it remembers no blow, which the other method does, and gains energy. Large steps may still.
+slip). A step with a wall's force is of the implicit Euler method, of first order: it remembers no
+blow. Where the plane misses the wall's energy at the place that is found, a new one is taken there.
 
 *A base that is free* has a place, and a rotation vector from its turn at the step's start. Its
 momenta are the whole rod's, linear and about the origin, whose rates are all forces and moments: so
@@ -106,10 +113,10 @@ GAIN = 0.01
 """Energy that may come from nowhere since that was least, as a share of the most there or done."""
 
 SMALL_BEND = 0.2
-"""Bend of the whole rod, of whose energy shares are taken at least: small motions gain none [rad]."""
+"""Bend of the whole rod, whose energy is the least that gains are judged by [rad]."""
 
 CALM, EULER = 1, 2
-"""How a step that gained is made anew: with a spectral radius of 0, by the implicit Euler method."""
+"""How a step that gained is made anew: with a spectral radius of 0, by the implicit Euler's."""
 
 CALM_STEPS = 8
 """Steps that go on so."""
@@ -1252,9 +1259,9 @@ def make_memory(n, p, k, rubs):
     the stage, what it starts from, the last rates and those before, those of a row's end, and the
     last two for the error; and totals (18,): energies put in and lost, the last powers and their
     time, the last scale, one of the first row, what friction of tendons took, the step that its
-    error asks for, the time of the last rate but one, of energy from nowhere the least, the most there
-    or done, what was there at first, of it gravity's; how steps are made, for how many yet, and the
-    energy from nowhere.
+    error asks for, and the time of the last rate but one. Then of energy: the least that came from
+    nowhere, the most there or done, what was there at first, of it gravity's, how steps are made
+    and for how many yet, and what came from nowhere.
     """
     solver_state = np.ones(3)
     solver_state[0] = 0.0
@@ -1282,7 +1289,8 @@ def advance(rod, tendons, tables, walls, scheme, window, state, memory, rows):
     base that is free: turn (3, 3), place, velocity, spin, momenta and their rates, six rows for
     `solve_stage`, (0, 3) if it is not; they are changed; if ``fresh``, the last of the window, is
     2 momenta and their rates are not known yet, if it is 1 they are, and if it is 0 the window
-    goes on from the ``memory`` of the last one. Steps of a window may be parts. ``rows`` are filled: rotations (k, s, 3, 3),
+    goes on from the ``memory`` of the last one; it may begin and end with a part of a step.
+    ``rows`` are filled: rotations (k, s, 3, 3),
     places, velocities (k, s, 3) of the stations, tensions and lengths (k, t), energies (k, 8):
     kinetic, elastic, of gravity, of tendons, work of loads and tendons, dissipated, of walls,
     dissipated by friction of tendons; steps of Newton's method (k,); forces of walls (k, s, 3) and
