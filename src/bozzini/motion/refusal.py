@@ -79,6 +79,8 @@ class Refusal:
         where none was found or sought.
     diameter_bound : float or None
         No wider scope passes, proved [mm].
+    link_shaped : float or None
+        Longest link for which a path was found, but no motion proved [mm].
     ends_at : float or None
         Arc length along the centreline at which the motion ends [mm].
     ends_code, ends_what : str
@@ -95,6 +97,7 @@ class Refusal:
     link_max: float | None = quantity("length", default=None)
     inflate: float | None = quantity("length", default=None)
     diameter_bound: float | None = quantity("length", default=None)
+    link_shaped: float | None = field(default=None, metadata={"recorded": False})
     ends_at: float | None = quantity("length", default=None)
     ends_code: str = field(default="", metadata={"omitted": True})
     ends_what: str = field(default="", metadata={"omitted": True})

@@ -561,6 +561,7 @@ def explain_stop(job: TubeProblem) -> Refusal:
             at=at,
             needs=radius + slack,
             offers=job.failed.clearance,
+            link_shaped=job.largest_link or None,
             what=f"links of {job.scope.link_length:g} mm do not fit at {at:.1f} mm of the "
             f"centreline: they need {tell_needs(radius, job.failed.clearance, slack, 'their')}, "
             f"the best path found has {floor_mm(job.failed.clearance)} mm{_mention_grid(job)}",
