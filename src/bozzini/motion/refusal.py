@@ -107,10 +107,12 @@ class Refusal:
         """The statement and the advice, at most two sentences; the last without its full stop."""
         statement = self.what
         if self.ends_at is not None and abs(self.ends_at - self.at) > NEAR_MM:
-            statement += f"; the motion ends at {self.ends_at:.1f} mm of the centreline"
+            ended = f"the motion ends at {self.ends_at:.1f} mm of the centreline"
             if self.ends_what:
-                side = "before" if self.ends_at < self.at else "beyond"
-                statement += f", {side} that place: {self.ends_what}"
+                side = "farther on" if self.ends_at < self.at else "before that"
+                statement = f"{ended}: {self.ends_what}; {side}, {statement}"
+            else:
+                statement += f"; {ended}"
         advice = []
         if self.diameter_max is not None:
             advice.append(f"a scope of {floor_mm(self.diameter_max)} mm diameter")
