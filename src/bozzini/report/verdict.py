@@ -237,9 +237,9 @@ def _add_wall_error(verdict: Verdict, plan: Plan, known: PlanClearance, summary:
         label = label.replace("Fits", "Fits this surface", 1) if label.startswith("Fits") else label
         if tone != "red" and source is None:
             label += "; the surface's own error is not known"
-        elif tone != "red":
-            covers = "also" if kept >= source else "not"
-            label += f"; {covers} for a wall wrong by the {shown[-1]} mm of its voxels"
+        elif tone != "red" and source is not None:
+            whether = "also" if kept >= source else "not"
+            label += f"; {whether} for a wall wrong by the {shown[-1]} mm of its voxels"
         text += "; the surface states no error of its own: give it with --label-error"
         for item in read_parts(summary, "findings"):
             if item.get("code") == VOXEL_SURFACE:

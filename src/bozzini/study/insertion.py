@@ -289,8 +289,10 @@ class InsertionStudy(Result):
             "unreached": [part.describe() for part in self.unreached],
             "unreached_share": self.unreached_share,
             "label_error_mm": self.label_error,
-            "source_error_mm": getattr(self.tract, "source_error", None),
         }
+        source_error = getattr(self.tract, "source_error", None)
+        if source_error is not None:
+            summary["source_error_mm"] = source_error
         if self.entries:
             summary["entries"] = list(self.entries)
         if "command" in self.plan.more:

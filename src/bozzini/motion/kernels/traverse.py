@@ -30,7 +30,7 @@ SAMPLES = 128
 """A chord is looked at in about this many places at most."""
 
 SMALLEST = 1e-9
-"""Cells this much smaller than a step along a ray are not divided: a half plane's rim never ends."""
+"""Cells so much smaller than a step along a ray are not divided: the rim of a plane never ends."""
 
 TABLE_MAX = 2500
 """For lines of more segments what is known of shorter chords is not kept: it takes their square."""
