@@ -37,8 +37,8 @@ class TubePlanner(Planner):
         self,
         space: FreeSpace,
         scope: Scope,
-        refusal: Refusal,
         *,
+        refusal: Refusal,
         options: PlannerOptions,
         progress: Progress = no_progress,
     ) -> Refusal:

@@ -121,8 +121,8 @@ class Planner(ABC):
         self,
         space: FreeSpace,
         scope: Scope,
-        refusal: Refusal,
         *,
+        refusal: Refusal,
         options: PlannerOptions,
         progress: Progress = no_progress,
     ) -> Refusal:
@@ -168,7 +168,9 @@ class Planner(ABC):
         asked = dataclasses.replace(options, advise=options.advise and not short)
         motion = self.move(space, scope, options=asked, progress=progress)
         if asked.advise and motion.refusal is not None:
-            refusal = self.advise(space, scope, motion.refusal, options=asked, progress=progress)
+            refusal = self.advise(
+                space, scope, refusal=motion.refusal, options=asked, progress=progress
+            )
             motion = dataclasses.replace(motion, refusal=refusal)
         if not self._is_own:
             motion = dataclasses.replace(motion, certificate=None)
@@ -282,7 +284,7 @@ def advise_plan(plan: Plan, space: FreeSpace, *, progress: Progress = no_progres
     refusal = make_planner(plan.asked).advise(
         space.for_link(scope.link_length),
         scope,
-        refusal,
+        refusal=refusal,
         options=plan.options or PlannerOptions(),
         progress=progress,
     )
