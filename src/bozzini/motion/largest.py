@@ -167,7 +167,7 @@ def find_advice(job: TubeProblem, refusal: Refusal, *, progress: Progress = no_p
     def link(value: float) -> Scope:
         return replace(scope, link_length=value)
 
-    diameter = _find_near(
+    diameter = _find_certified(
         lambda value: 2.0 * trials.measure_lack(widen(value)),
         lambda value: trials.pass_with(widen(value)),
         2.0 * fits,
@@ -177,7 +177,7 @@ def find_advice(job: TubeProblem, refusal: Refusal, *, progress: Progress = no_p
     )
     length = None
     if refusal.code in ("LINK_TOO_LONG", "FOLD", "CERTIFICATE_UNRESOLVED", "ANGLE"):
-        length = _find_near(
+        length = _find_certified(
             # How much shorter a link must be does not follow from the clearance that lacks.
             lambda value: math.nan if trials.measure_lack(link(value)) else 0.0,
             lambda value: trials.pass_with(link(value)),
@@ -208,7 +208,7 @@ def _find_inflation(job: TubeProblem, lack: float, trials: _Trials) -> float | N
     def certify(value: float) -> bool:
         return inflate(value + INFLATION_SPARE_MM).pass_with(scope)
 
-    found = _find_near(
+    found = _find_certified(
         lambda value: inflate(value).measure_lack(scope),
         certify,
         duct.inflation + max(lack, 0.0),
@@ -275,7 +275,7 @@ class _Trials:
         return TubeProblem(space, scope, self.options, self.style)
 
 
-def _find_near(
+def _find_certified(
     measure: Callable[[float], float],
     certify: Callable[[float], bool],
     guess: float,
@@ -286,10 +286,27 @@ def _find_near(
 ) -> float | None:
     """Return a multiple of `step` that is certified, near to `refused`; None if none is found.
 
-    `measure` gives 0 for a value that may pass, else by how much more it must differ, or NaN if
-    that is not known. From a guess the search goes that far, and farther each time, up to `last`;
-    or back, if the guess may pass. Then the gap is halved down to `NEAR` of the value. What that
-    leaves is certified, or the search goes on behind it.
+    It is what `_find_near` finds. If that is not certified, a path tells too little here, and each
+    value beyond it is certified in turn.
+    """
+    found = _find_near(measure, guess, refused=refused, last=last, step=step)
+    if found is None or certify(found):
+        return found
+
+    def measure_motion(value: float) -> float:
+        return 0.0 if certify(value) else math.nan
+
+    return _find_near(measure_motion, found, refused=found, last=last, step=step)
+
+
+def _find_near(
+    measure: Callable[[float], float], guess: float, *, refused: float, last: float, step: float
+) -> float | None:
+    """Return a multiple of `step` that passes, near to `refused`; None if none is found.
+
+    `measure` gives 0 for a value that passes, else by how much more it must differ, or NaN if that
+    is not known. From a guess the search goes that far, and farther each time, up to `last`; or
+    back, if the guess passes. Then the gap is halved down to `NEAR` of the value.
     """
     sign = 1 if last > refused else -1
     # Counted from the refused value on: 1 is the first multiple beyond it.
@@ -308,31 +325,25 @@ def _find_near(
         return None
     bad, k = 0, min(max(math.ceil(sign * (guess / step - origin) - 1e-9), 1), most)
     stride = spread(k)
-    while True:
-        while lack := measure(value(k)):
-            if k == most:
-                return None
-            farther = 0 if math.isnan(lack) else math.ceil(lack / step - 1e-9)
-            bad, k, stride = k, min(k + max(stride, farther), most), 2 * stride
-        good, back = k, 2 * spread(k)
-        while bad == 0 and good > 1:
-            k, back = max(good - back, 1), 2 * back
-            if measure(value(k)):
-                bad = k
-            else:
-                good = k
-        while good - bad > spread(good):
-            k = (good + bad) // 2
-            if measure(value(k)):
-                bad = k
-            else:
-                good = k
-        if certify(value(good)):
-            return value(good)
-        if good == most:
+    while lack := measure(value(k)):
+        if k == most:
             return None
-        bad, k = good, min(good + stride, most)
-        stride *= 2
+        farther = 0 if math.isnan(lack) else math.ceil(lack / step - 1e-9)
+        bad, k, stride = k, min(k + max(stride, farther), most), 2 * stride
+    good, back = k, 2 * spread(k)
+    while bad == 0 and good > 1:
+        k, back = max(good - back, 1), 2 * back
+        if measure(value(k)):
+            bad = k
+        else:
+            good = k
+    while good - bad > spread(good):
+        k = (good + bad) // 2
+        if measure(value(k)):
+            bad = k
+        else:
+            good = k
+    return value(good)
 
 
 def _find_last(passes: Callable[[float], bool], start: float, high: float, step: float) -> float:
