@@ -466,7 +466,9 @@ def test_a_surface_made_from_voxels_shows_their_size(mask, spacing):
     points, faces = make_cubes(tuple(shape), np.array(spacing), mask=mask)
     found = find_voxels(points.astype(np.float32).astype(float))
     assert found == pytest.approx(np.array(spacing), rel=1e-4)
-    text = codes(tract_from_surface(points, faces))["voxel-surface"].message
+    tract = tract_from_surface(points, faces)
+    assert tract.source_error == pytest.approx(0.5 * np.linalg.norm(spacing), rel=1e-4)
+    text = codes(tract)["voxel-surface"].message
     assert f"{0.5 * np.linalg.norm(spacing):.2f} mm" in text
     # Turned or smoothed nothing is seen, nor in a surface that was never made of voxels.
     turn = trimesh.transformations.rotation_matrix(0.3, [1.0, 1.0, 0.0])[:3, :3]

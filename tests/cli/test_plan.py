@@ -125,6 +125,20 @@ def test_a_scope_that_is_too_thick_is_an_answer_not_an_error(
     assert {path.name for path in (tmp_path / "plan").iterdir()} == FILES
 
 
+def test_the_answer_is_told_before_what_would_fit_is_sought(
+    tracts: Tracts, run: Run, tmp_path: Path
+) -> None:
+    options = (tracts.volume, "--diameter", "18mm", "--link", "8mm", "--organ", "colon")
+    told = run(*options, "--out", tmp_path / "told")
+    assert "stopped: does not fit at the entry" in told.err and "Would fit" in told.out
+    bare = run(*options, "--no-advice", "--out", tmp_path / "bare")
+    assert "looking for" not in bare.err and "Would fit" not in bare.out
+    assert told.out.split(". Would fit")[0] in bare.out
+    folders = (tmp_path / "told", tmp_path / "bare")
+    commands = [json.loads((folder / "summary.json").read_text())["command"] for folder in folders]
+    assert [command.endswith(" --no-advice") for command in commands] == [False, True]
+
+
 def test_inflation_makes_room(
     good: tuple[Outcome, Path], tracts: Tracts, run: Run, tmp_path: Path
 ) -> None:

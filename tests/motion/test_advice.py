@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 
 from bozzini.duct import build_field, field_from_mask, find_centreline
-from bozzini.motion import Scope, find_largest
+from bozzini.motion import FreeSpace, PlannerOptions, Scope, find_largest, largest, plan_insertion
+from bozzini.motion.planner import advise_plan
 from bozzini.numeric.polylines import measure_arc_length
 from tests.exact import voxelise
 from tests.human import load_human
@@ -129,9 +131,35 @@ def test_the_largest_that_is_printed_fits():
         assert lumen.plan(diameter=printed[0], link=printed[1]).status == "complete"
 
 
-def test_no_inflation_is_advised_beyond_what_the_field_knows():
-    from dataclasses import replace
+def test_advice_after_the_answer_is_the_same_and_takes_few_certificates(monkeypatch):
+    lumen, scope = make_straight("waist"), Scope(diameter=8.0, link_length=9.0)
+    options = PlannerOptions(head_step=1.0, advise=False)
+    answer = plan_insertion(lumen.field, lumen.line, scope=scope, options=options)
+    assert "Would fit" not in answer.reason and answer.refusal.diameter_max is None
+    certified = []
+    monkeypatch.setattr(
+        largest._Trials, "find_motion", record(certified, largest._Trials.find_motion)
+    )
+    again = advise_plan(answer, FreeSpace(lumen.field, lumen.line))
+    whole = replace(options, advise=True)
+    asked = plan_insertion(lumen.field, lumen.line, scope=scope, options=whole)
+    assert again.refusal == asked.refusal and again.reason == asked.reason != answer.reason
+    assert 2 <= len(certified) // 2 <= 4  # one confirms each of what is named
+    # A scope that is too short has no advice: a thinner one would be as short.
+    short = replace(scope, diameter=4.0, length=40.0)
+    plan = plan_insertion(lumen.field, lumen.line, scope=short, options=options)
+    assert advise_plan(plan, FreeSpace(lumen.field, lumen.line)) is plan
 
+
+def record(calls, function):
+    def call(*args):
+        calls.append(args)
+        return function(*args)
+
+    return call
+
+
+def test_no_inflation_is_advised_beyond_what_the_field_knows():
     lumen = make_straight("waist")
     scope = Scope(diameter=8.0, link_length=9.0)
     advised = insert(lumen.field, lumen.line, scope=scope).refusal.inflate

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import re
 from dataclasses import dataclass
 
 import numpy as np
@@ -265,13 +266,17 @@ def test_what_ends_a_motion_far_from_the_place_that_decides_is_told():
     refusal = plan.refusal
     assert refusal.code == "NO_PASSAGE" and refusal.at - refusal.ends_at > 40.0
     assert refusal.ends_code in ("LINK_TOO_LONG", "FOLD")
-    # Which part of the body, which limit, and how it relates to the place named first.
-    assert "link 1, that of the head" in plan.reason and "before that place" in plan.reason
-    assert f"{refusal.ends_at:.1f} mm of the centreline, before that place: link 1" in plan.reason
+    # Where it ends, which part of the body meets which limit there, then what decides farther on.
+    begin = f"the motion ends at {refusal.ends_at:.1f} mm of the centreline: link 1, that of the"
+    assert plan.reason.startswith(begin)
+    assert f"; farther on, {refusal.what}" in plan.reason
     # Links that pass the bend go on to the waist: the same place decides and ends.
     short = lumen.plan(8.0, 8.0, advise=False)
     assert short.refusal.code == "NO_PASSAGE"
     assert short.refusal.ends_at > refusal.ends_at + 30.0
+    assert short.refusal.ends_code == "HEAD_CLEARANCE"
+    at = float(re.search(r"at (\S+) mm of the centreline", short.refusal.ends_what)[1])
+    assert short.refusal.ends_at - 1.0 <= at <= short.refusal.at
     # It is kept in the file of the plan.
     assert plan.meta["refusal"]["ends_what"] in plan.reason
 

@@ -12,7 +12,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bozzini.duct import Centreline, Polygon, RoundCones, SampledField, TriangleMesh
-from bozzini.motion.traverse import find_diameter_limits, find_link_limits, make_ceiling
+from bozzini.motion.traverse import (
+    SegmentSearch,
+    find_diameter_limits,
+    find_link_limits,
+    make_ceiling,
+)
 from tests.motion.bends import bend_duct
 from tests.shapes import bend_curve, curve_distance, sample_field
 from validation.thesis.traverse_bend import Bend
@@ -257,3 +262,12 @@ def test_diameters_are_bracketed() -> None:
     easy = find_diameter_limits(duct, line, link=bend.limit_on_centreline())
     assert 9.0 <= easy.low <= 10.0
     assert easy.low <= rigid.high <= short.high
+
+
+def test_a_search_that_cannot_come_nearer_ends() -> None:
+    # At the end of a tube just wider than the body rays along its rim stay free at all sizes.
+    duct = RoundCones(np.linspace([0.0, 0.0, 0.0], [24.0, 0.0, 0.0], 7), np.full(7, 6.0))
+    ceiling = make_ceiling(duct)
+    line = ceiling.to_local(np.linspace([0.0, 0.0, 0.0], [24.0, 0.0, 0.0], 97))
+    search = SegmentSearch(ceiling=ceiling, line=line, radius=5.98125, limit=79.6)
+    assert 0.0 <= search.bound_behind(0, 6.0).bound < 0.5

@@ -199,3 +199,30 @@ def test_an_identifier_keeps_its_small_letters():
     finding = {"code": "version-doubtful", "message": "totalsegmentator-v2:colon is label 20"}
     sentence = judge_plan(plan, {**make_summary(plan), "findings": [finding]}).sentence
     assert "totalsegmentator-v2:colon" in sentence
+
+
+@given(kept=st.floats(0.001, 3.9), source=st.floats(0.001, 3.9) | st.none())
+def test_a_surface_that_states_no_error_is_amber_and_compared_with_its_voxels(kept, source):
+    plan = make_plan(meta={"certified": True})
+    proved = {"certified": True, "clearance_certified_mm": kept}
+    stated = {"wall_error_mm": None, "source_error_mm": source}
+    verdict = judge_plan(plan, {**make_summary(plan), **proved, **stated})
+    assert verdict.tone == "amber" and verdict.label.startswith("Fits this surface, proved; ")
+    assert "--label-error" in verdict.notes[-1]
+    found = re.search(r"; (also|not) for a wall wrong by the ([0-9.]+) mm of", verdict.label)
+    if source is None:
+        assert found is None and verdict.label.endswith("the surface's own error is not known")
+        return
+    assert (found[1] == "also") == (kept >= source) and float(found[2]) >= source
+
+
+@pytest.mark.parametrize("chosen", [False, True])
+def test_a_lumen_of_which_a_little_is_missing_is_no_fit_but_to_an_end_that_was_chosen(chosen):
+    plan = make_plan(meta={"certified": True})
+    part = {"text": "0.1 mL are missing", "share": 0.001, "stated": True, "kind": "missing"}
+    goal = {"name": "the given end", "given": chosen, "chosen": chosen}
+    summary = {**make_summary(plan), "certified": True, "clearance_certified_mm": 1.0}
+    verdict = judge_plan(plan, {**summary, "unreached": [part], "goal": goal, "unreached_share": 0})
+    begin = "Fits to the given end" if chosen else "Reaches the given end"
+    assert verdict.label.startswith(begin) and verdict.tone == "amber"
+    assert "under 1 % of the lumen is missing in the file" in verdict.label

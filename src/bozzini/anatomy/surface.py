@@ -144,7 +144,15 @@ def tract_from_surface(
     triangles = np.concatenate((triangles, parts.bodies))
     found += _check_topology(points, triangles)
     found += _check_crossing(points, triangles)
-    found += _report_voxels(points[np.unique(triangles)])
+    voxels = _mesh.find_voxels(points[np.unique(triangles)])
+    half = None if voxels is None else 0.5 * float(np.linalg.norm(voxels))
+    if voxels is not None:
+        sides = " x ".join(f"{step:.3g}" for step in voxels)
+        message = (
+            "the corners lie on the edges of a grid, as marching cubes leave them: the surface "
+            f"was made from voxels of {sides} mm, of which half a diagonal is {half:.2f} mm"
+        )
+        found.append(Finding("voxel-surface", "note", message))
     found += check_scale(size, hint="give the file's own unit, for example --unit m or --unit cm")
     # Each triangle of a sheet both ways: it bounds, and winds about nothing.
     sheets = np.concatenate((parts.sheets, parts.sheets[:, ::-1]))
@@ -161,6 +169,7 @@ def tract_from_surface(
         not_reached=parts.apart,
         missing=missing,
         wall=wall_text,
+        source_error=half,
     )
     if repair:
         return replace(made, findings=(*found, *_compare_unrepaired(made, vertices, faces)))
@@ -420,20 +429,6 @@ def _split_corners(
     used, index = np.unique(sheets, return_inverse=True)
     sheets = index.reshape(-1, 3).astype(np.int64) + len(corner)
     return np.concatenate((points[corner], points[used])), fan, sheets
-
-
-def _report_voxels(corners: Vertices) -> list[Finding]:
-    """Return a note on the voxels that a surface was made from, if it shows them."""
-    voxels = _mesh.find_voxels(corners)
-    if voxels is None:
-        return []
-    size = " x ".join(f"{step:.3g}" for step in voxels)
-    message = (
-        f"the corners lie on the edges of a grid, as marching cubes leave them: the surface was "
-        f"made from voxels of {size} mm, of which half a diagonal is "
-        f"{0.5 * np.linalg.norm(voxels):.2f} mm"
-    )
-    return [Finding("voxel-surface", "note", message)]
 
 
 def _check_crossing(points: Vertices, triangles: Faces) -> list[Finding]:

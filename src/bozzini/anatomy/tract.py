@@ -325,6 +325,9 @@ class SurfaceTract(TractSource):
         Corners of each triangle, anticlockwise seen from outside the lumen.
     source, findings, organ, landmarks, openings, not_reached, missing, frame, wall, wall_error
         As in `TractSource`.
+    source_error : float, optional
+        Half a diagonal of the voxels that the surface was made from [mm], where it shows them: of
+        its `wall_error` the part that is known.
 
     Raises
     ------
@@ -336,6 +339,7 @@ class SurfaceTract(TractSource):
 
     vertices: NDArray[np.float64]
     faces: NDArray[np.int64]
+    source_error: float | None = None
 
     def __post_init__(self) -> None:
         vertices, faces = check_mesh(self.vertices, self.faces, self.source)

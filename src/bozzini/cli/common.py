@@ -586,10 +586,11 @@ def spell_command() -> str:
     words = context.command_path.split()
     for item in context.command.params:
         value = values.get(item.name or "")
-        if item.name in _NO_CONTENT or value in (None, False):
+        names = item.secondary_opts if value is False else item.opts
+        if item.name in _NO_CONTENT or value is None or not names:
             continue
         for part in value if isinstance(value, list) else [value]:
-            words += [] if isinstance(item, click.Argument) else [item.opts[0]]
+            words += [] if isinstance(item, click.Argument) else [names[0]]
             if isinstance(part, str):
                 words.append(Path(part).name if isinstance(item.type, click.Path) else part)
     return shlex.join(words)
@@ -621,8 +622,10 @@ def make_option(
     known: Quantity = item.metadata["quantity"]
     default = item.default
     given: Json = {"help": known.help}
+    name = flag or spell_option(item)
     if known.kind == "flag":
-        given["is_flag"] = True
+        given |= {"is_flag": True, "default": default}
+        name = f"{name}/--no-{name.removeprefix('--')}" if default else name
     else:
         given["type"] = choose_type(known)
         if isinstance(default, tuple):
@@ -635,7 +638,7 @@ def make_option(
                 shown = f"{default:g}{known.unit}"
                 is_exact = float(f"{default:g}") == default
                 given |= {"default": shown} if is_exact else {"show_default": shown}
-    return click.option(flag or spell_option(item), item.name, **(given | other))
+    return click.option(name, item.name, **(given | other))
 
 
 def option(

@@ -405,6 +405,7 @@ class Bench:
             "unreached_share": found.unreached_share,
             "goal": {"name": ends.goal, "given": ends.given, "chosen": ends.goal_given},
             "wall_error_mm": found.field.wall_error,
+            "source_error_mm": getattr(self.tract, "source_error", None),
             "findings": [asdict(item) for item in self.tract.findings],
         }
         verdict = judge_plan(found.plan, summary)

@@ -9,6 +9,7 @@ from ..progress import Progress, no_progress
 from .largest import find_advice
 from .planner import Planner
 from .planners import PlannerOptions
+from .refusal import Refusal
 from .scope import Scope
 from .space import FreeSpace
 from .tube import Style, TubeMotion, TubeProblem, plan_in_tube
@@ -29,13 +30,21 @@ class TubePlanner(Planner):
         options: PlannerOptions,
         progress: Progress = no_progress,
     ) -> TubeMotion:
-        """Return a certified motion as far as it goes, and what would fit where it does not."""
+        """Return a certified motion as far as it goes."""
+        return plan_in_tube(TubeProblem(space, scope, options, self.style), progress=progress)
+
+    def advise(
+        self,
+        space: FreeSpace,
+        scope: Scope,
+        *,
+        refusal: Refusal,
+        options: PlannerOptions,
+        progress: Progress = no_progress,
+    ) -> Refusal:
+        """Return a refusal with what a certified plan of the whole way is found for."""
         job = TubeProblem(space, scope, options, self.style)
-        motion = plan_in_tube(job, progress=progress)
-        if motion.refusal is not None and options.advise:
-            refusal = find_advice(job, motion.refusal, progress=progress)
-            motion = replace(motion, refusal=refusal)
-        return motion
+        return find_advice(job, refusal, progress=progress)
 
 
 class FollowPlanner(TubePlanner):

@@ -19,9 +19,9 @@ from .planner import check_size
 from .planners import PlannerOptions
 from .refusal import Refusal
 from .scope import SIZE_MIN_MM, Scope
-from .shape import SHORTEST_MM
+from .shape import SHORTEST_MM, measure_folds
 from .space import FreeSpace
-from .tube import MARGINS, Style, TubeMotion, TubeProblem
+from .tube import FOLD_COSINE, MARGINS, Style, TubeMotion, TubeProblem
 
 DIAMETER_STEP_MM, LINK_STEP_MM, INFLATION_STEP_MM = 0.05, 0.25, 0.1
 """Values that are tried are multiples of these, so that they are printed as they are."""
@@ -34,6 +34,9 @@ A new run builds its field for the inflation given, with other nodes in a surfac
 
 INFLATION_MORE_MM = 6.0
 """No inflation by more than this beyond the lumen's own is sought."""
+
+NEAR = 0.02
+"""Advice is sought to this fraction: a value nearer to what was refused may pass, too."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -149,58 +152,71 @@ def find_advice(job: TubeProblem, refusal: Refusal, *, progress: Progress = no_p
     """
     scope = job.scope
     trials = _Trials(job.space, job.options, job.style)
-    trials.progress = lambda count: progress("advice", min(0.95, count / 40.0))
+    trials.progress = lambda count: progress("advice", min(0.95, count / 20.0))
     passage = job.passages.passage if min(job.bound[0], job.bound[-1]) > 0.0 else None
     level = float(job.bound.min())
     if passage is not None:
         level = max(level, min(passage.level, float(job.bound[0]), float(job.bound[-1])))
-    fits = max(level - MARGINS[-1], 0.0)
+    if refusal.code == "LINK_TOO_LONG" and refusal.offers is not None:
+        level = min(level, refusal.offers)
+    fits = max(level - MARGINS[1], 0.0)
 
-    def pass_diameter(value: float) -> bool:
-        return trials.pass_with(replace(scope, diameter=value))
+    def widen(value: float) -> Scope:
+        return replace(scope, diameter=value)
 
-    def pass_link(value: float) -> bool:
-        return trials.pass_with(replace(scope, link_length=value))
+    def link(value: float) -> Scope:
+        return replace(scope, link_length=value)
 
-    diameter = _find_near(
-        pass_diameter, 2.0 * fits, refused=scope.diameter, last=SIZE_MIN_MM, step=DIAMETER_STEP_MM
+    diameter = _find_certified(
+        lambda value: 2.0 * trials.measure_lack(widen(value)),
+        lambda value: trials.pass_with(widen(value)),
+        2.0 * fits,
+        refused=scope.diameter,
+        last=SIZE_MIN_MM,
+        step=DIAMETER_STEP_MM,
     )
-    link = None
+    length = None
     if refusal.code in ("LINK_TOO_LONG", "FOLD", "CERTIFICATE_UNRESOLVED", "ANGLE"):
-        guess = job.largest_link or 0.5 * scope.link_length
-        link = _find_near(
-            pass_link, guess, refused=scope.link_length, last=SHORTEST_MM, step=LINK_STEP_MM
+        length = _find_certified(
+            # How much shorter a link must be does not follow from the clearance that lacks.
+            lambda value: math.nan if trials.measure_lack(link(value)) else 0.0,
+            lambda value: trials.pass_with(link(value)),
+            refusal.link_shaped or 0.5 * scope.link_length,
+            refused=scope.link_length,
+            last=SHORTEST_MM,
+            step=LINK_STEP_MM,
         )
     inflation = _find_inflation(job, scope.radius - fits, trials)
     progress("advice", 1.0)
     bound = None if passage is None or not math.isfinite(passage.bound) else 2.0 * passage.bound
     return replace(
-        refusal, diameter_max=diameter, link_max=link, inflate=inflation, diameter_bound=bound
+        refusal, diameter_max=diameter, link_max=length, inflate=inflation, diameter_bound=bound
     )
 
 
 def _find_inflation(job: TubeProblem, lack: float, trials: _Trials) -> float | None:
     """Return a small inflation, all of it, for which the whole way is planned [mm]."""
-    duct = job.duct
+    duct, scope = job.duct, job.scope
     # Beyond its reach a field does not know how far the wall is outside the lumen.
-    last = min(duct.inflation_max, duct.inflation + INFLATION_MORE_MM)
-    refused = duct.inflation + INFLATION_SPARE_MM
-    if last <= refused:
+    last = min(duct.inflation_max, duct.inflation + INFLATION_MORE_MM) - INFLATION_SPARE_MM
+    if last <= duct.inflation:
         return None
 
-    def pass_once(value: float) -> bool:
-        wider = job.space.moved_to(duct.inflate(value - duct.inflation))
-        other = _Trials(wider, job.options, job.style)
-        other.count, other.progress = trials.count, trials.progress
-        done = other.pass_with(job.scope)
-        trials.count = other.count
-        return done
+    def inflate(value: float) -> _Trials:
+        return trials.move_to(job.space.moved_to(duct.inflate(value - duct.inflation)))
 
-    def passes(value: float) -> bool:
-        return pass_once(value) and pass_once(round(value - INFLATION_SPARE_MM, 6))
+    def certify(value: float) -> bool:
+        return inflate(value + INFLATION_SPARE_MM).pass_with(scope)
 
-    guess = duct.inflation + max(lack, 0.0) + INFLATION_SPARE_MM
-    return _find_near(passes, guess, refused=refused, last=last, step=INFLATION_STEP_MM)
+    found = _find_certified(
+        lambda value: inflate(value).measure_lack(scope),
+        certify,
+        duct.inflation + max(lack, 0.0),
+        refused=duct.inflation,
+        last=last,
+        step=INFLATION_STEP_MM,
+    )
+    return None if found is None else round(found + INFLATION_SPARE_MM, 6)
 
 
 class _Trials:
@@ -213,12 +229,39 @@ class _Trials:
         self.count = 0
         self.progress: Callable[[int], None] = lambda count: None
 
+    def move_to(self, space: FreeSpace) -> _Trials:
+        """Go on in another space."""
+        self.space = space
+        return self
+
     def pass_with(self, scope: Scope) -> bool:
         """Whether a certified plan of the whole way is found for a scope."""
         return self.find_motion(scope) is not None
 
+    def measure_lack(self, scope: Scope) -> float:
+        """Return how much clearance a path for a scope lacks [mm]: 0 if one is found.
+
+        NaN if none is found for another reason. Without a path there is no motion; whether what
+        moves along it can be certified is not looked at.
+        """
+        job = self._pose(scope)
+        base = None if job is None else job.find_base(scope.radius + MARGINS[1])
+        if job is None or base is None:
+            return math.nan
+        shaped = job.shape(base, MARGINS[1])
+        if not shaped.clear:
+            return scope.radius + MARGINS[1] - shaped.clearance
+        folds = measure_folds(shaped, scope.link_length).min() < FOLD_COSINE
+        return math.nan if folds else 0.0
+
     def find_motion(self, scope: Scope) -> TubeMotion | None:
         """Return a certified motion of a scope along the whole way; None if none is found."""
+        job = self._pose(scope)
+        motion = None if job is None else job.try_whole_way(thorough=self.thorough)
+        return motion if motion is not None and motion.refusal is None else None
+
+    def _pose(self, scope: Scope) -> TubeProblem | None:
+        """Return the planning of a scope, or None if that is not legal or the entry too narrow."""
         self.count += 1
         self.progress(self.count)
         line = self.space.centreline
@@ -229,19 +272,41 @@ class _Trials:
         except BozziniError:
             return None
         space = self.space.for_link(scope.link_length)
-        motion = TubeProblem(space, scope, self.options, self.style).try_whole_way(
-            thorough=self.thorough
-        )
-        return motion if motion is not None and motion.refusal is None else None
+        return TubeProblem(space, scope, self.options, self.style)
+
+
+def _find_certified(
+    measure: Callable[[float], float],
+    certify: Callable[[float], bool],
+    guess: float,
+    *,
+    refused: float,
+    last: float,
+    step: float,
+) -> float | None:
+    """Return a multiple of `step` that is certified, near to `refused`; None if none is found.
+
+    It is what `_find_near` finds. If that is not certified, a path tells too little here, and each
+    value beyond it is certified in turn.
+    """
+    found = _find_near(measure, guess, refused=refused, last=last, step=step)
+    if found is None or certify(found):
+        return found
+
+    def measure_motion(value: float) -> float:
+        return 0.0 if certify(value) else math.nan
+
+    return _find_near(measure_motion, found, refused=found, last=last, step=step)
 
 
 def _find_near(
-    passes: Callable[[float], bool], guess: float, *, refused: float, last: float, step: float
+    measure: Callable[[float], float], guess: float, *, refused: float, last: float, step: float
 ) -> float | None:
-    """Return a multiple of `step` that passes, as near to `refused` as is found; None if none.
+    """Return a multiple of `step` that passes, near to `refused`; None if none is found.
 
-    From a guess the distance to `refused` doubles until one passes, up to `last`, then the gap is
-    halved.
+    `measure` gives 0 for a value that passes, else by how much more it must differ, or NaN if that
+    is not known. From a guess the search goes that far, and farther each time, up to `last`; or
+    back, if the guess passes. Then the gap is halved down to `NEAR` of the value.
     """
     sign = 1 if last > refused else -1
     # Counted from the refused value on: 1 is the first multiple beyond it.
@@ -250,28 +315,34 @@ def _find_near(
     def value(k: int) -> float:
         return round((origin + sign * k) * step, 6)
 
-    most = math.floor(abs(last / step - origin) + 1e-9)
-    if value(most) <= 0.0:
+    def spread(k: int) -> int:
+        return max(1, math.floor(NEAR * value(k) / step))
+
+    most = math.floor(sign * (last / step - origin) + 1e-9)
+    if most >= 1 and value(most) <= 0.0:
         most -= 1
-    bad, good, stride = 0, None, 1
-    k = min(max(math.ceil(sign * (guess / step - origin) - 1e-9), 1), max(most, 1))
-    while most >= 1:
-        if passes(value(k)):
-            good = k
-            break
-        bad = k
-        if k == most:
-            break
-        k = min(k + stride, most)
-        stride *= 2
-    if good is None:
+    if most < 1:
         return None
-    while good - bad > 1:
-        middle = (good + bad) // 2
-        if passes(value(middle)):
-            good = middle
+    bad, k = 0, min(max(math.ceil(sign * (guess / step - origin) - 1e-9), 1), most)
+    stride = spread(k)
+    while lack := measure(value(k)):
+        if k == most:
+            return None
+        farther = 0 if math.isnan(lack) else math.ceil(lack / step - 1e-9)
+        bad, k, stride = k, min(k + max(stride, farther), most), 2 * stride
+    good, back = k, 2 * spread(k)
+    while bad == 0 and good > 1:
+        k, back = max(good - back, 1), 2 * back
+        if measure(value(k)):
+            bad = k
         else:
-            bad = middle
+            good = k
+    while good - bad > spread(good):
+        k = (good + bad) // 2
+        if measure(value(k)):
+            bad = k
+        else:
+            good = k
     return value(good)
 
 

@@ -22,7 +22,7 @@ from ..numeric.polylines import interpolate_polyline, measure_arc_length
 from ..progress import Progress, no_progress
 from .measures import measure_body
 from .plan import Plan, Replanned, SoftWall
-from .planner import Motion, check_link, finish_plan, make_planner, plan_insertion
+from .planner import Motion, advise_plan, check_link, finish_plan, make_planner, plan_insertion
 from .planners import PlannerOptions
 from .refusal import Refusal
 from .scope import Introducer, Scope, measure_bore
@@ -81,23 +81,25 @@ def plan_with_soft_wall(
     if not isinstance(duct, (SampledField, RefinedField)):
         raise InputError(f"the duct is a {type(duct).__name__}: a soft wall takes a sampled field")
 
-    def plan_displaced(by: float, *, advise: bool) -> Plan:
-        chosen = replace(options, advise=advise and options.advise)
-        moved = duct.inflate(by) if by else duct  # of which the passages may be known
+    def displace(by: float) -> Duct:
+        return duct.inflate(by) if by else duct  # of which the passages may be known
+
+    def plan_displaced(by: float) -> Plan:
+        chosen = replace(options, advise=False)
         return plan_insertion(
-            moved, line, scope=scope, method=method, options=chosen, progress=progress
+            displace(by), line, scope=scope, method=method, options=chosen, progress=progress
         )
 
     # With several shares, what would fit is only sought for the one that is taken.
-    best, used = plan_displaced(0.0, advise=soft_wall == 0.0), 0.0
+    best, used = plan_displaced(0.0), 0.0
     for share in SHARES if soft_wall > 0.0 else ():
         if best.status == "complete":
             break
-        plan = plan_displaced(soft_wall * share, advise=False)
+        plan = plan_displaced(soft_wall * share)
         if plan.inserted > best.inserted + 1.0 or plan.status == "complete":
             best, used = plan, soft_wall * share
-    if best.status == "stopped" and soft_wall > 0.0:
-        best = plan_displaced(used, advise=True)
+    if best.status == "stopped" and options.advise:
+        best = advise_plan(best, FreeSpace(displace(used), line), progress=progress)
     if best.options is not None:
         best = replace(best, options=options)
     at_rest = FreeSpace(duct, line, best.introducer)

@@ -117,6 +117,18 @@ class Planner(ABC):
         is no longer than the scope.
         """
 
+    def advise(
+        self,
+        space: FreeSpace,
+        scope: Scope,
+        *,
+        refusal: Refusal,
+        options: PlannerOptions,
+        progress: Progress = no_progress,
+    ) -> Refusal:
+        """Return a refusal of `move` with what would fit; by default as it is."""
+        return refusal
+
     def plan(
         self,
         space: FreeSpace,
@@ -147,15 +159,19 @@ class Planner(ABC):
                 f"the centreline's points have shape {line.points.shape}: this duct needs "
                 f"(n, {dim})"
             )
-        short = scope.length is not None and scope.length < line.length - 1e-6
+        short = _is_short(scope, line)
         if short:  # it gets in as far as it is long
             space = FreeSpace(space.duct, line.cut(float(scope.length or 0.0)), space.introducer)
         if space.introducer is None:
             space = space.for_link(scope.link_length)
         check_size(scope, space.centreline, options)
-        advise = options.advise and not short
-        asked = dataclasses.replace(options, advise=advise)
+        asked = dataclasses.replace(options, advise=options.advise and not short)
         motion = self.move(space, scope, options=asked, progress=progress)
+        if asked.advise and motion.refusal is not None:
+            refusal = self.advise(
+                space, scope, refusal=motion.refusal, options=asked, progress=progress
+            )
+            motion = dataclasses.replace(motion, refusal=refusal)
         if not self._is_own:
             motion = dataclasses.replace(motion, certificate=None)
         if short and not motion.reason_code and motion.refusal is None:
@@ -253,6 +269,31 @@ def plan_insertion(
     return make_planner(method).plan(
         FreeSpace(duct, line), scope, options=options, progress=progress
     )
+
+
+def advise_plan(plan: Plan, space: FreeSpace, *, progress: Progress = no_progress) -> Plan:
+    """Return a plan in `space` that states what would fit, if its scope does not.
+
+    That is what `plan_insertion` adds, with `PlannerOptions.advise`, to a plan made without.
+    """
+    refusal, scope = plan.refusal, plan.get_scope()
+    if refusal is None or _is_short(scope, space.centreline):
+        return plan
+    if plan.displaced > 0.0:
+        space = FreeSpace(space.duct.inflate(plan.displaced), space.centreline)
+    refusal = make_planner(plan.asked).advise(
+        space.for_link(scope.link_length),
+        scope,
+        refusal=refusal,
+        options=plan.options or PlannerOptions(),
+        progress=progress,
+    )
+    return dataclasses.replace(plan, refusal=refusal, reason=refusal.reason)
+
+
+def _is_short(scope: Scope, line: Centreline) -> bool:
+    """Whether a scope is wholly inserted before the end of a line."""
+    return scope.length is not None and scope.length < line.length - 1e-6
 
 
 def make_planner(method: str) -> Planner:

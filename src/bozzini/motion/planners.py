@@ -75,7 +75,7 @@ class PlannerOptions:
         Fractions of the way that the head goes to in turn: ``(1,)`` in, ``(1, 0)`` in and out,
         ``(1, 0, 1)`` in, out, in.
     advise : bool
-        Whether to seek what would fit where the scope does not; that takes seconds.
+        Whether to seek what would fit where the scope does not; that takes a few seconds.
     reach : bool
         Whether to seek how far a scope gets that does not come through; else it stays at the
         entry, with the reason.
@@ -111,7 +111,12 @@ class PlannerOptions:
     route: tuple[float, ...] = field(
         default=(1.0,), metadata={"help": "Advance only, or also retract, or go in again."}
     )
-    advise: bool = True
+    advise: bool = quantity(
+        "flag",
+        "Seek what would fit, where the scope does not: takes seconds.",
+        default=True,
+        option="advice",
+    )
     reach: bool = True
 
     def __post_init__(self) -> None:

@@ -79,6 +79,8 @@ class Refusal:
         where none was found or sought.
     diameter_bound : float or None
         No wider scope passes, proved [mm].
+    link_shaped : float or None
+        Longest link for which a path was found, but no motion proved [mm].
     ends_at : float or None
         Arc length along the centreline at which the motion ends [mm].
     ends_code, ends_what : str
@@ -95,6 +97,7 @@ class Refusal:
     link_max: float | None = quantity("length", default=None)
     inflate: float | None = quantity("length", default=None)
     diameter_bound: float | None = quantity("length", default=None)
+    link_shaped: float | None = field(default=None, metadata={"recorded": False})
     ends_at: float | None = quantity("length", default=None)
     ends_code: str = field(default="", metadata={"omitted": True})
     ends_what: str = field(default="", metadata={"omitted": True})
@@ -104,10 +107,12 @@ class Refusal:
         """The statement and the advice, at most two sentences; the last without its full stop."""
         statement = self.what
         if self.ends_at is not None and abs(self.ends_at - self.at) > NEAR_MM:
-            statement += f"; the motion ends at {self.ends_at:.1f} mm of the centreline"
+            ended = f"the motion ends at {self.ends_at:.1f} mm of the centreline"
             if self.ends_what:
-                side = "before" if self.ends_at < self.at else "beyond"
-                statement += f", {side} that place: {self.ends_what}"
+                side = "farther on" if self.ends_at < self.at else "before that"
+                statement = f"{ended}: {self.ends_what}; {side}, {statement}"
+            else:
+                statement += f"; {ended}"
         advice = []
         if self.diameter_max is not None:
             advice.append(f"a scope of {floor_mm(self.diameter_max)} mm diameter")

@@ -380,12 +380,17 @@ class TubeProblem:
         )
         return Bind(code="CERTIFICATE_UNRESOLVED", what=what)
 
-    def bind_lumen(self, clearance: float) -> Bind:
-        """Return that the lumen is too narrow beyond, for whatever link."""
-        what = (
-            f"beyond, no way for the head was found that has {clearance:.2f} mm from its axis to "
-            "the wall"
-        )
+    def bind_lumen(self, beyond: float = 0.0) -> Bind:
+        """Return where the lumen is too narrow beyond a place of the line, for whatever link."""
+        radius, margin, arc = self.scope.radius, MARGINS[-1], self.line.arc_length
+        what = f"no way was found beyond that is wide enough for a diameter of {2.0 * radius:g} mm"
+        narrow = np.flatnonzero((self.bound < radius + margin) & (arc >= beyond))
+        if len(narrow):
+            offers = float(self.bound[narrow[0]])
+            what += (
+                f": the scope needs {tell_needs(radius, offers, margin)}, at "
+                f"{arc[narrow[0]]:.1f} mm of the centreline the lumen has {floor_mm(offers)} mm"
+            )
         return Bind(code="HEAD_CLEARANCE", what=what)
 
     def prove(self, motion: TubeMotion) -> TubeMotion:
@@ -561,6 +566,7 @@ def explain_stop(job: TubeProblem) -> Refusal:
             at=at,
             needs=radius + slack,
             offers=job.failed.clearance,
+            link_shaped=job.largest_link or None,
             what=f"links of {job.scope.link_length:g} mm do not fit at {at:.1f} mm of the "
             f"centreline: they need {tell_needs(radius, job.failed.clearance, slack, 'their')}, "
             f"the best path found has {floor_mm(job.failed.clearance)} mm{_mention_grid(job)}",
@@ -588,11 +594,12 @@ def find_prefix(
     margin = MARGINS[-1]
     guide = _find_guide(job, job.scope.radius + margin)
     if guide is None:
-        return job.stand_still(refusal.stop_at(0.0, job.bind_lumen(job.scope.radius + margin)))
+        return job.stand_still(refusal.stop_at(0.0, job.bind_lumen()))
     arcs = measure_arc_length(guide)
     best, reached, low = None, 0.0, 0.0
     arc = high = float(arcs[-1])
-    shaped, bind = job.failed, job.bind_lumen(job.scope.radius + margin)
+    shaped, bind = job.failed, None
+    beyond = job.bind_lumen(_locate(job, guide[-1]))  # what ends a way that is longer
     for tries in range(PREFIX_TRIES):
         progress("plan", tries / PREFIX_TRIES)
         if shaped is None:
@@ -602,14 +609,14 @@ def find_prefix(
             shaped = job.shape(guide[:count], margin, thorough=tries == 0)
         job.bind = job.crossing = None
         motion, shaped, end = job.follow_until(shaped, margin), None, 0.0
-        bind = job.bind or bind
         if motion is not None:
             end = _locate_on(guide, arcs, motion.path[-1])
             if best is None or end > reached:
-                best, reached = motion, end
+                best, reached, bind = motion, end, job.bind
             if motion.refusal is not None:
                 break
         if end < arc - PREFIX_GAP_MM:
+            beyond = job.bind or beyond
             high, low = arc, max(low, reached)
         else:
             low = arc
@@ -617,12 +624,12 @@ def find_prefix(
             break
         arc = 0.5 * (low + high)
     if best is None:
-        return job.stand_still(refusal.stop_at(0.0, bind))
+        return job.stand_still(refusal.stop_at(0.0, beyond))
     if best.refusal is not None:
         return best
     if job.style.compare:
         best = job.improve(best)
-    return replace(best, refusal=refusal.stop_at(_locate(job, best.path[-1]), bind))
+    return replace(best, refusal=refusal.stop_at(_locate(job, best.path[-1]), bind or beyond))
 
 
 def _stop_before_goal(job: TubeProblem, motion: TubeMotion) -> TubeMotion:
@@ -646,7 +653,7 @@ def _stop_before_goal(job: TubeProblem, motion: TubeMotion) -> TubeMotion:
         return replace(motion, refusal=explain_stop(before).stop_at(refusal.ends_at, bind))
     if job.style.compare:
         farther = before.improve(farther)
-    bind = job.bind_lumen(job.scope.radius + MARGINS[-1])
+    bind = job.bind_lumen(arc)
     return replace(farther, refusal=refusal.stop_at(_locate(job, farther.path[-1]), bind))
 
 

@@ -147,7 +147,7 @@ def _add_unreached(verdict: Verdict, plan: Plan, summary: Record) -> Verdict:
         label = label.replace("Fits", f"Fits to {_read_goal(summary)}", 1)
     elif label.startswith("Fits") and not _are_ends_given(summary) and _is_cut_off(told):
         label = label.replace("Fits", "Reaches the end of a part", 1)
-    elif label.startswith("Fits") and left > SHARE_REACHED:
+    elif label.startswith("Fits") and (left > SHARE_REACHED or lacks > 0.0):
         label = label.replace("Fits", f"Reaches {_read_goal(summary)}", 1)
     if share > 0.0 and verdict.tone != "red":
         how = "not reached" if lacks <= 0.0 else "is missing in the file"
@@ -220,7 +220,8 @@ def _add_robot(verdict: Verdict, robot: Record) -> Verdict:
 def _add_wall_error(verdict: Verdict, plan: Plan, known: PlanClearance, summary: Record) -> Verdict:
     """State for which error of the given wall the clearance holds, or that this is not known."""
     error, stated = _read_wall_error(plan, summary), read_number(summary, "label_error_mm")
-    limits = [error or 0.0, *([] if stated is None else [stated])]
+    source = read_number(summary, "source_error_mm")
+    limits = [error or 0.0, *(each for each in (stated, source) if each is not None)]
     if known.certified and known.proved is not None:
         kept = known.proved
         shown = floor_beside(kept, *limits)
@@ -234,7 +235,11 @@ def _add_wall_error(verdict: Verdict, plan: Plan, known: PlanClearance, summary:
     label, tone = verdict.label, verdict.tone
     if error is None and stated is None:
         label = label.replace("Fits", "Fits this surface", 1) if label.startswith("Fits") else label
-        label += "" if tone == "red" else "; the surface's own error is not known"
+        if tone != "red" and source is None:
+            label += "; the surface's own error is not known"
+        elif tone != "red" and source is not None:
+            whether = "also" if kept >= source else "not"
+            label += f"; {whether} for a wall wrong by the {shown[-1]} mm of its voxels"
         text += "; the surface states no error of its own: give it with --label-error"
         for item in read_parts(summary, "findings"):
             if item.get("code") == VOXEL_SURFACE:

@@ -25,9 +25,10 @@ from ..duct.tree_names import read_names
 from ..motion.largest import Largest, find_largest
 from ..motion.moving import plan_with_soft_wall, replan
 from ..motion.plan import Plan, TractInput
+from ..motion.planner import advise_plan
 from ..motion.scope import Scope
 from ..motion.space import FreeSpace, Passage, find_passage
-from ..progress import Progress, no_progress
+from ..progress import Progress, announce, no_progress
 from ..results import Json, show_briefly
 from .ends import (
     TREES,
@@ -344,15 +345,17 @@ class Case:
         ----------
         scope : Scope
         advise : bool
-            Whether to seek what would fit, of a scope that does not.
+            Whether to seek what would fit, of a scope that does not, if the options have it.
         """
+        advise = advise and self.options.advise
         for found in self._list_grids(scope, reach=True):
             if not found.final or advise and found.plan.status == "stopped":
                 yield replace(found, final=False)
         if advise and found.plan.status == "stopped":
+            announce(f"stopped: {found.plan.reason}; looking for what would fit")
             with self._clock("advice"), explain_scale(self.tract):
-                plan = self._make_plan(found.space, scope, advise=True)
-            found = _restate_entry(replace(found, plan=_keep_grid(plan, found)))
+                plan = advise_plan(found.plan, found.space, progress=self.progress)
+            found = _restate_entry(replace(found, plan=plan))
         yield replace(found, findings=(*_find_other_entry(found), *found.findings))
 
     def _list_grids(self, scope: Scope, *, reach: bool) -> Iterator[CasePlan]:
@@ -430,16 +433,14 @@ class Case:
             given["branch"] = self.options.branch
         return TractInput.read(given)
 
-    def _make_plan(
-        self, space: FreeSpace, scope: Scope, *, advise: bool = False, reach: bool = True
-    ) -> Plan:
+    def _make_plan(self, space: FreeSpace, scope: Scope, *, reach: bool = True) -> Plan:
         options = self.options
         plan = plan_with_soft_wall(
             space,
             scope,
             soft_wall=options.soft_wall,
             method=options.method,
-            options=replace(options.motion, advise=advise, reach=reach),
+            options=replace(options.motion, advise=False, reach=reach),
             progress=self.progress,
         )
         return replace(plan, options=options.motion)

@@ -36,7 +36,7 @@ from ..motion.measures import measure_displacement
 from ..motion.plan import FieldSummary, Measures, write_record
 from ..numeric.level_sets import find_level_set
 from ..progress import Progress, no_progress
-from ..report.verdict import SHARE_REACHED, Verdict, judge_plan
+from ..report.verdict import MISSING, SHARE_REACHED, Verdict, judge_plan
 from ..results import Json, Result
 from .case import Case, clock, round_points
 from .ends import (
@@ -219,10 +219,11 @@ class InsertionStudy(Result):
         """Whether the scope, or the robot if there is one, is proved to reach the end clear.
 
         That is the end which was given, or of the whole lumen: where more than `SHARE_REACHED` of
-        it is not reached, or is missing in the file, that is False. With a stated label error also
-        whether the proof covers it.
+        it is not reached, or any is missing in the file, that is False. With a stated label error
+        also whether the proof covers it.
         """
-        if self.unreached_share > SHARE_REACHED:
+        missing = any(part.kind == MISSING for part in self.unreached)
+        if self.unreached_share > SHARE_REACHED or missing and not self.centreline.goal_given:
             return False
         bound = self.plan.proved
         if self.label_error is not None and (bound is None or bound < self.label_error):
@@ -289,6 +290,9 @@ class InsertionStudy(Result):
             "unreached_share": self.unreached_share,
             "label_error_mm": self.label_error,
         }
+        source_error = getattr(self.tract, "source_error", None)
+        if source_error is not None:
+            summary["source_error_mm"] = source_error
         if self.entries:
             summary["entries"] = list(self.entries)
         if "command" in self.plan.more:

@@ -301,7 +301,7 @@ class InsertionOptions(PathOptions):
 
     Parameters
     ----------
-    method, head_step, slip, angle_limit, route
+    method, head_step, slip, angle_limit, route, advise
         See `bozzini.motion.plan_insertion`; a route may also be a key of `ROUTES`.
     soft_wall : float
         See `bozzini.motion.plan_with_soft_wall` [mm].
@@ -330,6 +330,7 @@ class InsertionOptions(PathOptions):
         default="in",
         words=tuple(ROUTES),
     )
+    advise: bool = copy_field(PlannerOptions, "advise")
     soft_wall: float = quantity(
         "length",
         "The body may displace the wall by up to this; the report names the places.",
@@ -369,6 +370,7 @@ class InsertionOptions(PathOptions):
             slip=self.slip,
             angle_limit=self.angle_limit,
             route=self.fractions,
+            advise=self.advise,
         )
 
     def check(self, scope: Scope) -> None:

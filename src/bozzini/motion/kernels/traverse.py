@@ -29,6 +29,9 @@ NEAR = 16
 SAMPLES = 128
 """A chord is looked at in about this many places at most."""
 
+SMALLEST = 1e-9
+"""Cells so much smaller than a step along a ray are not divided: the rim of a plane never ends."""
+
 TABLE_MAX = 2500
 """For lines of more segments what is known of shorter chords is not kept: it takes their square."""
 
@@ -430,6 +433,8 @@ def find_longest(
             return max(bound, found[0]), found
         count = _pop(heap, count, cell)
         wide = min(cell[8] * diagonal, 2.0) * cell[0] / ends
+        if max(cell[4] * diagonal, wide) < SMALLEST * least_step:
+            return max(bound, found[0]), found
         if cell[4] * diagonal > wide:
             side, first, second = 0.5 * cell[4], 0, 1
             for a in range(2):
