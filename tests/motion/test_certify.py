@@ -253,3 +253,29 @@ def test_a_thicker_body_has_that_much_less(bend, plans):
     thin = certify_motion(joints, bend.field, radius=1.0)
     thick = certify_motion(joints, bend.field, radius=2.5)
     assert thin.clearance - thick.clearance == pytest.approx(1.5, abs=1e-9)
+
+
+@pytest.fixture(scope="module")
+def followers(bend):
+    """A chain of many short links on one path, and where it enters."""
+    scope = Scope(diameter=DIAMETER, link_length=3.0)
+    plan = insert(bend.field, bend.line, scope=scope, method="follow", head_step=0.5)
+    return plan.joints, FreeSpace(bend.field, introducer=plan.introducer)
+
+
+@pytest.mark.parametrize("aside", [0.0, 0.02, 0.4, 3.0])
+def test_links_that_follow_are_bounded_as_if_each_were_alone(followers, aside):
+    joints, space = followers[0].copy(), followers[1]
+    steps, count, _ = joints.shape
+    # Later, one joint behind the head leaves the path that the others keep to, and comes back.
+    late = np.arange(steps)[:, None] - 0.8 * steps
+    joints[:, 5] += aside * np.exp(-((late / 5.0) ** 2)) * [0.0, 1.0, 0.0]
+    whole = certify_motion(joints, space, radius=RADIUS)
+    alone = [
+        certify_motion(joints[:, j - 1 : j + 1], space, radius=RADIUS) for j in range(1, count)
+    ]
+    assert whole.clearance <= min(each.found for each in alone) + 1e-9
+    assert whole.clearance >= min(each.clearance for each in alone) - 0.1
+    assert whole.found <= whole.clearance + 0.1 + 1e-9
+    # ... by a small part of the work.
+    assert whole.evaluations < 0.4 * sum(each.evaluations for each in alone)

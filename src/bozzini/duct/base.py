@@ -621,7 +621,9 @@ class SampledField(PackedDuct):
 
     def to_world(self, points: ArrayLike, /) -> Floats:
         """Turn points (..., 3) of the field's own frame [mm from node 0] into world points."""
-        return np.asarray(np.asarray(points, dtype=np.float64) @ self.rotation.T + self.origin)
+        world = np.asarray(points, dtype=np.float64) @ self.rotation.T
+        world += self.origin
+        return world
 
     def pack(self) -> GridData:
         """Return the field for compiled kernels."""

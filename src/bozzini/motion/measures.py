@@ -120,14 +120,21 @@ def measure_angles(joints: NDArray[np.float64]) -> NDArray[np.float64]:
     )
 
 
-def measure_step_ratio(joints: NDArray[np.float64], head_arc_length: NDArray[np.float64]) -> float:
-    """Return the largest step of any joint over the head's, of the steps where it moves."""
-    heads = np.abs(np.diff(head_arc_length))
-    moving = heads > 1e-9
-    if not moving.any():
-        return 0.0
-    moves = np.linalg.norm(np.diff(joints, axis=0), axis=2).max(axis=1)
-    return float((moves[moving] / heads[moving]).max())
+def measure_moves(
+    joints: NDArray[np.float64], head_arc_length: NDArray[np.float64]
+) -> dict[str, float]:
+    """Return the measures of a motion (steps, joints, dim) that are about its moves, by name."""
+    from .kernels.chain import measure_moves as measure
+
+    largest, ratio, travel, angle = measure(
+        np.ascontiguousarray(joints), np.ascontiguousarray(head_arc_length)
+    )
+    return {
+        "joint_step_max": float(largest),
+        "joint_step_ratio_max": float(ratio),
+        "joint_angle_max": float(angle),
+        "joint_travel": float(travel),
+    }
 
 
 def measure_body(
@@ -166,17 +173,12 @@ def measure_motion(
 ) -> tuple[NDArray[np.float64], Measures]:
     """Return the clearances (steps, joints - 1) of a motion as `measure_body`, and its measures."""
     clearance, worst = measure_body(space, joints, scope)
-    moves = np.linalg.norm(np.diff(joints, axis=0), axis=2)
     # Planar motions are measured in the kernels' frame too, which is 3-D and isometric.
     points, place = space.duct.to_grid(space.centreline.points), space.duct.to_grid(worst[:-1])
     near = int(np.argmin(np.linalg.norm(points - place, axis=1)))
     step = int(np.unravel_index(int(np.argmin(clearance)), clearance.shape)[0])
-    angles = measure_angles(joints) if joints.shape[1] > 2 else np.zeros(1)
     return clearance, Measures(
-        joint_step_max=float(moves.max(initial=0.0)),
-        joint_step_ratio_max=measure_step_ratio(joints, head_arc_length),
-        joint_angle_max=float(angles.max()),
-        joint_travel=float(moves.sum()),
+        **measure_moves(joints, head_arc_length),
         clearance_min=float(worst[-1]),
         clearance_where=float(space.centreline.arc_length[near]),
         clearance_insertion=float(head_arc_length[step]),

@@ -12,7 +12,7 @@ from .. import __version__
 from ..anatomy.tract import Finding
 from ..checks import ceil_mm
 from ..duct.base import Duct
-from .measures import measure_angles, measure_step_ratio, summarise_field
+from .measures import measure_moves, summarise_field
 from .plan import ROUND_OFF_MM, Measures, Plan
 from .planners import PLANNERS
 from .space import FreeSpace, find_passage, grid_of
@@ -37,14 +37,7 @@ def check_measures(plan: Plan) -> str | None:
     if stated is None:
         return None
     least = plan.clearance_min
-    moves = np.linalg.norm(np.diff(plan.joints, axis=0), axis=2)
-    angles = measure_angles(plan.joints) if plan.links > 1 else np.zeros(1)
-    found: dict[str, float] = {
-        "joint_step_max": float(moves.max(initial=0.0)),
-        "joint_step_ratio_max": measure_step_ratio(plan.joints, plan.head_arc_length),
-        "joint_angle_max": float(angles.max()),
-        "joint_travel": float(moves.sum()),
-    }
+    found = measure_moves(plan.joints, plan.head_arc_length)
     if np.isfinite(least):
         found["clearance_min"] = least
         if plan.displaced == 0.0:  # else it is that of the displaced wall

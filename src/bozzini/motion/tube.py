@@ -21,7 +21,7 @@ from ..duct.centreline import find_clear_path
 from ..numeric.polylines import measure_arc_length
 from ..progress import Progress, no_progress
 from .certify import Certificate, certify_motion
-from .measures import Crossing, find_crossing, measure_angles, measure_step_ratio
+from .measures import Crossing, find_crossing, measure_angles, measure_moves
 from .plan import CandidateMotion
 from .planner import Motion
 from .planners import PlannerOptions
@@ -98,7 +98,7 @@ class TubeMotion(Motion):
     @cached_property
     def step_ratio(self) -> float:
         """Largest step of a joint over the head's."""
-        return measure_step_ratio(self.joints, self.head_arc_length)
+        return measure_moves(self.joints, self.head_arc_length)["joint_step_ratio_max"]
 
     def summarise(self) -> CandidateMotion:
         """Return what it is compared by."""

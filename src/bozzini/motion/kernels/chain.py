@@ -699,6 +699,13 @@ def advance_chain(
 
 
 @kernel
+def _lies_in(introducer, x, y, z):
+    """Return whether a point lies behind the entry and in the bore."""
+    along, off = split_along(introducer, x, y, z)
+    return along >= 0.0 and off <= introducer[6]
+
+
+@kernel
 def measure_body(space, chains, radius, pitch, clearance, worst):
     """Estimate the clearance of every link of every step by samples along the links.
 
@@ -731,6 +738,11 @@ def measure_body(space, chains, radius, pitch, clearance, worst):
             size = math.sqrt(dx * dx + dy * dy + dz * dz)
             parts = max(1, int(math.ceil(size / pitch - 1e-6)))
             least = np.inf
+            if waiting and (
+                _lies_in(introducer, ax, ay, az) and _lies_in(introducer, ax + dx, ay + dy, az + dz)
+            ):
+                clearance[t, j - 1] = least  # so does all between: the tube is convex
+                continue
             skip = 0
             for m in range(parts + 1):
                 if skip > 0:
@@ -742,8 +754,7 @@ def measure_body(space, chains, radius, pitch, clearance, worst):
                 y = ay + u * dy
                 z = az + u * dz
                 if waiting:
-                    along, off = split_along(introducer, x, y, z)
-                    if along >= 0.0 and off <= introducer[6]:
+                    if _lies_in(introducer, x, y, z):
                         continue
                     waiting = False
                 gap = clearance_estimate(duct, x, y, z) - radius
@@ -756,3 +767,49 @@ def measure_body(space, chains, radius, pitch, clearance, worst):
                         worst[2] = z
                         worst[3] = gap
             clearance[t, j - 1] = least
+
+
+@kernel
+def measure_moves(joints, heads):
+    """Measure the moves of a chain, joints (steps, joints, dim) and its head's way (steps,).
+
+    Returns
+    -------
+    largest, ratio, travel, angle : float
+        Largest move of a joint in a step, the same over the head's where that moves, the sum of
+        all moves, and the largest angle between neighbouring links.
+    """
+    steps, count, dim = joints.shape
+    largest = ratio = travel = 0.0
+    for t in range(1, steps):
+        step = 0.0
+        for j in range(count):
+            square = 0.0
+            for q in range(dim):
+                square += (joints[t, j, q] - joints[t - 1, j, q]) ** 2
+            travel += math.sqrt(square)
+            step = max(step, square)
+        step = math.sqrt(step)
+        head = abs(heads[t] - heads[t - 1])
+        largest = max(largest, step)
+        if head > 1e-9:
+            ratio = max(ratio, step / head)
+    # Of unit vectors a and b: |a - b| over |a + b| keeps full accuracy near 0 and pi.
+    apart, together = 0.0, 1.0
+    before, now = np.zeros(dim), np.zeros(dim)
+    for t in range(steps):
+        for j in range(1, count):
+            square = 0.0
+            for q in range(dim):
+                now[q] = joints[t, j, q] - joints[t, j - 1, q]
+                square += now[q] * now[q]
+            scale = 1.0 / math.sqrt(max(square, 1e-300))
+            less = more = 0.0
+            for q in range(dim):
+                now[q] *= scale
+                less += (before[q] - now[q]) ** 2
+                more += (before[q] + now[q]) ** 2
+                before[q] = now[q]
+            if j > 1 and less * together > apart * more:
+                apart, together = less, more
+    return largest, ratio, travel, 2.0 * math.atan2(math.sqrt(apart), math.sqrt(together))

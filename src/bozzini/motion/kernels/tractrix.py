@@ -29,6 +29,19 @@ def _locate(arc, s, k):
     return k
 
 
+OFF_LINE = 1e-10
+"""Joints that are nearer to a straight line count as on it [mm]."""
+
+
+@kernel
+def _leave_line(path, back, x, y, z):
+    """Return how far a point is from the straight line that the path begins with."""
+    dx, dy, dz = x - path[0, 0], y - path[0, 1], z - path[0, 2]
+    along = dx * back[0] + dy * back[1] + dz * back[2]
+    dx, dy, dz = dx - along * back[0], dy - along * back[1], dz - along * back[2]
+    return math.sqrt(dx * dx + dy * dy + dz * dz)
+
+
 @kernel
 def move_in_tube(path, arc, tube, heads, length, cap, slip, freedom, chain, arc_lengths, out):
     """Move a chain so that every joint stays within the tube around the path.
@@ -36,7 +49,8 @@ def move_in_tube(path, arc, tube, heads, length, cap, slip, freedom, chain, arc_
     Each joint takes the tractrix step (with slip: thesis Appendix C, corrected), unless that
     leaves the ball of radius rho around y, the path's first point at distance L behind the joint
     before; then it takes the nearest point of the ball on the sphere of radius L. The ball always
-    meets the sphere, so there is always a place.
+    meets the sphere, so there is always a place. Joints that queue on the straight line that the
+    path begins with stay on it.
 
     Parameters
     ----------
@@ -57,6 +71,18 @@ def move_in_tube(path, arc, tube, heads, length, cap, slip, freedom, chain, arc_
     """
     joints = chain.shape[0]
     head_segment = 0
+    back = (path[0] - path[1]) / (arc[1] - arc[0])
+    straight = 1
+    while straight < path.shape[0] and (
+        _leave_line(path, back, path[straight, 0], path[straight, 1], path[straight, 2]) <= OFF_LINE
+    ):
+        straight += 1
+    queue = joints
+    while queue > 0 and (
+        _leave_line(path, back, chain[queue - 1, 0], chain[queue - 1, 1], chain[queue - 1, 2])
+        <= OFF_LINE
+    ):
+        queue -= 1
     for t in range(heads.shape[0]):
         s = heads[t]
         head_segment = _locate(arc, s, head_segment)
@@ -72,7 +98,23 @@ def move_in_tube(path, arc, tube, heads, length, cap, slip, freedom, chain, arc_
         arc_lengths[0] = s
         out[t, 0, 0], out[t, 0, 1], out[t, 0, 2] = hx, hy, hz
         square = length * length
+        queued = queue
         for j in range(1, joints):
+            if (
+                j > queued
+                and arc_lengths[j - 1] <= arc[straight - 1]
+                and _leave_line(path, back, hx, hy, hz) <= OFF_LINE
+            ):
+                queue = j - 1
+                for i in range(j, joints):
+                    hx += length * back[0]
+                    hy += length * back[1]
+                    hz += length * back[2]
+                    arc_lengths[i] = arc_lengths[i - 1] - length
+                    chain[i, 0], chain[i, 1], chain[i, 2] = hx, hy, hz
+                    out[t, i, 0], out[t, i, 1], out[t, i, 2] = hx, hy, hz
+                break
+            queue = joints
             # y: first point of the path behind the place of j - 1, at distance L from it.
             ax = path[k, 0] - hx
             ay = path[k, 1] - hy
@@ -96,10 +138,10 @@ def move_in_tube(path, arc, tube, heads, length, cap, slip, freedom, chain, arc_
             yx = ax + w * bx
             yy = ay + w * by
             yz = az + w * bz
-            size = math.sqrt(yx * yx + yy * yy + yz * yz)
-            yx /= size
-            yy /= size
-            yz /= size
+            scale = 1.0 / math.sqrt(yx * yx + yy * yy + yz * yz)
+            yx *= scale
+            yy *= scale
+            yz *= scale
             arc_lengths[j] = arc[k] + w * (arc[k + 1] - arc[k])
             tube_here = tube[k] + w * (tube[k + 1] - tube[k])
             rho = freedom * min(min(tube_before, tube_here), cap * length)
@@ -108,14 +150,16 @@ def move_in_tube(path, arc, tube, heads, length, cap, slip, freedom, chain, arc_
             tx = ox - hx + slip * (hx - qx)
             ty = oy - hy + slip * (hy - qy)
             tz = oz - hz + slip * (hz - qz)
-            size = math.sqrt(tx * tx + ty * ty + tz * tz)
-            tx /= size
-            ty /= size
-            tz /= size
+            scale = 1.0 / math.sqrt(tx * tx + ty * ty + tz * tz)
+            tx *= scale
+            ty *= scale
+            tz *= scale
             cos = tx * yx + ty * yy + tz * yz
             chord = rho / length
             # Out of the ball, |X - y| = L sqrt(2 - 2 cos) > rho: turned back to its rim, towards y.
-            if 2.0 - 2.0 * cos > chord * chord:
+            if chord == 0.0:
+                tx, ty, tz = yx, yy, yz
+            elif 2.0 - 2.0 * cos > chord * chord:
                 ex = tx - cos * yx
                 ey = ty - cos * yy
                 ez = tz - cos * yz
