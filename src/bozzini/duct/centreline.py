@@ -231,42 +231,56 @@ class LumenGraph:
         flood = self.groups.flood(first)
         if flood.lengths[last] < 0.0:
             raise GeometryError(self._explain_apart(start, goal))
-        near = self.groups.widen(flood.trace(last))[self.groups.groups]
+        return self._follow(flood.trace(last), start, goal)
+
+    def _follow(self, way: Numbers, start: Numbers, goal: Numbers) -> Numbers:
+        """Return the path of nodes along a way of groups."""
+        near = self.groups.widen(way)[self.groups.groups]
         return self.search(start, near).traceback(goal)
 
-    def measure_way(self, way: Way) -> float:
-        """Return the length that a way has when it is smoothed, as the centreline has it [mm]."""
-        if len(way.points) < 2:
-            return 0.0
-        points = _smooth(way.points, self)
+    def draw_way(self, way: Way) -> NDArray[np.float64]:
+        """Return a way (n, 3) as a centreline has it, without the closed tips that were found."""
+        if len(way.groups) < 2:
+            return way.path
+        ends = self.places(self.groups.nodes[way.groups[[0, -1]]].astype(np.int64))
+        points = _smooth(self._follow(way.groups, *ends) * self.field.spacing, self)
         arc, depth = measure_arc_length(points), self.measure_depth(points)
-        tips = measure_tip(points[::-1], depth[::-1])
-        tips += measure_tip(points, depth) if way.both else 0.0
-        return float(arc[-1]) - tips
+        start = measure_tip(points, depth) if way.both else 0.0
+        stop = max(start, float(arc[-1]) - measure_tip(points[::-1], depth[::-1]))
+        return interpolate_polyline(points, arc, np.linspace(start, stop, len(points)))
+
+    def measure_taut(self, way: Way) -> float:
+        """Return the length of a way that cuts corners [mm]."""
+        points = self.draw_way(way)
+        if len(points) < 2 or not np.ptp(points, axis=0).any():
+            return 0.0
+        return float(measure_arc_length(_pull_taut(points, self, keep=0.8))[-1])
 
     def choose_longest(self, ways: Sequence[Way]) -> Way:
-        """Return the way that is the longest as it is when it is smoothed."""
+        """Return the longest way, as it is with the corners of forks cut."""
         ways = sorted(ways, key=lambda way: -way.length)
         rivals = [way for way in ways if way.length >= RIVAL_SHARE * ways[0].length]
         if len(rivals) == 1:
             return rivals[0]
-        return max(rivals[:RIVALS_MAX], key=self.measure_way)
+        return max(rivals[:RIVALS_MAX], key=self.measure_taut)
 
     def find_farthest(self, source: Numbers, among: Numbers | None) -> Numbers:
         """Find the node (of `among`) whose middle path from nodes (k, 3) is the longest."""
         groups = self.groups
         allowed = None if among is None else self._number(among)
         flood = groups.flood(groups.groups[self._number(source)].astype(np.int64))
-        tips = groups.find_tips(flood, None if allowed is None else groups.groups[allowed])
+        tips = groups.find_tips(
+            flood, None if allowed is None else groups.groups[allowed].astype(np.int64)
+        )
         if not tips:
             raise GeometryError(self._explain_apart(source, among))
         tip = self.choose_longest(tips)
-        node = int(groups.nodes[tip.group])
+        node = int(groups.nodes[tip.groups[-1]])
         if allowed is not None:
-            own = allowed[groups.groups[allowed] == tip.group]
+            own = allowed[groups.groups[allowed] == tip.groups[-1]]
             gaps = np.linalg.norm(self.places(own) - self.places(np.array([node])), axis=1)
             node = int(own[np.argmin(gaps)])
-        return self.places(np.array([node]))[0]
+        return np.asarray(self.places(np.array([node]))[0])
 
     def find_ends(self) -> Numbers:
         """Return the nodes (2, 3) at both ends of the longest path through the lumen.
@@ -275,7 +289,7 @@ class LumenGraph:
         be one is about as far from one of its ends.
         """
         groups = self.groups
-        first = groups.find_tips(groups.flood(int(np.argmax(groups.depths))))[0].group
+        first = groups.find_tips(groups.flood(int(np.argmax(groups.depths))))[0].groups[-1]
         ends: dict[int, Flood] = {}
         for _ in range(2):
             ends[first] = groups.flood(first)
@@ -283,15 +297,15 @@ class LumenGraph:
             far = [tip for tip in tips if tip.length >= BRANCH_SHARE * tips[0].length]
             for tip in far[:RIVALS_MAX]:
                 apart = 2.0 * COVERED * tip.width + groups.size
-                if all(flood.lengths[tip.group] > apart for flood in ends.values()):
-                    ends[tip.group] = groups.flood(tip.group)
-            first = tips[0].group
+                if all(flood.lengths[tip.groups[-1]] > apart for flood in ends.values()):
+                    ends[tip.groups[-1]] = groups.flood(tip.groups[-1])
+            first = tips[0].groups[-1]
         pairs = combinations(ends, 2)
         ways = [groups.make_way(ends[one].trace(two), both=True) for one, two in pairs]
         if not ways:  # one ball
             return self.places(groups.nodes[[first, first]].astype(np.int64))
         way = self.choose_longest(ways)
-        return self.places(groups.nodes[[way.first, way.group]].astype(np.int64))
+        return self.places(groups.nodes[way.groups[[0, -1]]].astype(np.int64))
 
     def _explain_apart(self, start: NDArray[np.int64], goal: NDArray[np.int64] | None) -> str:
         """Explain where the lumen is closed between nodes, or sets of them, that no path joins."""
@@ -343,7 +357,7 @@ far apart are points while they are smoothed."""
 BRANCH_SHARE = 0.8
 """An end that was not taken is reported if it is about as far, or if none is as wide."""
 
-RIVAL_SHARE, RIVALS_MAX = 0.9, 8
+RIVAL_SHARE, RIVALS_MAX = 0.85, 8
 """Of so many ways at most that are about the longest, each is smoothed and measured."""
 
 WIDER = 1.2
@@ -608,7 +622,8 @@ def _trim_path(
     for position, end in ((0, ends[0]), (-1, ends[1])):
         if end is not None:
             points[position] = field.to_grid(check_points("end", end))
-    points = _smooth(points, graph)
+    if len(points) > 1 and np.ptp(points, axis=0).any():
+        points = _smooth(points, graph)
     arc, depth = measure_arc_length(points), graph.measure_depth(points)
     cuts = []
     for end, area, path, clearance in (
@@ -731,30 +746,38 @@ def _find_other_ends(
         if gap < COVERED * depth + tip.width:
             continue
         taken.append(tip.path)
-        x, y, z = (float(v) for v in graph.field.to_world(tip.path[-1]))
-        distance = graph.measure_way(groups.make_way(flood.trace(tip.group), both=found))
+        way = graph.draw_way(groups.make_way(flood.trace(tip.groups[-1]), both=found))
+        x, y, z = (float(v) for v in graph.field.to_world(way[-1]))
+        distance = float(measure_arc_length(way)[-1])
         others.append(OtherEnd(end=name, point=(x, y, z), distance=distance))
     return others
 
 
-def _smooth(points: NDArray[np.float64], graph: LumenGraph) -> NDArray[np.float64]:
-    """Smooth a path of nodes, and draw it to the middle of the lumen.
-
-    First where that loses no clearance against the path itself. Then every point is drawn across
-    the line to more clearance, against its tension: on a ridge of clearance up to a curvature of
-    ``4 RIDGE / clearance``.
-    """
-    from .kernels.line import draw_to_middle, smooth_path
+def _pull_taut(
+    points: NDArray[np.float64], graph: LumenGraph, *, keep: float
+) -> NDArray[np.float64]:
+    """Smooth a path of nodes where that leaves the share `keep` of the path's own clearance."""
+    from .kernels.line import smooth_path
 
     radius = float(np.median(graph.measure_depth(points)))
     spacing = max(SPACING_SHARE * radius, 0.25 * float(graph.field.spacing.min()))
     points = resample_polyline(points, spacing)
-    target = 0.95 * graph.measure_depth(points)
+    target = keep * graph.measure_depth(points)
     target = np.minimum(target, _running_minimum(target, 3))
-    duct = graph.field.pack()
-    smooth_path(duct, points, target, 0.5 * spacing, SMOOTH_SWEEPS)
-    points = resample_polyline(points, spacing)
-    draw_to_middle(duct, points, RIDGE * spacing**2, RIDGE_SWEEPS)
+    smooth_path(graph.field.pack(), points, target, 0.5 * spacing, SMOOTH_SWEEPS)
+    return resample_polyline(points, spacing)
+
+
+def _smooth(points: NDArray[np.float64], graph: LumenGraph) -> NDArray[np.float64]:
+    """Smooth a path of nodes, and draw it to the middle of the lumen, against its tension.
+
+    On a ridge of clearance it stays up to a curvature of ``4 RIDGE / clearance``.
+    """
+    from .kernels.line import draw_to_middle
+
+    points = _pull_taut(points, graph, keep=0.95)
+    spacing = float(measure_arc_length(points)[-1]) / (len(points) - 1)
+    draw_to_middle(graph.field.pack(), points, RIDGE * spacing**2, RIDGE_SWEEPS)
     return _stay_inside(resample_polyline(points, spacing), graph)
 
 

@@ -92,24 +92,20 @@ class Way:
 
     Attributes
     ----------
-    points : (n, 3) float
-        Grid frame [mm], from tip to tip.
+    groups : (n,) int
+        From tip to tip.
     both : bool
         Whether it begins in a tip that was found, as it ends in one.
-    first, group : int
-        In which it begins and ends.
-    path : (n, 3) float
-        The same points without the closed tips that were found.
+    path : (k, 3) float
+        The same without the closed tips that were found: grid frame [mm].
     length : float
         About what it is when the path is smoothed [mm].
     width : float
         Clearance at the end of the path [mm].
     """
 
-    points: Floats
+    groups: Numbers
     both: bool
-    first: int
-    group: int
     path: Floats
     length: float
     width: float
@@ -239,10 +235,8 @@ class NodeGroups:
             eased = resample_polyline(path, 0.25 * float(np.median(depth)))
             eased = uniform_filter1d(eased, 5, axis=0, mode="nearest")
         return Way(
-            points=points,
+            groups=way,
             both=both,
-            first=int(way[0]),
-            group=int(way[-1]),
             path=path,
             length=float(measure_arc_length(eased)[-1]) if len(eased) > 1 else 0.0,
             width=float(depth[last - 1]),
