@@ -28,15 +28,23 @@ def find_level_set(
 
     below = values <= level  # as libigl has it
     i, j, k = np.array(below.shape) - 1
-    views = [below[a : i + a, b : j + b, c : k + c] for a, b, c in _CORNERS]
-    crossed = np.logical_or.reduce(views) & ~np.logical_and.reduce(views)
-    cells = np.argwhere(crossed)
-    corners = (cells[:, None] + np.array(_CORNERS)).reshape(-1, 3)
-    places = np.ravel_multi_index(tuple(corners.T), below.shape)
-    flat, index = np.unique(places, return_inverse=True)
+    some = np.zeros((i, j, k), dtype=bool)
+    every = np.ones((i, j, k), dtype=bool)
+    for a, b, c in _CORNERS:
+        corner = below[a : i + a, b : j + b, c : k + c]
+        some |= corner
+        every &= corner
+    some &= ~every
+    cells = np.ravel_multi_index(np.nonzero(some), below.shape)
+    del some, every
+    places = cells[:, None] + np.ravel_multi_index(np.array(_CORNERS).T, below.shape)
+    marked = np.zeros(below.size, dtype=bool)
+    marked[places] = True
+    flat = np.flatnonzero(marked)
+    index = np.searchsorted(flat, places)
     nodes = np.column_stack(np.unravel_index(flat, below.shape)).astype(np.float64)
     heights = np.asarray(values).reshape(-1)[flat].astype(np.float64)
-    vertices, faces, _ = igl.marching_cubes(heights, nodes, index.reshape(-1, 8), level)
+    vertices, faces, _ = igl.marching_cubes(heights, nodes, index, level)
     if (heights == level).any():  # vertices that meet in a node make flat triangles
         vertices, index = np.unique(vertices, axis=0, return_inverse=True)
         faces = index.reshape(-1)[faces]
