@@ -1099,14 +1099,14 @@ def _run(
         reached = advance((0, 0.0), (0, 0.0), fresh)
         contacts.before[2][:] = moved[1][1:]
         totals: Floats = memory[4]
-        course: list[Floats] = [
+        changed: list[Floats] = [
             *state[:4], state.ground, memory[3], totals, *contacts.before, *along
         ]  # fmt: skip
         sizes = np.repeat(np.diff(tables[0]) / steps, steps)
         for row, step, size in zip(*_number_steps(steps), sizes.tolist(), strict=True):
             done, part = float(step), 1.0
             while done < step + 1.0 and reached == count:
-                kept = [array.copy() for array in course]
+                kept = [array.copy() for array in changed]
                 part, least = min(part, step + 1.0 - done), part <= kernels.LEAST_CALM
                 there = moved[1][1:] + part * size * moved[2][1:]
                 motion = moved[1].copy(), moved[2].copy()
@@ -1120,7 +1120,7 @@ def _run(
                     good = missed <= PLANE_ENERGY * totals[12]
                     if good or (least and attempt + 1 == MOST_LOOKS):
                         break
-                    for array, before in zip(course, kept, strict=True):
+                    for array, before in zip(changed, kept, strict=True):
                         array[:] = before
                 else:
                     reached = kernels.GAINED
