@@ -798,7 +798,7 @@ def test_result_is_told_in_every_way() -> None:
     ("words", "changes"),
     [
         ("times", {"times": [0.0]}),
-        ("times", {"times": [0.0, 0.0]}),
+        (r"times\[1\] is 0 s, after 0 s", {"times": [0.0, 0.0]}),
         ("command one", {"tensions": np.zeros(6), "displacements": np.zeros(6)}),
         ("commands have shape", {"tensions": np.zeros((3, 6))}),
         ("cable does not push", {"tensions": -np.ones(6)}),
