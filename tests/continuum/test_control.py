@@ -247,7 +247,7 @@ def test_an_aim_out_of_reach_does_not_end_across_a_fold():
 def test_a_controller_of_ones_own_chooses_tensions():
     @dataclasses.dataclass(frozen=True, kw_only=True)
     class Constant(TendonController):
-        def choose(self, state, wanted, seen, limits):
+        def choose(self, state, *, wanted, seen, limits):
             return TendonChoice(np.array([1.0, 0.0, 0.0]), state.estimate)
 
     run = run_tendons(make(Constant), np.zeros((6, 2)), plant=ARM)

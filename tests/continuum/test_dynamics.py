@@ -343,7 +343,7 @@ def test_large_steps_of_a_planar_motion_win_no_energy(per_period: int) -> None:
     assert np.all(np.diff(moved.energy.total) < 1e-6 * moved.energy.total[0])
 
 
-WILD = [PointLoad(force=(0.1, 0.1, 0.05)), PointLoad(arc_length=100.0, force=(-0.2, 0.1, 0.0))]
+WILD = [PointLoad(force=(0.1, 0.0, 0.0)), PointLoad(force=(0.0, 0.07, 0.0), arc_length=100.0)]
 
 
 @pytest.mark.parametrize("radius", [0.8, 0.5])
@@ -798,7 +798,7 @@ def test_result_is_told_in_every_way() -> None:
     ("words", "changes"),
     [
         ("times", {"times": [0.0]}),
-        ("times", {"times": [0.0, 0.0]}),
+        (r"times\[1\] is 0 s, after 0 s", {"times": [0.0, 0.0]}),
         ("command one", {"tensions": np.zeros(6), "displacements": np.zeros(6)}),
         ("commands have shape", {"tensions": np.zeros((3, 6))}),
         ("cable does not push", {"tensions": -np.ones(6)}),

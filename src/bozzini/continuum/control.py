@@ -262,7 +262,9 @@ class TendonController(ABC):
         change = self.rate * self.period
         low = np.maximum(self.lowest, last - change)
         high = np.minimum(self.highest, last + change)
-        choice = self.choose(state, places, self._take_place("seen", seen), (low, high))
+        choice = self.choose(
+            state, wanted=places, seen=self._take_place("seen", seen), limits=(low, high)
+        )
         tensions = np.clip(choice.tensions, low, high)
         held = self.hold(tensions, state.held)
         given = np.concatenate([state.given[1:], tensions[None]])
@@ -288,7 +290,7 @@ class TendonController(ABC):
 
     @abstractmethod
     def choose(
-        self, state: TendonState, wanted: Floats, seen: Floats, limits: tuple[Floats, Floats]
+        self, state: TendonState, *, wanted: Floats, seen: Floats, limits: tuple[Floats, Floats]
     ) -> TendonChoice:
         """Return a command, which is brought within limits afterwards.
 
@@ -310,7 +312,7 @@ class StaticTensions(TendonController):
     """The tensions that bring the tip there at rest; what is seen is left aside."""
 
     def choose(
-        self, state: TendonState, wanted: Floats, seen: Floats, limits: tuple[Floats, Floats]
+        self, state: TendonState, *, wanted: Floats, seen: Floats, limits: tuple[Floats, Floats]
     ) -> TendonChoice:
         """Return a command; see `TendonController.choose`."""
         aim = self._at(wanted, self.delay + 1)
@@ -331,7 +333,7 @@ class ResolvedRates(TendonController):
     gain: float | None = quantity(help="Of the way back [1/s].", default=None, low=0.0, high=1e4)
 
     def choose(
-        self, state: TendonState, wanted: Floats, seen: Floats, limits: tuple[Floats, Floats]
+        self, state: TendonState, *, wanted: Floats, seen: Floats, limits: tuple[Floats, Floats]
     ) -> TendonChoice:
         """Return a command; see `TendonController.choose`."""
         ahead = self._at(wanted, self.delay + 1) - self._at(wanted, self.delay)
@@ -368,7 +370,7 @@ class ProportionalIntegral(TendonController):
     )
 
     def choose(
-        self, state: TendonState, wanted: Floats, seen: Floats, limits: tuple[Floats, Floats]
+        self, state: TendonState, *, wanted: Floats, seen: Floats, limits: tuple[Floats, Floats]
     ) -> TendonChoice:
         """Return a command; see `TendonController.choose`."""
         off = wanted[0] - seen
@@ -525,7 +527,7 @@ class LinearQuadratic(EstimatingController):
         return self.model.find_feedback(self.effort)
 
     def choose(
-        self, state: TendonState, wanted: Floats, seen: Floats, limits: tuple[Floats, Floats]
+        self, state: TendonState, *, wanted: Floats, seen: Floats, limits: tuple[Floats, Floats]
     ) -> TendonChoice:
         """Return a command; see `TendonController.choose`."""
         estimate, then = self._correct(state.estimate, seen)
@@ -579,7 +581,7 @@ class TensionPrediction(EstimatingController):
         return free, driven
 
     def choose(
-        self, state: TendonState, wanted: Floats, seen: Floats, limits: tuple[Floats, Floats]
+        self, state: TendonState, *, wanted: Floats, seen: Floats, limits: tuple[Floats, Floats]
     ) -> TendonChoice:
         """Return a command; see `TendonController.choose`."""
         estimate, then = self._correct(state.estimate, seen)

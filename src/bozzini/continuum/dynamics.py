@@ -730,10 +730,16 @@ def simulate(
     if initial is not None:
         check_kind("initial", initial, ShapeHistory)
     rows = check_array("times", times)
-    if rows.ndim != 1 or len(rows) < 2 or not np.all(np.diff(rows) > 0.0):
+    if rows.ndim != 1 or len(rows) < 2:
         raise InputError(f"times have shape {rows.shape}: they must be (k,), 2 or more, growing")
     if not np.isfinite(rows).all():
         raise InputError("times have values that are not finite (NaN or infinite)")
+    falls = np.flatnonzero(np.diff(rows) <= 0.0)
+    if len(falls):
+        index = int(falls[0])
+        raise InputError(
+            f"times[{index + 1}] is {rows[index + 1]:g} s, after {rows[index]:g} s: they must grow"
+        )
     steps = np.ceil(np.diff(rows) / options.max_step * (1.0 - 1e-9))
     if steps.sum() > MOST_STEPS:
         raise InputError(f"there would be {steps.sum():.3g} steps: {MOST_STEPS:g} are legal")
@@ -924,8 +930,10 @@ def _take_factors(times: Floats, loads: Sequence[Load], given: ArrayLike | None)
     if given is None:
         return np.ones(shape)
     factors = check_array("load_factors", given)
-    if factors.shape != shape or not np.isfinite(factors).all():
-        raise InputError(f"load_factors have shape {factors.shape}: they must be finite, {shape}")
+    if factors.shape != shape:
+        raise InputError(f"load_factors have shape {factors.shape}: they must have {shape}")
+    if not np.isfinite(factors).all():
+        raise InputError("load_factors have values that are not finite (NaN or infinite)")
     return factors
 
 
@@ -1099,14 +1107,14 @@ def _run(
         reached = advance((0, 0.0), (0, 0.0), fresh)
         contacts.before[2][:] = moved[1][1:]
         totals: Floats = memory[4]
-        course: list[Floats] = [
+        changed: list[Floats] = [
             *state[:4], state.ground, memory[3], totals, *contacts.before, *along
         ]  # fmt: skip
         sizes = np.repeat(np.diff(tables[0]) / steps, steps)
         for row, step, size in zip(*_number_steps(steps), sizes.tolist(), strict=True):
             done, part = float(step), 1.0
             while done < step + 1.0 and reached == count:
-                kept = [array.copy() for array in course]
+                kept = [array.copy() for array in changed]
                 part, least = min(part, step + 1.0 - done), part <= kernels.LEAST_CALM
                 there = moved[1][1:] + part * size * moved[2][1:]
                 motion = moved[1].copy(), moved[2].copy()
@@ -1120,7 +1128,7 @@ def _run(
                     good = missed <= PLANE_ENERGY * totals[12]
                     if good or (least and attempt + 1 == MOST_LOOKS):
                         break
-                    for array, before in zip(course, kept, strict=True):
+                    for array, before in zip(changed, kept, strict=True):
                         array[:] = before
                 else:
                     reached = kernels.GAINED
