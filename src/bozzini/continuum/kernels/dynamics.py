@@ -1545,10 +1545,11 @@ def _copy_course(state, arrays, totals, contacts, strings, kept, keep):
 
 @kernel
 def _copy(one, other, keep):
-    if keep:
-        other[:] = one
-    else:
-        one[:] = other
+    for i in range(one.size):
+        if keep:
+            other.flat[i] = one.flat[i]
+        else:
+            one.flat[i] = other.flat[i]
 
 
 @kernel
