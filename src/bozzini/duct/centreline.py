@@ -21,9 +21,9 @@ from .groups import (
     COST_POWER,
     COVERED,
     Flood,
+    LumenWay,
     NodeGroups,
     Numbers,
-    Way,
     find_first_crest,
     measure_tip,
 )
@@ -238,7 +238,7 @@ class LumenGraph:
         near = self.groups.widen(way)[self.groups.groups]
         return self.search(start, near).traceback(goal)
 
-    def draw_way(self, way: Way) -> NDArray[np.float64]:
+    def draw_way(self, way: LumenWay) -> NDArray[np.float64]:
         """Return a way (n, 3) as a centreline has it, without the closed tips that were found."""
         if len(way.groups) < 2:
             return way.path
@@ -249,14 +249,14 @@ class LumenGraph:
         stop = max(start, float(arc[-1]) - measure_tip(points[::-1], depth[::-1]))
         return interpolate_polyline(points, arc, np.linspace(start, stop, len(points)))
 
-    def measure_taut(self, way: Way) -> float:
+    def measure_taut(self, way: LumenWay) -> float:
         """Return the length of a way that cuts corners [mm]."""
         points = self.draw_way(way)
         if len(points) < 2 or not np.ptp(points, axis=0).any():
             return 0.0
         return float(measure_arc_length(_pull_taut(points, self, keep=0.8))[-1])
 
-    def choose_longest(self, ways: Sequence[Way]) -> Way:
+    def choose_longest(self, ways: Sequence[LumenWay]) -> LumenWay:
         """Return the longest way, as it is with the corners of forks cut."""
         ways = sorted(ways, key=lambda way: -way.length)
         rivals = [way for way in ways if way.length >= RIVAL_SHARE * ways[0].length]

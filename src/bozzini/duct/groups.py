@@ -87,7 +87,7 @@ class Flood:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Way:
+class LumenWay:
     """A way through the lumen.
 
     Attributes
@@ -192,7 +192,7 @@ class NodeGroups:
         near[self._gaps[way].indices] = True
         return near
 
-    def find_tips(self, flood: Flood, among: Numbers | None = None) -> list[Way]:
+    def find_tips(self, flood: Flood, among: Numbers | None = None) -> list[LumenWay]:
         """Return the ways of a flood to all ends (of some groups), the farthest first.
 
         Each ends in the farthest group that no way before covers.
@@ -203,7 +203,7 @@ class NodeGroups:
         if among is not None:
             left[np.setdiff1d(np.arange(len(left)), among)] = -1.0
         on_way = np.zeros(len(self.nodes), dtype=bool)
-        tips: list[Way] = []
+        tips: list[LumenWay] = []
         while len(tips) < TIPS_MAX and left.max(initial=-1.0) >= 0.0:
             group = int(np.argmax(left))
             way = flood.trace(group)
@@ -222,7 +222,7 @@ class NodeGroups:
             left[near[gaps[near] <= reach[source[near]]]] = -1.0
         return tips
 
-    def make_way(self, way: Numbers, *, both: bool = False) -> Way:
+    def make_way(self, way: Numbers, *, both: bool = False) -> LumenWay:
         """Return a way without the closed tip of its end, or of `both` ends."""
         from scipy.ndimage import uniform_filter1d
 
@@ -234,7 +234,7 @@ class NodeGroups:
         if len(path) > 1:
             eased = resample_polyline(path, 0.25 * float(np.median(depth)))
             eased = uniform_filter1d(eased, 5, axis=0, mode="nearest")
-        return Way(
+        return LumenWay(
             groups=way,
             both=both,
             path=path,

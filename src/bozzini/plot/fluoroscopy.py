@@ -38,7 +38,7 @@ VIEWS: dict[str, tuple[int, tuple[int, int], tuple[int, int]]] = {
 
 _LETTERS = (("L", "R"), ("P", "A"), ("I", "S"))
 _ABSORPTION = 2.0
-_SLAB_VOXELS = 4_000_000
+_SLAB_VOXELS = 500_000
 
 
 @dataclass(frozen=True, kw_only=True)
