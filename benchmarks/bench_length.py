@@ -68,7 +68,8 @@ def run(tract: SurfaceTract) -> tuple[dict[str, float], Plan, FreeSpace]:
     certificate = certify_plan(plan, field)
     times.append(time.process_time())
     assert plan.certified and certificate.certified
-    spent = dict(zip(("field", "line", "plan", "certificate"), np.diff(times), strict=True))
+    names = ("field", "line", "plan", "certificate")
+    spent = dict(zip(names, np.diff(times).tolist(), strict=True))
     return spent, plan, FreeSpace(field, introducer=plan.introducer)
 
 
