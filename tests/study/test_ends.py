@@ -17,13 +17,13 @@ from bozzini.anatomy.labels import tract_from_labels
 from bozzini.anatomy.surface import tract_from_surface
 from bozzini.anatomy.tract import ORGANS, Component, LabelTract, Opening
 from bozzini.checks import ceil_mm
-from bozzini.duct import build_field, find_centreline
+from bozzini.duct import Centreline, OtherEnd, build_field, find_centreline
 from bozzini.duct.field import INFLATION_MAX
 from bozzini.duct.fitting.fit import KINDS
 from bozzini.motion import PLANNERS, Scope
 from bozzini.report.verdict import judge_plan
 from bozzini.study import InsertionOptions, options, run_insertion
-from bozzini.study.ends import measure_gap, orient_centreline, resolve_places
+from bozzini.study.ends import list_branches, measure_gap, orient_centreline, resolve_places
 from bozzini.study.insertion import write_centreline, write_volumes
 from bozzini.study.reach import Unreached, find_unreached
 from tests.shapes import curve_distance
@@ -557,3 +557,14 @@ def test_options_know_every_organ_method_and_shape() -> None:
     assert fields["method"].metadata["quantity"].words == tuple(PLANNERS)
     assert options.FITTED_KINDS == KINDS
     assert options.INFLATION_MAX == INFLATION_MAX
+
+
+def test_many_other_ends_are_counted() -> None:
+    others = tuple(OtherEnd(end="end", point=(0.0, 0.0, 1.0 * k), distance=50.0) for k in range(5))
+    points = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 9.0]])
+    line = Centreline(points=points, arc_length=points[:, 2], radius=np.ones(2), other_ends=others)
+    said = [finding.message for finding in list_branches(line)]
+    assert len(said) == 4 and "2 more ends were found" in said[-1]
+    assert "more" not in "".join(
+        f.message for f in list_branches(replace(line, other_ends=others[:3]))
+    )

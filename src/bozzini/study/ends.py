@@ -660,16 +660,23 @@ def _list_candidates(tract: Tract, line: Centreline) -> tuple[CandidateEnd, ...]
     return tuple(found)
 
 
+MOST_BRANCHES = 3
+"""Other ends that have a warning each."""
+
+
 def list_branches(line: Centreline) -> tuple[Finding, ...]:
-    """Return a warning for every other end that the centreline could have had."""
+    """Return a warning for other ends that the centreline could have had, and one for the rest."""
     found = []
-    for other in line.other_ends:
+    for other in line.other_ends[:MOST_BRANCHES]:
         place = ", ".join(f"{value:.0f}" for value in other.point)
         opposite = "start" if other.end == "end" else "end"
         message = (
             f"another end was found near ({place}) mm, about {other.distance:.0f} mm of centreline "
             f"from the {opposite}: give --{other.end} to choose; 'bozzini tree' lists all branches"
         )
+        found.append(Finding("branches", "warning", message))
+    if (more := len(line.other_ends) - MOST_BRANCHES) > 0:
+        message = f"{more} more {'end was' if more == 1 else 'ends were'} found: see 'bozzini tree'"
         found.append(Finding("branches", "warning", message))
     return tuple(found)
 
