@@ -17,7 +17,8 @@ from bozzini.anatomy.labels import tract_from_labels
 from bozzini.anatomy.surface import tract_from_surface
 from bozzini.anatomy.tract import ORGANS, Component, LabelTract, Opening
 from bozzini.checks import ceil_mm
-from bozzini.duct import Centreline, OtherEnd, build_field, find_centreline
+from bozzini.duct import Centreline, build_field, find_centreline
+from bozzini.duct.centreline import OtherEnd
 from bozzini.duct.field import INFLATION_MAX
 from bozzini.duct.fitting.fit import KINDS
 from bozzini.motion import PLANNERS, Scope
