@@ -126,6 +126,9 @@ def test_schema_and_template(arc, capsys) -> None:
     assert main(["new", "task", "arc"]) == 0
     template = open("task.yaml", encoding="utf-8").read()
     assert "mm, in (0, 1000]" in template
+    # All of it is remarks: no options.
+    capsys.readouterr()
+    assert main(["arc", "--options", "task.yaml", "--length", "1cm", "--json"]) == 0
     with open("task.yaml", "w", encoding="utf-8") as file:
         file.write(template.replace("#length: needed", "length: 1 cm"))
     capsys.readouterr()

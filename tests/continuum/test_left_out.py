@@ -21,7 +21,7 @@ from bozzini.continuum import (
     staged_fit,
 )
 from bozzini.continuum.command_baselines import predict_by_commands
-from bozzini.continuum.prediction_band import make_band, name_kinds
+from bozzini.continuum.prediction_band import PredictionBand, make_band, name_kinds
 from bozzini.continuum.section_residual import SectionStates, learn_residual
 from bozzini.errors import InputError
 from bozzini.study.tip import DrawOptions, robot_tip_error
@@ -443,3 +443,31 @@ def predict(folder, table, capsys):
     )
     assert code == 0
     return json.loads(capsys.readouterr().out)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"level": 95.0}, r"band level is 95: it must lie in \[0, 1\]"),
+        ({"largest_bends": (0.7,)}, "1 largest_bends: it must have one for each of its 2 sections"),
+        ({"radii": {"1": (1.0, 2.0)}}, "2 radii of '1': it must have one for each of its 1 markers"),
+        ({"radii": {"1": (-1.0,)}}, "band radius of '1' is -1"),
+        ({"radii": {}}, "no kind and rows of 1"),
+    ],
+)
+def test_a_band_that_cannot_be_is_refused(change, said):
+    known = {
+        "level": 0.95, "markers": ("tip",), "sections": SECTIONS, "largest_bends": (0.7, 0.5),
+        "radii": {"1": (1.0,)}, "rows": {"1": 50}, "coverage": 0.9,
+    }  # fmt: skip
+    band = PredictionBand(**known)
+    with pytest.raises(InputError, match=said):
+        dataclasses.replace(band, **change)
+
+
+def test_a_marker_that_was_never_seen_is_named():
+    truth = RobotSetup(make_robot(lengths=LENGTHS[:1]), MARKERS)
+    data = simulate(truth, rows=30, noise=0.1)
+    data.points[:, -1] = np.nan
+    with pytest.raises(InputError, match=f"marker '{MARKERS[-1].name}' was seen in no row"):
+        fit_robot(truth, data, free=["base.position.x"])

@@ -533,6 +533,8 @@ def options_file(
         from ..io.records import load_data
 
         given = load_data(path)
+        if given is None:  # remarks alone, as `bozzini new` writes them
+            return
         if not isinstance(given, Mapping):
             raise FileFormatError(f"{path} is {show_value(given)}: it must hold options by name")
         try:

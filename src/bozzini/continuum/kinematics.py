@@ -75,6 +75,12 @@ class ContinuumRobot(RobotDesign):
         if self.calibration is not None:
             check_kind("calibration", self.calibration, RobotCalibration)
             self.calibration.order_zeros(self.tendon_names)
+            band = self.calibration.band
+            if band is not None and len(band.sections) != len(self.sections):
+                raise InputError(
+                    f"the calibration's band has {len(band.sections)} sections: the robot has "
+                    f"{len(self.sections)}"
+                )
 
     def to_displacements(self, commands: ArrayLike, *, in_time: bool = False) -> Floats:
         """Return the displacements that commands of the tendons come to.

@@ -22,6 +22,7 @@ from .calibration import Marker
 from .kinematics import ContinuumRobot
 from .measured import TIP, RobotRows, read_robot_rows
 from .observation import convert_rows, place_markers, solve_rows
+from .prediction_band import SLACK
 from .robot_prediction import choose_model
 from .section_residual import measure_bends
 from .shape import Shape
@@ -46,11 +47,14 @@ class BandAtRows(NamedTuple):
         of this kind, of a marker that was not fitted, and of a row without a shape.
     level : float
         Share of predictions that do.
+    coverage : float
+        Share of the points left out of the fit that a band made without their block held.
     """
 
     kinds: NDArray[np.str_]
     radii: Floats
     level: float
+    coverage: float
 
 
 def find_band(robot: ContinuumRobot, shape: Shape, markers: Sequence[str]) -> BandAtRows | None:
@@ -68,9 +72,9 @@ def find_band(robot: ContinuumRobot, shape: Shape, markers: Sequence[str]) -> Ba
     for k, name in enumerate(markers):
         if name in band.markers:
             radii[:, k] = known[:, band.markers.index(name)]
-    without = ~np.isfinite(bends).all(axis=-1)
+    without = ~(np.isfinite(bends).all(axis=-1) & np.ravel(shape.converged))
     radii[band.find_unseen(kinds) | without] = np.nan
-    return BandAtRows(np.where(without, "", kinds), radii, band.level)
+    return BandAtRows(np.where(without, "", kinds), radii, band.level, band.coverage)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -165,6 +169,7 @@ class PredictedRows(Result):
             "points_seen": int(np.isfinite(self.distances).sum()),
             "rms_mm": self.rms,
             "coverage": self.coverage,
+            "coverage_left_out": None if self.band is None else self.band.coverage,
             "notes": self.notes,
             "converged": self.converged,
             "reason": self.reason,
@@ -286,13 +291,19 @@ class RobotPredicting(Task):
             )
             lines.append(
                 f"{found.band.level:.0%} of predictions are within [mm], by the sections that "
-                f"move: {shown or 'none known'}"
+                f"move: {shown or 'none known'}; of rows left out of the fit "
+                f"{found.band.coverage:.1%} were"
             )
         if not math.isnan(found.rms):
             count = int(np.isfinite(found.distances).sum())
             lines.append(f"{count} points seen: {found.rms:.3g} mm rms")
-            if not math.isnan(found.coverage):
+            if found.band is not None and not math.isnan(found.coverage):
                 lines[-1] += f", {found.coverage:.1%} of those with a band within it"
+                if found.coverage < found.band.level - SLACK:
+                    lines.append(
+                        "warning: far fewer than the band promises: these rows are unlike those of "
+                        "the fit, in direction for example, which the kinds do not tell"
+                    )
         if found.outside:
             shown = ", ".join(f"{kind} ({count} rows)" for kind, count in found.outside.items())
             lines.append(

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..checks import check_number
+from ..errors import InputError
 from ..numeric.arrays import Floats
 from ..numeric.estimation import find_conformal_limit
 from ..results import Json
@@ -19,6 +21,8 @@ ENOUGH = 40
 FURTHER = 1.2
 """Times the largest bend of a section in the fit: a row that bends more is of another kind."""
 LEVEL = 0.95
+SLACK = 0.1
+"""Share of points by which a band may hold less than it promises before that is told."""
 REST = "rest"
 """Kind of motion of a row in which no section moves."""
 
@@ -55,7 +59,8 @@ class PredictionBand:
     conformal: Vovk, Gammerman, Shafer, *Algorithmic Learning in a Random World*, 2005): it holds
     for rows that are like these. A kind of fewer than 40 rows has the radius of all rows. What
     moves sections together in a way that no row of the fit does, or further, is of no kind that
-    was seen: nothing is known of it, and the widest radius stands for it.
+    was seen: nothing is known of it, and the widest radius stands for it. Kinds tell how far
+    sections bend, not to which side: rows that bend to a side not seen may miss by more.
 
     Parameters
     ----------
@@ -73,6 +78,11 @@ class PredictionBand:
     coverage : float
         Share of the points left out that a band made without their block holds; 0 where no marker
         is in more than one.
+
+    Raises
+    ------
+    InputError
+        If a value is outside its legal range, or there is not one for each section or marker.
     """
 
     level: float
@@ -82,6 +92,30 @@ class PredictionBand:
     radii: Mapping[str, tuple[float, ...]]
     rows: Mapping[str, int]
     coverage: float
+
+    def __post_init__(self) -> None:
+        check_number("band level", self.level, low=0.0, high=1.0)
+        check_number("band coverage", self.coverage, low=0.0, high=1.0)
+        for bend in self.largest_bends:
+            check_number("band largest_bends", bend, low=0.0, unit="rad")
+        if len(self.largest_bends) != len(self.sections):
+            raise InputError(
+                f"the band has {len(self.largest_bends)} largest_bends: it must have one for each "
+                f"of its {len(self.sections)} sections"
+            )
+        if not self.radii or set(self.radii) != set(self.rows):
+            raise InputError(
+                f"the band has radii of {', '.join(self.radii) or 'no kind'} and rows of "
+                f"{', '.join(self.rows) or 'no kind'}: they must be of the same kinds, at least one"
+            )
+        for kind, values in self.radii.items():
+            if len(values) != len(self.markers):
+                raise InputError(
+                    f"the band has {len(values)} radii of '{kind}': it must have one for each of "
+                    f"its {len(self.markers)} markers"
+                )
+            for value in values:
+                check_number(f"band radius of '{kind}'", value, low=0.0, unit="mm")
 
     @property
     def widest(self) -> tuple[float, ...]:

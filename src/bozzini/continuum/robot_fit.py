@@ -56,7 +56,7 @@ from .left_out import (
 from .measured import RobotMeasurements
 from .models import CONTINUUM_MODELS
 from .observation import align_base
-from .prediction_band import PredictionBand, make_band
+from .prediction_band import SLACK, PredictionBand, make_band
 from .robot_prediction import (
     RobotPrediction,
     compare_points,
@@ -356,6 +356,7 @@ class RobotFit(Result):
             "band": None if self.band is None else self.band.to_dict(),
             "model_band": None if self.model_band is None else self.model_band.to_dict(),
             "undetermined": self.undetermined,
+            "poor": self.is_poor,
             "warnings": self.warnings,
             "outliers": [row + 1 for row in self.outliers],
             "converged": self.converged,
@@ -577,6 +578,10 @@ def fit_robot(
             f"the {observation.model} model leaves out the friction of tendons, which is free: "
             "take the rod model"
         )
+    never = ~np.isfinite(data.points).all(axis=-1).any(axis=0)
+    if never.any():
+        name = data.markers[int(np.argmax(never))].name
+        raise InputError(f"marker '{name}' was seen in no row: leave it out")
     seen = int(np.isfinite(data.points).sum())
     if seen <= len(unknowns):
         raise InputError(f"{seen} coordinate(s) are too few for {len(unknowns)} constant(s)")
@@ -733,6 +738,12 @@ def _conclude_left_out(
         band=band,
         model_band=own,
     )
+    if band.coverage < band.level - SLACK:
+        text = (
+            f"of rows left out {band.coverage:.1%} are within a band for {band.level:.0%}: blocks "
+            "are unlike each other, so that rows like none of them may miss by more"
+        )
+        fit = dataclasses.replace(fit, warnings=(*fit.warnings, text))
     better = min(baselines, key=lambda one: one.rms, default=None)
     error = fit.error if corrected is None else corrected.rms
     if better is None or not better.rms < error:
