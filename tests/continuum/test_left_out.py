@@ -450,7 +450,10 @@ def predict(folder, table, capsys):
     [
         ({"level": 95.0}, r"band level is 95: it must lie in \[0, 1\]"),
         ({"largest_bends": (0.7,)}, "1 largest_bends: it must have one for each of its 2 sections"),
-        ({"radii": {"1": (1.0, 2.0)}}, "2 radii of '1': it must have one for each of its 1 markers"),
+        (
+            {"radii": {"1": (1.0, 2.0)}},
+            "2 radii of '1': it must have one for each of its 1 m",
+        ),
         ({"radii": {"1": (-1.0,)}}, "band radius of '1' is -1"),
         ({"radii": {}}, "no kind and rows of 1"),
     ],
