@@ -24,6 +24,7 @@ from bozzini.continuum.command_baselines import predict_by_commands
 from bozzini.continuum.prediction_band import PredictionBand, make_band, name_kinds
 from bozzini.continuum.section_residual import SectionStates, learn_residual
 from bozzini.errors import InputError
+from bozzini.numeric.estimation import find_conformal_limit
 from bozzini.study.tip import DrawOptions, robot_tip_error
 
 from .test_fit import LENGTHS, MARKERS, make_robot, simulate
@@ -72,6 +73,24 @@ def test_a_kind_that_was_not_seen_has_the_widest_radius_and_few_rows_that_of_all
     )
     assert {radius[0] for radius in few.radii.values()} == {distances[:12].max()}
     assert few.level == 12 / 13 and few.describe().startswith("92% of predictions are within")
+
+
+def test_a_kind_of_few_rows_is_not_diluted_by_kinds_that_move_less():
+    random = np.random.default_rng(2)
+    distances, bends = draw_misses(random, 2000)
+    both = np.flatnonzero((bends > 0.0).all(axis=1))
+    kept = np.sort(np.concatenate([np.flatnonzero((bends == 0.0).any(axis=1)), both[:20]]))
+    band = make_band(
+        distances[kept], bends[kept], np.arange(len(kept)) % 4, markers=("tip",), sections=SECTIONS
+    )
+    there, others = draw_misses(random, 4000)
+    both = (others > 0.0).all(axis=1)
+    known = band.find_radii(band.name_kinds(others))[:, 0]
+    one = (bends[kept] > 0.0).any(axis=1)
+    # At least that of the rows in which any section moves; the many at rest do not count.
+    assert band.radii["1+2"][0] == find_conformal_limit(distances[kept][one, 0], 0.95)
+    assert band.radii["1+2"][0] > find_conformal_limit(distances[kept][:, 0], 0.95)
+    assert (there[both, 0] <= known[both]).mean() > 0.8
 
 
 def test_a_section_counts_as_moved_from_a_fifth_of_its_largest_bend_on():

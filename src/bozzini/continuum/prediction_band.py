@@ -42,7 +42,7 @@ def name_kinds(bends: Floats, largest: Floats, names: tuple[str, ...]) -> NDArra
         Of the sections.
     """
     known = np.nan_to_num(bends)
-    moved = known > MOVES * np.where(largest > 0.0, largest, np.inf)
+    moved = _find_moved(known, largest)
     further = np.any(known > FURTHER * largest, axis=-1).tolist()
     kinds = ["+".join(np.array(names)[row]) or REST for row in moved]
     return np.array(
@@ -51,13 +51,19 @@ def name_kinds(bends: Floats, largest: Floats, names: tuple[str, ...]) -> NDArra
     )
 
 
+def _find_moved(bends: Floats, largest: Floats) -> NDArray[np.bool_]:
+    return np.asarray(bends > MOVES * np.where(largest > 0.0, largest, np.inf))
+
+
 @dataclass(frozen=True, kw_only=True)
 class PredictionBand:
     """Distances that predictions stay within, by kind of motion and marker.
 
     A radius is the quantile of the distances of rows that were left out of the fit (split
     conformal: Vovk, Gammerman, Shafer, *Algorithmic Learning in a Random World*, 2005): it holds
-    for rows that are like these. A kind of fewer than 40 rows has the radius of all rows. What
+    for rows that are like these. A kind of fewer than 40 rows has the radius of all rows in which
+    as many sections move or more, of one section less if these are too few, and so on: what moves
+    more is missed by more, and many rows in which little moves tell nothing of it. What
     moves sections together in a way that no row of the fit does, or further, is of no kind that
     was seen: nothing is known of it, and the widest radius stands for it. Kinds tell how far
     sections bend, not to which side: rows that bend to a side not seen may miss by more.
@@ -155,7 +161,7 @@ class PredictionBand:
         ]
         pooled = any(count < ENOUGH for count in self.rows.values())
         many = f" of {', '.join(self.markers)}" if len(self.markers) > 1 else ""
-        few = f", * of fewer than {ENOUGH} rows: that of all" if pooled else ""
+        few = f", * of fewer than {ENOUGH} rows: with those that move more" if pooled else ""
         return (
             f"{self.level:.0%} of predictions{many} are within [mm], by the sections that move: "
             f"{', '.join(shown)}{few}; of motions not among these nothing is known; of rows left "
@@ -164,18 +170,23 @@ class PredictionBand:
 
 
 def _make_radii(
-    distances: Floats, kinds: NDArray[np.str_], level: float
+    distances: Floats, kinds: NDArray[np.str_], moved: NDArray[np.int64], level: float
 ) -> dict[str, tuple[float, ...]]:
-    whole = tuple(find_conformal_limit(column, level) for column in distances.T)
+    """Return the radii by kind; `moved` (n,) are how many sections of each row move."""
     radii = {}
     for kind in np.unique(kinds):
-        own = distances[kinds == kind]
-        enough = (np.isfinite(own).sum(axis=0) >= ENOUGH).tolist()
+        least = int(moved[kinds == kind][0])
+        pools = [kinds == kind, *(moved >= count for count in range(least, -1, -1))]
         radii[str(kind)] = tuple(
-            find_conformal_limit(column, level) if many else radius
-            for column, many, radius in zip(own.T, enough, whole, strict=True)
+            find_conformal_limit(_choose_pool(column, pools), level) for column in distances.T
         )
     return radii
+
+
+def _choose_pool(distances: Floats, pools: list[NDArray[np.bool_]]) -> Floats:
+    """Return the distances seen of the first pool with enough of them, else of the last."""
+    seen = [distances[pool & np.isfinite(distances)] for pool in pools]
+    return next((own for own in seen if len(own) >= ENOUGH), seen[-1])
 
 
 def make_band(
@@ -200,12 +211,13 @@ def make_band(
     """
     largest = np.nanmax(np.nan_to_num(bends), axis=0)
     kinds = name_kinds(bends, largest, sections)
+    moved = _find_moved(np.nan_to_num(bends), largest).sum(axis=-1)
     held, judged, seen = 0, 0, np.isfinite(distances)
     for block in np.unique(blocks):
         out = blocks == block
         if not seen[~out].any(axis=0).all():
             continue
-        radii = _make_radii(distances[~out], kinds[~out], level)
+        radii = _make_radii(distances[~out], kinds[~out], moved[~out], level)
         widest = np.max(np.array(list(radii.values())), axis=0)
         limits = np.array([radii.get(str(kind), widest) for kind in kinds[out]])
         held += int((distances[out] <= limits).sum())
@@ -216,7 +228,7 @@ def make_band(
         markers=markers,
         sections=sections,
         largest_bends=tuple(largest.tolist()),
-        radii=_make_radii(distances, kinds, level),
+        radii=_make_radii(distances, kinds, moved, level),
         rows={str(kind): int((kinds == kind).sum()) for kind in np.unique(kinds)},
         coverage=held / max(judged, 1),
     )
