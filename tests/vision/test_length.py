@@ -285,7 +285,7 @@ def test_rows_of_conditions(name):
     draw = np.random.default_rng(zlib.crc32(name.encode()))
     most = math.radians(view.get("most", 3.0))
     errors, claims = [], []
-    for seed in range(6):
+    for seed in range(10):
         muscle = HungMuscle(
             **{
                 "length": draw.uniform(30.0, 42.0),

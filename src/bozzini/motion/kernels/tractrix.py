@@ -76,6 +76,11 @@ def move_in_tube(path, arc, tube, heads, length, cap, slip, freedom, chain, arc_
     while straight < path.shape[0] and (
         _leave_line(path, back, path[straight, 0], path[straight, 1], path[straight, 2]) <= OFF_LINE
     ):
+        ahead = 0.0  # a path may turn back on its own line
+        for q in range(3):
+            ahead += (path[straight - 1, q] - path[straight, q]) * back[q]
+        if ahead < 0.0:
+            break
         straight += 1
     queue = joints
     while queue > 0 and (
