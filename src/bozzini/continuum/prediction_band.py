@@ -61,9 +61,9 @@ class PredictionBand:
 
     A radius is the quantile of the distances of rows that were left out of the fit (split
     conformal: Vovk, Gammerman, Shafer, *Algorithmic Learning in a Random World*, 2005): it holds
-    for rows that are like these. A kind of fewer than 40 rows has the radius of all rows in which
-    as many sections move or more, of one section less if these are too few, and so on: what moves
-    more is missed by more, and many rows in which little moves tell nothing of it. What
+    for rows that are like these. A kind of fewer than 40 rows has the radius of all rows, or, if
+    larger, of those in which as many sections move or more (of one less if these are too few, and
+    so on): many rows in which little moves would hide that what moves more is missed by more. What
     moves sections together in a way that no row of the fit does, or further, is of no kind that
     was seen: nothing is known of it, and the widest radius stands for it. Kinds tell how far
     sections bend, not to which side: rows that bend to a side not seen may miss by more.
@@ -161,7 +161,7 @@ class PredictionBand:
         ]
         pooled = any(count < ENOUGH for count in self.rows.values())
         many = f" of {', '.join(self.markers)}" if len(self.markers) > 1 else ""
-        few = f", * of fewer than {ENOUGH} rows: with those that move more" if pooled else ""
+        few = f", * of fewer than {ENOUGH} rows: with others" if pooled else ""
         return (
             f"{self.level:.0%} of predictions{many} are within [mm], by the sections that move: "
             f"{', '.join(shown)}{few}; of motions not among these nothing is known; of rows left "
@@ -175,18 +175,18 @@ def _make_radii(
     """Return the radii by kind; `moved` (n,) are how many sections of each row move."""
     radii = {}
     for kind in np.unique(kinds):
-        least = int(moved[kinds == kind][0])
-        pools = [kinds == kind, *(moved >= count for count in range(least, -1, -1))]
-        radii[str(kind)] = tuple(
-            find_conformal_limit(_choose_pool(column, pools), level) for column in distances.T
-        )
+        own, least = kinds == kind, int(moved[kinds == kind][0])
+        harder = [own, *(moved >= count for count in range(least, -1, -1))]
+        radii[str(kind)] = tuple(_find_radius(column, harder, level) for column in distances.T)
     return radii
 
 
-def _choose_pool(distances: Floats, pools: list[NDArray[np.bool_]]) -> Floats:
-    """Return the distances seen of the first pool with enough of them, else of the last."""
+def _find_radius(distances: Floats, pools: list[NDArray[np.bool_]], level: float) -> float:
+    """Return the radius of the first pool with enough rows; but for the first, at least of all."""
     seen = [distances[pool & np.isfinite(distances)] for pool in pools]
-    return next((own for own in seen if len(own) >= ENOUGH), seen[-1])
+    chosen = next((own for own in seen if len(own) >= ENOUGH), seen[-1])
+    radius = find_conformal_limit(chosen, level)
+    return radius if chosen is seen[0] else max(radius, find_conformal_limit(seen[-1], level))
 
 
 def make_band(
