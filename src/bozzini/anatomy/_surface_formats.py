@@ -29,7 +29,7 @@ from ..io.inputs import note_input
 from ..io.records import check_depth
 from ..results import Json
 from ._threemf import read_3mf
-from .files import FRAME_KEY, explain, has_suffix, quiet_libraries
+from .files import FRAME_KEY, declares_entities, explain, has_suffix, quiet_libraries
 from .tract import Finding, Organ, Point, Tract, count_noun, to_point
 
 SURFACE_SUFFIXES = (".stl", ".ply", ".obj", ".glb", ".off", ".3mf", ".vtk", ".vtp", ".vtu")
@@ -535,7 +535,7 @@ def open_xml(path: Path, kind: str = "PolyData") -> tuple[ElementTree.Element, X
         data = data[:start] + b"</VTKFile>"
     else:
         encoding = None
-    if b"<!DOCTYPE" in data or b"<!ENTITY" in data:
+    if declares_entities(data):
         raise FileFormatError(f"{path} is not a {name} file: it declares XML entities")
     try:
         root = ElementTree.fromstring(data)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import FileFormatError
-from .files import explain
+from .files import declares_entities, explain
 
 MOST_BYTES = 1 << 30
 """Of a model when it is unpacked."""
@@ -99,7 +99,7 @@ def _load(archive: zipfile.ZipFile, path: str) -> ElementTree.Element:
     if archive.getinfo(path).file_size > MOST_BYTES:
         raise FileFormatError(f"{path} is larger than {MOST_BYTES} bytes")
     data = archive.read(path)
-    if b"<!DOCTYPE" in data or b"<!ENTITY" in data:
+    if declares_entities(data):
         raise FileFormatError("it declares XML entities")
     return ElementTree.fromstring(data)
 

@@ -32,6 +32,11 @@ def has_suffix(path: PathLike, known: tuple[str, ...]) -> bool:
     return os.fspath(check_path("path", path)).lower().endswith(known)
 
 
+def declares_entities(data: bytes) -> bool:
+    """Whether XML declares entities, by which a small file may unfold to a huge one."""
+    return b"<!DOCTYPE" in data or b"<!ENTITY" in data
+
+
 def check_file(path: PathLike) -> None:
     """Raise `FileFormatError` if a file is missing, empty or cannot be read."""
     file = Path(path)

@@ -237,14 +237,15 @@ def tract_from_volume(volume: Volume, *, labels: Labels | None = None) -> LabelT
     if len(sizes) == 0:
         raise GeometryError(f"{source} is empty: every voxel is 0")
     voxel = measure_voxel(matrix)
+    assumed: list[Finding] = []
     if labels and not volume.names and not wants_all(labels):
         given = [labels] if isinstance(labels, str) else list(labels)
         labels, assumed = name_version(given, runs=runs, axes=axes)
-        found += assumed
     wanted = select_labels(sizes, labels, volume.names, source, voxel)
     asked = find_version([labels] if isinstance(labels, str) else labels or ())
     if asked is not None:
-        found += check_version(*asked, runs=runs, axes=axes, source=source)
+        # One that was assumed has been judged.
+        found += assumed or check_version(*asked, runs=runs, axes=axes, source=source)
         known = {number: organ for organ, number in VERSIONS[asked[0]].items()}
         volume = replace(volume, names={**known, **volume.names})
     others = np.setdiff1d(np.flatnonzero(sizes), wanted)

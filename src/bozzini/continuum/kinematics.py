@@ -149,19 +149,30 @@ class ContinuumRobot(RobotDesign):
         GeometryError
             If the model does not take such a robot.
         """
+        self._check_given(displacements, tensions)
+        if tensions is not None and model is None:
+            model = self.choose_model(options, pulled=True)
+        default = model is None and not options
+        chosen = self._default_model if default else self.model(model, **options)
+        return self._solve(chosen, displacements, tensions)
+
+    @staticmethod
+    def _check_given(displacements: object, tensions: object) -> None:
         if (displacements is None) == (tensions is None):
             raise InputError("forward takes either displacements or tensions: give one of them")
+
+    def _solve(
+        self,
+        model: ContinuumModel,
+        displacements: ArrayLike | Mapping[str, ArrayLike] | None,
+        tensions: ArrayLike | Mapping[str, ArrayLike] | None,
+    ) -> Shape:
+        """Return the shapes of a model under displacements or tensions as they are commanded."""
         if tensions is not None:
-            name = self.choose_model(options, pulled=True) if model is None else model
-            return self.model(name, **options).shape_under_tensions(
-                self.to_tensions(self._take("tensions", tensions, self.order_tensions))
-            )
-        chosen = self._default_model if model is None and not options else None
-        return (chosen or self.model(model, **options)).find_shape(
-            self.to_displacements(
-                self._take("displacements", displacements, self.order_displacements)
-            )
-        )
+            pulls = self._take("tensions", tensions, self.order_tensions)
+            return model.shape_under_tensions(self.to_tensions(pulls))
+        pulled = self._take("displacements", displacements, self.order_displacements)
+        return model.find_shape(self.to_displacements(pulled))
 
     @staticmethod
     def _take(
@@ -240,13 +251,14 @@ class ContinuumRobot(RobotDesign):
         GeometryError
             If there is no shape under them.
         """
+        self._check_given(displacements, tensions)
         if model is None:
             known = self.choose_model(options, pulled=tensions is not None)
             model = "energy" if known == "arc" else known
         elastic = self.model(model, **options)
         if not isinstance(elastic, ElasticModel):
             raise InputError(f"the {model} model has no derivatives: it must be energy or rod")
-        shape = self.forward(displacements, tensions=tensions, model=model, **options)
+        shape = self._solve(elastic, displacements, tensions)
         return elastic.jacobian(
             shape, held="tensions" if displacements is None else "displacements"
         )

@@ -264,7 +264,7 @@ def _find_sensors(
 def convert_record(
     robot: ContinuumRobot, table: SensorTable, *, before: Sequence[Floats] = ()
 ) -> SensorRecord:
-    """Return the recording of a table with what its commands come to, after rows before it."""
+    """Return the recording of a table with what its commands come to, after commands before it."""
     rows = np.concatenate([*before, table.record.commands])
     if table.command == "tension":
         # Noise of a measured tension about 0: a cable does not push.

@@ -130,18 +130,19 @@ class ContinuumEstimating(Task):
         titles = next(rows, None)
         if titles is None:
             raise FileFormatError("there is no header")
-        estimator, last, factors = None, None, (1.0, "")
-        commands: list[Floats] = []
+        timed = any(TITLES["time"].fullmatch(split_title(one.strip())[0]) for one in titles)
+        estimator, last, factors, count = None, None, (1.0, ""), 0
+        before: Sequence[Floats] = ()
         for number, cells in enumerate(rows, start=2):
             if not any(cell.strip() for cell in cells):
                 continue
             table = take_sensor_sheet(Sheet(titles, [cells], [number]), robot, self.noise)
-            commands.append(table.record.commands)
-            times = table.record.times
-            if not any(TITLES["time"].fullmatch(split_title(one.strip())[0]) for one in titles):
-                times = times + len(commands) - 1.0
-            record = convert_record(robot, table, before=commands[:-1])
+            times = table.record.times if timed else table.record.times + float(count)
+            record = convert_record(robot, table, before=before)
             record = dataclasses.replace(record, times=times)
+            # What the commands came to is all that backlash needs to know of the rows before.
+            before = (robot.to_commands(record.commands),) if table.command != "tension" else ()
+            count += 1
             if estimator is None:
                 estimator = self._make_estimator(robot, table)
                 factors = self._calibrate(robot, table)
@@ -153,7 +154,7 @@ class ContinuumEstimating(Task):
                 state = estimator.wait(last.state, elapsed)
             last = follow_record(estimator, record, state=state)
             text = format_table(last.widen(*factors).list_columns())
-            yield text if len(commands) == 1 else text.split("\n", 1)[1], last.converged
+            yield text if count == 1 else text.split("\n", 1)[1], last.converged
 
     def _make_estimator(self, robot: ContinuumRobot, table: SensorTable) -> ShapeEstimator:
         loads: Sequence[UnknownLoad] = ()
