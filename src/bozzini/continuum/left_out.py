@@ -4,19 +4,16 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import multiprocessing
-import signal
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import BozziniError, InputError
+from ..errors import InputError
 from ..numeric.arrays import Floats
+from ..numeric.processes import open_processes
 from .command_baselines import predict_by_commands
 from .fit_search import FitSearch, FoundChanges, RobotFitOptions, frees_base
 from .kinematics import ContinuumRobot
@@ -181,27 +178,8 @@ class _Task(NamedTuple):
 
 def _leave_out_apart(todo: Sequence[_Task], jobs: int) -> Iterator[LeftOutRows]:
     """Yield what `_leave_out` returns, in processes of their own."""
-    # A forked process would inherit the locks of the threads of compiled loops.
-    context = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(
-        min(jobs, len(todo)),
-        mp_context=context,
-        initializer=signal.signal,
-        initargs=(signal.SIGINT, signal.SIG_IGN),  # this process ends them
-    )
-    try:
+    with open_processes(min(jobs, len(todo)), "fit_robot") as pool:
         yield from pool.map(_leave_out, todo)
-    except BrokenProcessPool:
-        raise BozziniError(
-            "a process of the fit ended: it was out of memory, or a script calls fit_robot outside "
-            "of \"if __name__ == '__main__':\"; with 1 job there are no processes"
-        ) from None
-    except BaseException:  # an interrupt must not wait for the blocks that are left
-        for process in pool._processes.values():
-            process.terminate()
-        raise
-    finally:
-        pool.shutdown(cancel_futures=True)
 
 
 def _leave_out(todo: _Task) -> LeftOutRows:

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import math
-import multiprocessing
 import pickle
-import signal
 from abc import abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
+from concurrent.futures import as_completed
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import TYPE_CHECKING, Literal, get_args
@@ -20,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..checks import check_array, check_integer, check_number, check_word, show_apart, show_value
 from ..errors import BozziniError, InputError, PluginError
 from ..numeric.least_squares import Clock, OutOfTimeError
+from ..numeric.processes import open_processes
 from ..progress import Progress, no_progress
 from ..results import Json, Result, take_axes, to_plain
 from .data import Measurements
@@ -881,15 +879,7 @@ def _fit_all(
     if options.jobs > 1:
         alone = [name for name in kinds if not _is_portable(kinds[name])]
         apart = [name for name in kinds if name not in alone]
-        # A forked process would inherit the locks of the threads of compiled loops.
-        context = multiprocessing.get_context("spawn")
-        pool = ProcessPoolExecutor(
-            options.jobs,
-            mp_context=context,
-            initializer=signal.signal,
-            initargs=(signal.SIGINT, signal.SIG_IGN),  # this process ends them
-        )
-        try:
+        with open_processes(options.jobs, "rank") as pool:
             todo = {
                 pool.submit(_try_model, name, kinds[name], task, options, folds): name
                 for name in apart
@@ -897,18 +887,6 @@ def _fit_all(
             for count, future in enumerate(as_completed(todo)):
                 progress(f"fitted {todo[future]}", count / len(kinds))
                 yield todo[future], future.result()
-        except BrokenProcessPool:
-            raise BozziniError(
-                "a process of the ranking ended: it was out of memory, a model ended it, "
-                "or a script calls rank outside of \"if __name__ == '__main__':\"; with 1 "
-                "job there are no processes"
-            ) from None
-        except BaseException:  # an interrupt must not wait for the models that are left
-            for process in pool._processes.values():
-                process.terminate()
-            raise
-        finally:
-            pool.shutdown(cancel_futures=True)
     for index, name in enumerate(alone, start=len(kinds) - len(alone)):
         progress(f"fitting {name}", index / len(kinds))
         yield name, _try_model(name, kinds[name], task, options, folds)

@@ -10,12 +10,10 @@ import csv
 import hashlib
 import io
 import json
-import multiprocessing
 import os
 import platform
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
@@ -30,6 +28,7 @@ from ..errors import BozziniError, FileFormatError, InputError, MissingExtraErro
 from ..io.files import write_atomically, write_bytes, write_text
 from ..io.inputs import note_input
 from ..io.sheets import Sheet, refuse_untitled, write_table
+from ..numeric.processes import open_processes
 from ..progress import Progress, no_progress
 from ..results import Json, to_plain
 
@@ -258,9 +257,7 @@ def measure_each(
     work = partial(_measure_one, measure)
     rows = []
     if jobs > 1 and len(items) > 1:
-        # A forked process would inherit the locks of OpenCV's threads.
-        context = multiprocessing.get_context("spawn")
-        with ProcessPoolExecutor(min(jobs, len(items)), mp_context=context) as pool:
+        with open_processes(min(jobs, len(items)), "measure_each") as pool:
             for row in pool.map(work, items):
                 rows.append(row)
                 progress(stage, len(rows) / len(items))
