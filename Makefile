@@ -18,6 +18,7 @@ PIP := $(RUN) -m pip --disable-pip-version-check --no-input -q -q install
 CORE := $(VENV)/.bozzini-core
 DEV := $(VENV)/.bozzini-dev
 DOCS := $(VENV)/.bozzini-docs
+READ := $(VENV)/.bozzini-read
 
 # Exit code 1 is an honest answer about the scope ("through the wall"), not a failure of the demo.
 DEMO = touch $(VENV)/.demo-begins; $(RUN) -m bozzini demo --out bozzini-demo --force \
@@ -27,12 +28,12 @@ DEMO = touch $(VENV)/.demo-begins; $(RUN) -m bozzini demo --out bozzini-demo --f
 # gone, is set up anew.
 SOUND := $(shell [ "$$(cat $(CORE) 2>/dev/null)" = "$$(pwd)" ] && $(RUN) -c "" 2>/dev/null && echo yes)
 ifneq ($(SOUND),yes)
-$(shell rm -f $(CORE) $(DEV) $(DOCS))
+$(shell rm -f $(CORE) $(DEV) $(DOCS) $(READ))
 endif
 
 RIG_TOOLS := $(RUN) -c 'from bozzini.rig.firmware import find_missing_tools as f; print(*f().values())'
 
-.PHONY: help demo test test-all compiled kernels rig opencv oldest fuzz bench validate dist docs check format picture figures gallery thesis clean
+.PHONY: help demo test test-all compiled read kernels rig opencv oldest fuzz bench validate dist docs check format picture figures gallery thesis clean
 
 help: ## Show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "make %-9s %s\n", $$1, $$2}' Makefile
@@ -40,17 +41,22 @@ help: ## Show this list
 demo: $(CORE) ## Plan a scope through a phantom tract; report in bozzini-demo/
 	@$(DEMO)
 
-test: compiled ## Run the tests
-	@BOZZINI_COMPILED=yes $(RUN) -m pytest -m "not slow" -n $(WORKERS) --dist loadfile
+test: $(DEV) compiled read ## Run the tests
+	@BOZZINI_COMPILED=yes $(RUN) -m pytest -m "not slow" -n $(WORKERS) --dist worksteal
 
-# Files without slow tests need not be read.
-SLOW_TESTS = $(sort $(shell grep -rl --include='test_*.py' 'mark\.slow' tests))
+# In one run, so that short tests fill the time while the last long ones end.
+test-all: $(DEV) compiled read opencv ## Run all tests, those that take minutes too
+	@BOZZINI_COMPILED=yes $(RUN) -m pytest -n $(WORKERS) --dist worksteal
 
-test-all: test opencv ## Run all tests, those that take minutes too
-	@$(RUN) -m pytest -m slow -n $(WORKERS) --dist worksteal $(SLOW_TESTS)
-
-compiled: $(DEV)
+# What the tests need of the core alone: compiled while the rest is installed, under `make -j`.
+compiled: $(CORE)
 	@$(RUN) -m bozzini doctor --compile --quiet >$(VENV)/doctor.log || { cat $(VENV)/doctor.log >&2; exit 1; }
+
+# Pytest rewrites all tests once and keeps that: several processes would each do it at the same time.
+read: $(READ)
+
+$(READ): | $(DEV)
+	@$(RUN) -m pytest --collect-only -qq >/dev/null && touch $@
 
 rig: $(DEV) ## Build the firmware and run the tests of the rig (installs nothing)
 	@missing="$$($(RIG_TOOLS))" && if [ -n "$$missing" ]; then \

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import gc
+import io
 import json
 import os
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -43,11 +45,20 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             item.add_marker(pytest.mark.timeout(1800))
 
 
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Note whether it is a slow test that runs."""
+    running["slow"] = item.get_closest_marker("slow") is not None
+
+
+running = {"slow": False}
+
+
 @pytest.fixture(scope="session", autouse=True)
 def kernels_are_recorded() -> Iterator[None]:
     """Record which kernels are called with what types where `make kernels` asks for that.
 
     `make test` compiles all that are listed beforehand: what is compiled then is not listed.
+    Slow tests may compile more.
     """
     place, compiled = (os.environ.get(f"BOZZINI_{name}") for name in ("SIGNATURES", "COMPILED"))
     if not (place or compiled):
@@ -55,7 +66,7 @@ def kernels_are_recorded() -> Iterator[None]:
         return
     from tests.compiled import recording
 
-    with recording(only_compiled=not place) as found:
+    with recording(ignored=(lambda: running["slow"]) if compiled else None) as found:
         yield
     if place:
         rows = {name: sorted(signatures) for name, signatures in found.items()}
@@ -68,21 +79,43 @@ def kernels_are_recorded() -> Iterator[None]:
 def coarse_pictures(request: pytest.FixtureRequest) -> Iterator[None]:
     """Write pictures with few pixels where tests look at what is said about them alone.
 
-    Of a plan on the command line, most of the time is its pictures.
+    Of a plan on the command line, most of the time is its pictures: each of them is written once
+    in a file of tests for plans that end alike, and is the same one for the others.
     """
     if request.path.parent.name not in ("cli", "study", "report"):
         yield
         return
     from matplotlib.figure import Figure
 
-    write = Figure.savefig
+    write, kept = Figure.savefig, {}
 
-    def write_coarse(figure: Figure, *place: Any, **options: Any) -> None:
-        write(figure, *place, **{**options, "dpi": 20.0})
+    def write_coarse(figure: Figure, place: Any, **options: Any) -> None:
+        coarse = {**options, "dpi": 20.0}
+        kind = _find_kind() if request.path.parent.name != "report" else None
+        if kind is None:
+            return write(figure, place, **coarse)
+        if kind not in kept:
+            write(figure, stream := io.BytesIO(), **{**coarse, "format": "png"})
+            kept[kind] = stream.getvalue()
+        if isinstance(place, io.BytesIO):
+            place.write(kept[kind])
+        else:
+            Path(place).write_bytes(kept[kind])
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Figure, "savefig", write_coarse)
         yield
+
+
+def _find_kind() -> tuple[object, ...] | None:
+    """Return which picture of a plan is written, and how that ended; None of other pictures."""
+    frame, lines = sys._getframe(2), []
+    while frame is not None:
+        lines.append((frame.f_code.co_name, frame.f_lineno))
+        if frame.f_code.co_qualname == "InsertionStudy.write":
+            return *lines, frame.f_locals["self"].plan.status
+        frame = frame.f_back
+    return None
 
 
 def _find_data(name: str) -> Path:

@@ -73,7 +73,7 @@ def test_a_tutorial_imports_the_core_and_the_extra_docs_alone(path: Path) -> Non
     assert found <= _list_modules("docs") | {_name(item) for item in CORE}
 
 
-@pytest.mark.slow
+@pytest.mark.slow(20)
 @pytest.mark.parametrize("path", TUTORIALS, ids=lambda path: path.stem)
 def test_tutorial_runs(path: Path, tmp_path: Path) -> None:
     if path.stem.endswith("rig") and not os.environ.get("CI") and shutil.which("gcc") is None:

@@ -702,12 +702,13 @@ def test_targets_are_set_and_touched_by_stick_and_slide(head) -> None:
         place = bend @ drive.turn / drive.scale
         page.mouse.move(x - full * place[0], y - full * place[1])
         page.wait_for_timeout(300)
-        for key in ("e", "q"):
-            page.keyboard.down(key)
-            page.wait_for_timeout(3500)
-            page.keyboard.up(key)
+        page.keyboard.down("e")
         wait_for(page, f"() => document.querySelector('.touches').textContent"
                        f".startsWith('{k + 1} of 2')")  # fmt: skip
+        page.keyboard.up("e")
+        page.keyboard.down("q")
+        wait_until(page, lambda state: state["head"]["out"] == 0.0)
+        page.keyboard.up("q")
     page.mouse.up()
     found = drive.sum_up()
     assert found.converged and found.error < 2.0 and found.camera == "still"

@@ -47,6 +47,14 @@ def wait_for(condition: object, limit: float = 90.0) -> None:
         time.sleep(0.1)
 
 
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Give the folder of the study as one process runs it."""
+    folder = tmp_path_factory.mktemp("study")
+    run_study(Study.load(write_study(folder)), folder / "whole", engine=Engine(workers=1))
+    return folder / "whole"
+
+
 @contextmanager
 def started(*words: str, cwd: Path) -> Iterator[subprocess.Popen[bytes]]:
     """Start a program in a process group of its own, which is killed at the end."""
@@ -68,25 +76,23 @@ def started(*words: str, cwd: Path) -> Iterator[subprocess.Popen[bytes]]:
 
 
 @pytest.mark.slow(40)
-def test_processes_give_the_rows_of_one(tmp_path: Path) -> None:
+def test_processes_give_the_rows_of_one(tmp_path: Path, whole: Path) -> None:
     study = Study.load(write_study(tmp_path))
     told: list[str] = []
-    run_study(study, tmp_path / "one", engine=Engine(workers=1))
     found = run_study(
         study,
         tmp_path / "two",
         engine=Engine(workers=2),
         progress=lambda stage, _: told.append(stage),
     )
-    assert found.converged and read_rows(tmp_path / "two").equals(read_rows(tmp_path / "one"))
+    assert found.converged and read_rows(tmp_path / "two").equals(read_rows(whole))
     assert len(told) == 50 and all("a second" in stage and "left" in stage for stage in told)
 
 
 @pytest.mark.slow(80)
-def test_kills_lose_and_double_nothing(tmp_path: Path) -> None:
+def test_kills_lose_and_double_nothing(tmp_path: Path, whole: Path) -> None:
     path = write_study(tmp_path)
     study = Study.load(path)
-    run_study(study, tmp_path / "whole", engine=Engine(workers=1))
     folder = tmp_path / "out"
     rows = folder / "rows"
     rng = random.Random(5)
@@ -108,18 +114,16 @@ def test_kills_lose_and_double_nothing(tmp_path: Path) -> None:
     found = run_study(study, folder, engine=Engine(workers=1))
     assert found.converged and found.done == 10_000
     assert not list(rows.glob(".*"))
-    whole = tmp_path / "whole" / "rows"
     for part in sorted(rows.iterdir()):
-        assert part.read_bytes() == (whole / part.name).read_bytes()  # bit by bit
+        assert part.read_bytes() == (whole / "rows" / part.name).read_bytes()  # bit by bit
 
 
 @pytest.mark.slow(90)
-def test_dask_gives_the_rows_of_one(tmp_path: Path) -> None:
+def test_dask_gives_the_rows_of_one(tmp_path: Path, whole: Path) -> None:
     pytest.importorskip("distributed")
     study = Study.load(write_study(tmp_path, chunk=2_000))
-    run_study(study, tmp_path / "one", engine=Engine(workers=1))
     run_study(study, tmp_path / "local", engine=Engine(workers=2, cluster="local"))
-    rows = read_rows(tmp_path / "one")
+    rows = read_rows(whole)
     assert read_rows(tmp_path / "local").equals(rows)
     place = str(tmp_path / "scheduler.json")
     quiet = ("--no-dashboard",)

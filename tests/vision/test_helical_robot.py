@@ -26,7 +26,7 @@ BOARD = Checkerboard(columns=9, rows=6, square=5.5)
 PUBLISHED_BASELINE = 72.99
 NAMES = ("left", "right")
 
-pytestmark = pytest.mark.slow  # 84 pictures
+pytestmark = pytest.mark.slow(40)  # 84 pictures
 
 
 @pytest.fixture(scope="module")

@@ -122,7 +122,7 @@ class Camera:
         """Where the camera is, shape (3,) [mm]."""
         return np.asarray(-self.rotation.T @ self.translation)
 
-    @property
+    @cached_property
     def focal(self) -> float:
         """Mean focal length [px]."""
         return float(np.mean(np.diag(self.matrix)[:2]))
