@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import gc
-import io
 import json
 import os
-import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -79,43 +77,21 @@ def kernels_are_recorded() -> Iterator[None]:
 def coarse_pictures(request: pytest.FixtureRequest) -> Iterator[None]:
     """Write pictures with few pixels where tests look at what is said about them alone.
 
-    Of a plan on the command line, most of the time is its pictures: each of them is written once
-    in a file of tests for plans that end alike, and is the same one for the others.
+    Of a plan on the command line, most of the time is its pictures.
     """
     if request.path.parent.name not in ("cli", "study", "report"):
         yield
         return
     from matplotlib.figure import Figure
 
-    write, kept = Figure.savefig, {}
+    write = Figure.savefig
 
-    def write_coarse(figure: Figure, place: Any, **options: Any) -> None:
-        coarse = {**options, "dpi": 20.0}
-        kind = _find_kind() if request.path.parent.name != "report" else None
-        if kind is None:
-            return write(figure, place, **coarse)
-        if kind not in kept:
-            write(figure, stream := io.BytesIO(), **{**coarse, "format": "png"})
-            kept[kind] = stream.getvalue()
-        if isinstance(place, io.BytesIO):
-            place.write(kept[kind])
-        else:
-            Path(place).write_bytes(kept[kind])
+    def write_coarse(figure: Figure, *place: Any, **options: Any) -> None:
+        write(figure, *place, **{**options, "dpi": 20.0})
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Figure, "savefig", write_coarse)
         yield
-
-
-def _find_kind() -> tuple[object, ...] | None:
-    """Return which picture of a plan is written, and how that ended; None of other pictures."""
-    frame, lines = sys._getframe(2), []
-    while frame is not None:
-        lines.append((frame.f_code.co_name, frame.f_lineno))
-        if frame.f_code.co_qualname == "InsertionStudy.write":
-            return *lines, frame.f_locals["self"].plan.status
-        frame = frame.f_back
-    return None
 
 
 def _find_data(name: str) -> Path:
