@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from ..effector.design import DEFAULT_PRESET
 from ..errors import BozziniError, InputError
 from .guard import LOOPBACK, Access
-from .planning import PATIENCE, Planning, PlanningRequest
+from .planning import PATIENCE, Planning, PlanningRequest, merge
 from .session import Session, run_beside
 from .wire import Change
 
@@ -103,12 +103,14 @@ class Cockpit:
             names=tuple(name.lower() for name in options.names),
         )
         self.session = Session(may_arm=needs_token)
+        self.session.ask_plan = self._ask
         self.error: BozziniError | None = None
         self.drawing: Drawing | None = None
         self.run_of_targets: TargetRun | None = None
         self._planning: Planning | None = None
         self._slicer: SlicerWindow | None = None
         self._late: asyncio.TimerHandle | None = None
+        self._waiting: Change | None = None
         self._has_ended = False
 
     @property
@@ -234,9 +236,10 @@ class Cockpit:
                 session.show_scene(what)
         elif kind == "plan":
             session.show(what)
-            session.ask_plan = self._ask
             is_final = what.info["final"]
             self._tell("" if is_final else "looking for what would fit", busy=not is_final)
+            if self._waiting is not None:
+                self._ask(self._waiting)
         elif kind == "moved":
             session.show_moved(*what)
             if self._slicer is not None:
@@ -262,9 +265,13 @@ class Cockpit:
         self.session.planning = {"busy": busy, "stage": stage, "message": message}
 
     def _ask(self, change: Change) -> None:
-        """Let something else be planned, and say so if it takes long."""
-        if self._planning is None:
+        """Let something else be planned, after the first plan, and say so if it takes long."""
+        if self.session.plan is None or self._planning is None:
+            self._waiting = merge(self._waiting or Change(), change)
+            words = "what you changed is planned for after the first plan"
+            self.session.planning = {**self.session.planning, "message": words}
             return
+        self._waiting = None
         is_new = self._planning.ask(change)
         self._tell("starting anew" if is_new else "plan", busy=True)
 
