@@ -22,6 +22,7 @@ from .wire import Change
 if TYPE_CHECKING:
     from ..head import TargetRun
     from ..scene import SlicerLink
+    from ..study.estimating import ContinuumEstimating
     from .drive import EffectorDrive
     from .operator import Drawing, FigureKind
     from .slicer import SlicerWindow
@@ -60,6 +61,8 @@ class CockpitOptions:
         Whether the page is opened in the browser.
     slicer : SlicerLink, optional
         Where else it is shown.
+    sensed : ContinuumEstimating, optional
+        A robot with its readings: it is shown alone, in place of a plan.
     """
 
     host: str = "127.0.0.1"
@@ -74,6 +77,7 @@ class CockpitOptions:
     targets: int = 5
     is_shown: bool = True
     slicer: SlicerLink | None = None
+    sensed: ContinuumEstimating | None = None
 
     @property
     def is_open(self) -> bool:
@@ -86,14 +90,16 @@ class Cockpit:
 
     Parameters
     ----------
-    job : PlanningRequest
-        What is planned for.
+    job : PlanningRequest or None
+        What is planned for; None: nothing.
     options : CockpitOptions
     listener : socket
         That `bozzini.cockpit.server.bind` has made.
     """
 
-    def __init__(self, job: PlanningRequest, options: CockpitOptions, *, listener: socket) -> None:
+    def __init__(
+        self, job: PlanningRequest | None, options: CockpitOptions, *, listener: socket
+    ) -> None:
         self.job, self.options, self.listener = job, options, listener
         needs_token = options.is_open or options.rig is not None
         self.access = Access(
@@ -151,7 +157,8 @@ class Cockpit:
 
     async def _serve(self, announce: Callable[[str], None]) -> None:
         self._loop = asyncio.get_running_loop()
-        self._planning = Planning(self.job, self._hear)  # first: it takes longest
+        if self.job is not None:
+            self._planning = Planning(self.job, self._hear)  # first: it takes longest
         from .page import WEB, render_cockpit
         from .server import make_server, run_server
 
@@ -180,6 +187,11 @@ class Cockpit:
         """Open the drive beside the server, and let the operator draw."""
         options = self.options
         try:
+            if options.sensed is not None:
+                from .readings import SensedRobot
+
+                await SensedRobot(options.sensed, self.session).run()
+                return
             drive = await run_beside(self._open_drive)
             self.session.drive = drive
             if options.operator is not None:

@@ -6,7 +6,7 @@ import asyncio
 import secrets
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -284,7 +284,9 @@ class Session:
         self.ask_plan: Callable[[Change], None] | None = None
         self.note = ""
         self.number, self.status_number, self.tissue_number = 0, 0, 0
-        self.frame, self.tissue = bytearray(), b""
+        self.frame = bytearray()
+        self.tissue: Sequence[bytes] = ()
+        self.readings = self.waiting = ""
         self.status: Json = {}
         self.tip_clearance = float("nan")
         self._packed, self._ticks = b"", -1
@@ -387,7 +389,7 @@ class Session:
         """Show another plan, with the head as far in as it was, or as it can be."""
         if plan.wall is None and self.plan is not None:
             plan = replace(plan, wall=self.plan.wall)
-        self.plan, self.moved, self.moving = plan, None, None
+        self.plan, self.moved, self.moving, self.tissue = plan, None, None, ()
         self.show_scene(plan.view)
         self.step = int(np.clip(np.searchsorted(plan.travel, self.place), 0, plan.steps - 1))
 
@@ -408,13 +410,17 @@ class Session:
         up = plan.frames[self.step, 1]
         self.moved = replace(body, up=up, is_mirrored=plan.is_mirrored)
         self.moving = body.info
-        self.tissue, self.tissue_number = pack_tissue(vertices), self.tissue_number + 1
+        self.show_surfaces([vertices])
+
+    def show_surfaces(self, surfaces: Sequence[Floats]) -> None:
+        """Show surfaces of the scene with vertices (n, 3) [mm] elsewhere, each by its number."""
+        self.tissue, self.tissue_number = [*map(pack_tissue, surfaces)], self.tissue_number + 1
         self._wake()
 
     def rest(self) -> None:
         """Show body and wall as they are planned: nothing moves the tissue any more."""
         if self.moved is not None:
-            self.moved, self.moving = None, None
+            self.moved, self.moving, self.tissue = None, None, ()
             self.show_scene(self.view)
 
     # The clock.
@@ -530,6 +536,8 @@ class Session:
             "tendons_mm": None
             if plan is None or not plan.tendons.size
             else plan.tendons[self.step].round(2).tolist(),
+            "readings": self.readings,
+            "waiting": self.waiting or f"Reading the tract: {self.planning['stage']}…",
             "planning": {**self.planning, "asked": self.changes},
             "session": self.name,
             "moving": self.moving,
