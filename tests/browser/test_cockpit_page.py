@@ -462,7 +462,7 @@ def test_page_connects_again(visit) -> None:
     running.start()
     try:
         page = visit(f"http://127.0.0.1:{running.port}/")
-        wait_for(page, READY)
+        wait_for(page, f"{READY} && document.querySelector('.tasks:not([hidden])')")
         running.stop()
         wait_for(page, "() => !document.querySelector('.banner').hidden")
         running.start()
