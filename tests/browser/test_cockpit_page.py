@@ -22,6 +22,7 @@ from bozzini.cockpit.drive import EffectorDrive
 from bozzini.cockpit.guard import Access
 from bozzini.cockpit.head import HeadDrive
 from bozzini.cockpit.page import WEB, render_cockpit
+from bozzini.cockpit.planning import put_into_words
 from bozzini.cockpit.server import bind, make_server, run_server
 from bozzini.cockpit.session import Session
 from bozzini.effector import Effector
@@ -409,6 +410,7 @@ class Running:
         info = {"status": "complete", "certified": True, "proved_mm": 1.0, "reason": ""}
         info |= {"would_fit_mm": {}, "inserted_mm": 40.0, "seconds": 0.1, "robot": None}
         info |= {"diameter_mm": 4.0, "link_mm": 10.0, "inflate_mm": 0.0, "inflate_most_mm": 0.0}
+        info |= put_into_words({**info, "verdict": {}})
         self.session.show(replace(plan, view=encode_view(view), info=info))
         self.session.planning = {"busy": False, "stage": "", "message": ""}
         self.port = 0
@@ -460,7 +462,7 @@ def test_page_connects_again(visit) -> None:
     running.start()
     try:
         page = visit(f"http://127.0.0.1:{running.port}/")
-        wait_for(page, READY)
+        wait_for(page, f"{READY} && document.querySelector('.tasks:not([hidden])')")
         running.stop()
         wait_for(page, "() => !document.querySelector('.banner').hidden")
         running.start()
@@ -496,7 +498,14 @@ class HeadRunning(Running):
         view = View(
             title="a tube",
             surfaces=(Surface(vertices=tube, faces=faces),),
-            bodies=(Body(joints=plan.joints, radius=6.0, insertion=plan.head_arc_length),),
+            bodies=(
+                Body(
+                    joints=plan.joints,
+                    radius=6.0,
+                    clearance=plan.clearance,
+                    insertion=plan.head_arc_length,
+                ),
+            ),
         )
         shown = replace(
             self.session.plan,
@@ -519,6 +528,57 @@ def head(visit, request):
     wait_for(page, f"{READY} && cockpit.head && cockpit.frame.links > 0")
     yield running, page
     running.stop()
+
+
+COVERED = """() => {
+  const label = '.stage h2, .readout span, .legend span, .legend i';
+  const button = '.tools button, :not(.twin) > .stage > .inset';
+  const boxes = (what) => [...document.querySelectorAll(what)]
+    .map((item) => [item.textContent || item.className, item.getBoundingClientRect()])
+    .filter(([, box]) => box.width);
+  return boxes(label).flatMap(([words, a]) => boxes(button).filter(([, b]) =>
+    a.left < b.right - 1 && b.left < a.right - 1 && a.top < b.bottom - 1 && b.top < a.bottom - 1
+  ).map(([name]) => [words, name])); }"""
+
+
+def test_first_minutes_typing_before_the_plan_keys_and_labels(visit) -> None:
+    running = HeadRunning(Head())
+    session, shown, asked = running.session, running.session.plan, []
+    session.plan, session.ask_plan = None, asked.append
+    session.planning = {"busy": True, "stage": "plan", "message": ""}
+    running.start()
+    try:
+        page = visit(f"http://127.0.0.1:{running.port}/", width=500, height=700)
+        wait_for(page, f"{READY} && cockpit.head")
+        page.evaluate("() => (document.querySelector('.stage').hidden = true)")
+        size = page.locator(".planning [name=diameter]")
+        size.fill("6")
+        size.press("Enter")
+        wait_until(page, lambda state: state["planning"]["asked"] == 1)
+        session.show(shown)
+        session.planning = {"busy": True, "stage": "plan", "message": ""}
+        wait_for(page, "() => document.querySelector('.verdict').textContent")
+        assert size.input_value() == "6" and [one.diameter for one in asked] == [6.0]
+        session.planning = {"busy": False, "stage": "", "message": ""}
+        wait_for(page, "() => document.querySelector('[name=diameter]').value === '4'")
+        # R goes on and F back while they are held.
+        wait_for(page, "() => document.querySelector('.gap').textContent.includes('Tip clearance')")
+        page.locator(".pad").focus()
+        for key, is_there in (("r", lambda state: state["step"] > 13),
+                              ("f", lambda state: state["step"] < 7)):  # fmt: skip
+            page.keyboard.down(key)
+            wait_until(page, is_there)
+            page.keyboard.up(key)
+        assert read_state(page)["stick"] == [0.0, 0.0]
+        page.evaluate("() => (document.querySelector('.stage').hidden = false)")
+        for is_twin in (True, False):
+            page.evaluate("(on) => document.querySelector('#viewer').classList.toggle('twin', on)",
+                          is_twin)  # fmt: skip
+            for width in (420, 500, 761, 961, 1100):
+                page.set_viewport_size({"width": width, "height": 700})
+                assert page.evaluate(COVERED) == [], (is_twin, width)
+    finally:
+        running.stop()
 
 
 def look_at_head(page) -> np.ndarray:
@@ -696,19 +756,22 @@ def test_targets_are_set_and_touched_by_stick_and_slide(head) -> None:
     chosen = list_touches(Head(), stand, duct=make_tube()[0]).choose(2)
     assert chosen.place == pytest.approx(drive.task.targets, abs=1e-3)
     x, y, full = find_pad(page)
+    # No picture is drawn: without a graphics processor that takes most of the time.
+    page.evaluate("() => (document.querySelector('.stage').hidden = true)")
     page.mouse.move(x, y)
     page.mouse.down()
     for k, bend in enumerate(chosen.bends):
         place = bend @ drive.turn / drive.scale
         page.mouse.move(x - full * place[0], y - full * place[1])
-        page.wait_for_timeout(300)
-        page.keyboard.down("e")
-        wait_for(page, f"() => document.querySelector('.touches').textContent"
-                       f".startsWith('{k + 1} of 2')")  # fmt: skip
-        page.keyboard.up("e")
-        page.keyboard.down("q")
-        wait_until(page, lambda state: state["head"]["out"] == 0.0)
-        page.keyboard.up("q")
+        wait_until(page, lambda state, p=place: math.dist(state["stick"], p * [-1.0, 1.0]) < 0.02)
+        touched = f"document.querySelector('.touches').textContent.startsWith('{k + 1} of 2')"
+        for key, is_so in (
+            ("e", f"() => {touched}"),
+            ("q", "() => cockpit.status.head.out === 0"),
+        ):
+            page.keyboard.down(key)
+            wait_for(page, is_so)
+            page.keyboard.up(key)
     page.mouse.up()
     found = drive.sum_up()
     assert found.converged and found.error < 2.0 and found.camera == "still"

@@ -319,6 +319,22 @@ def test_windows_hear_that_planning_has_ended_and_go_on(cockpit) -> None:
     assert session.planning["busy"] and "anew" in session.planning["message"]
 
 
+def test_what_is_changed_while_the_first_plan_runs_is_planned_after_it(tracts) -> None:
+    with bind("127.0.0.1", 0) as listener:
+        cockpit = Cockpit(make_job(tracts), CockpitOptions(), listener=listener)
+        cockpit._loop, cockpit._planning = Clock(), Idle()
+        session, window = cockpit.session, cockpit.session.open()
+        session.take(window, Change(diameter=4.0))
+        session.take(window, Change(link=7.0))
+        assert "first plan" in session.describe()["planning"]["message"]
+        assert not cockpit._planning.changes
+        cockpit._take("plan", replace(make_plan(), info={"final": True}))
+        assert cockpit._planning.changes == [Change(diameter=4.0, link=7.0)]
+        assert session.planning["busy"]  # until it is planned the page shows what was typed
+        cockpit._take("plan", replace(make_plan(), info={"final": True}))
+        assert len(cockpit._planning.changes) == 1 and not session.planning["busy"]
+
+
 def test_windows_hear_that_it_takes_long_only_while_it_does(cockpit) -> None:
     session, due = cockpit.session, cockpit._loop.due
     window = session.open()

@@ -6,6 +6,7 @@ import asyncio
 import json
 import time
 from contextlib import suppress
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -106,6 +107,46 @@ def test_stick_bends_the_tip_within_the_workspace_and_says_why_not_further(sessi
     np.testing.assert_allclose([aside @ right > 0.0, aside @ frame[1] > 0.0], [x > 0.0, y > 0.0])
     np.testing.assert_allclose(np.linalg.norm(body.camera[1:], axis=1), 1.0)
     np.testing.assert_allclose(body.joints[0], body.tip[-1], atol=1e-6)
+
+
+@pytest.mark.parametrize("is_mirrored", [False, True])
+def test_right_of_the_pad_is_right_in_the_picture_of_left_handed_axes_too(
+    session, is_mirrored
+) -> None:
+    """A scan in LAS: the page shows what is mirrored in numbers as it is."""
+    plan = replace(make_plan(), is_mirrored=is_mirrored, up=np.array([0.0, 1.0, 0.0]))
+    session.show(plan)
+    hand = -1.0 if is_mirrored else 1.0
+    np.testing.assert_allclose(np.linalg.det(plan.frames), hand)
+    np.testing.assert_allclose(plan.frames[0, 1], [0.0, 1.0, 0.0])
+    for x, y in ((0.3, 0.0), (0.0, 0.3)):
+        session.take(window := session.open(), StickMove(x=x, y=y))
+        session.tick(window.heard)
+        body = plan.place(0, session.drive.state)
+        session.close(window)
+        side = hand * np.cross(plan.frames[0, 2], plan.frames[0, 1])  # as `lookAlong` in math.js
+        aside = body.tip[-1] - plan.joints[0, 0]
+        seen = np.array([aside @ side, aside @ plan.frames[0, 1]])
+        assert seen @ [x, y] > 0.99 * np.linalg.norm(seen) * np.hypot(x, y)
+
+
+def test_moved_tissue_does_not_turn_the_picture(session) -> None:
+    plan = replace(make_plan(), up=np.array([1.0, 1.0, 0.0]))
+    session.show(plan)
+    session.show_moved(make_plan(steps=1), np.zeros((4, 3)))
+    np.testing.assert_allclose(session.moved.frames[0], plan.frames[0])
+
+
+def test_page_says_at_the_start_how_to_go_in_and_whose_the_tip_is(session) -> None:
+    session.show(replace(make_plan(), wall=Wall()))
+    session.tick(time.monotonic())
+    first, tip = session.describe()["tip"].split("\n")
+    assert "entry" in first and "R on the pad" in first
+    width = session.drive.effector.design.holder_diameter
+    assert f"{width:g} mm wide" in tip and f"the scope, as wide as that: {4:g} mm" in tip
+    session.go_to(STEPS - 1)
+    session.tick(time.monotonic())
+    assert session.describe()["tip"].startswith("Tip clearance: 8.00 mm.\n")
 
 
 class Wall:

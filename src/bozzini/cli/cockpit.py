@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
@@ -25,6 +26,9 @@ from .common import (
     run_exit,
 )
 
+if TYPE_CHECKING:
+    from ..study.estimating import ContinuumEstimating
+
 __all__ = ["command"]
 
 
@@ -36,6 +40,11 @@ __all__ = ["command"]
 @option(
     "--moving MOTION",
     "Let the tract move: breathing, peristalsis, or a file of displacements (.npz).",
+)
+@option(
+    "--readings FILE|-",
+    "Show --robot alone: the commanded shape and the one that is estimated from these rows, as "
+    "'bozzini continuum estimate' takes them; - for stdin.",
 )
 @option("--rig RIG", "Drive a rig: demo (an emulated one), or serial:PORT.")
 @option("--board", "Of the emulated rig.", ("emulated", "native"), default="emulated")
@@ -94,6 +103,7 @@ def command(
     body: MovingBody,
     options: PathOptions,
     moving: str | None,
+    readings: str | None,
     rig: str | None,
     board: str,
     controller: str,
@@ -124,6 +134,10 @@ def command(
         from ..cockpit.run import Cockpit, CockpitOptions
 
         check_rig(rig)
+        sensed = None
+        if readings is not None:
+            sensed = _open_readings(readings, body, INPUT=source, rig=rig, head=head, moving=moving,
+                                    operator=operator, igtl=answer.igtl)  # fmt: skip
         if rig is None and controller != "static":
             raise InputError("--controller has no effect without --rig")
         if source is None and list_given(reading):
@@ -140,14 +154,16 @@ def command(
             raise InputError(
                 f"--moving is '{moving}': it must be breathing, peristalsis or a file that is there"
             )
-        job = PlanningRequest(
-            source=source,
-            reading=reading,
-            options=options,
-            scope=body.scope,
-            robot=body.machine,
-            moving=moving,
-        )
+        job = None
+        if sensed is None:
+            job = PlanningRequest(
+                source=source,
+                reading=reading,
+                options=options,
+                scope=body.scope,
+                robot=body.machine,
+                moving=moving,
+            )
         chosen = CockpitOptions(
             host=host,
             port=port,
@@ -161,6 +177,7 @@ def command(
             operator=operator,  # type: ignore[arg-type]
             is_shown=not no_browser,
             slicer=open_slicer(answer),
+            sensed=sensed,
         )
         cockpit = Cockpit(job, chosen, listener=listener)
         cockpit.run(lambda address: click.echo(address, err=answer.as_json or operator is not None))
@@ -178,6 +195,22 @@ def command(
     answer.give({**drawing.to_dict(), "file": answer.out}, drawing.describe())
     if not drawing.converged:
         run_exit(EXIT_NEGATIVE)
+
+
+def _open_readings(table: str, body: MovingBody, **others: object) -> ContinuumEstimating:
+    """Return robot and readings; raise `InputError` if there is no robot, or more is given."""
+    from ..study.estimating import ContinuumEstimating
+
+    if body.robot is None:
+        raise InputError("--readings needs --robot: whose readings they are")
+    given = {name: value for name, value in others.items() if value is not None}
+    given |= {name: True for name in list_given(body) if name != "robot"}
+    for name in given:
+        option = name if name == "INPUT" else f"--{name}"
+        raise InputError(f"{option} cannot be used with --readings: the robot is shown alone")
+    if table != "-" and not os.path.isfile(table):
+        raise InputError(f"{table}: there is no such file")
+    return ContinuumEstimating(robot=str(body.robot), table=table)
 
 
 def _check_head(answer: Answer, **others: str | None) -> None:

@@ -176,6 +176,15 @@ class EffectorDrive:
         """Return the body at a step of a plan, its tip bent."""
         return plan.place(step, self.state)
 
+    def describe_tip(self, diameter: float) -> str:
+        """Return how the tip that is bent belongs to the scope that is shown, of a diameter."""
+        design = self.effector.design
+        length = design.backbone_length + design.holder_length
+        return (
+            f"The tip is the end-effector, {design.holder_diameter:g} mm wide and {length:g} mm "
+            f"long. It is drawn as the end of the scope, as wide as that: {diameter:g} mm."
+        )
+
     def slide(self, out: float, number: int | None = None) -> None:
         """Slide a head's instrument out, as a share of its reach; None: the one that is steered."""
         raise InputError("there is no head: start the cockpit with --head")

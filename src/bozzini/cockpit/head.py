@@ -215,6 +215,12 @@ class HeadDrive(EffectorDrive):
         head = {"parts": parts, "view": self.head.camera.view, "effectors": each}
         return {**super().describe(), "head": head}
 
+    def describe_tip(self, diameter: float) -> str:
+        """Return how wide the head is, if that is another diameter than the scope's."""
+        if abs(self.head.diameter - diameter) < 0.05:
+            return ""
+        return f"The head is {self.head.diameter:g} mm wide, the scope {diameter:g} mm."
+
     def tell(self) -> Json:
         """Return what the page shows as text: camera, end-effector, slide, targets and touches."""
         task, own = self.task, [self._name("end-effector", self.number - 1)]
@@ -223,6 +229,7 @@ class HeadDrive(EffectorDrive):
             "effector": self.number,
             "out": self.wanted / max(self.placed.instrument.reach, 1e-9),
             "hidden": ["camera's arm", "camera", *(own if self.camera == "tip" else [])],
+            "words": self._describe_touches(),
             "targets": [] if task is None else task.targets.round(3).tolist(),
             "touches": []
             if task is None
@@ -231,6 +238,17 @@ class HeadDrive(EffectorDrive):
                 for row in task.rows
             ],
         }
+
+    def _describe_touches(self) -> str:
+        """Return how many targets were touched, and how."""
+        if self.task is None:
+            return "Touch targets on the wall: slide the instrument out until it meets them."
+        rows = self.task.rows
+        words = f"{len(rows)} of {len(self.task.targets)} touched"
+        if not rows:
+            return words
+        time, way = sum(row.time for row in rows), sum(row.path for row in rows)
+        return f"{words}: {time:.1f} s, {way:.0f} mm of way, last error {rows[-1].error:.1f} mm"
 
     def sum_up(self) -> TargetRun | None:
         """Return how the targets were touched; None if there are none."""

@@ -21,7 +21,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..checks import check_number
+from ..anatomy.frame import find_axis
+from ..checks import check_number, floor_mm
 from ..errors import BozziniError, InputError
 from ..numeric.arrays import Floats
 from ..progress import Progress
@@ -50,6 +51,13 @@ MOST_WALLS = 4
 """Fields and drawings of the wall, differently inflated, that are kept."""
 PATIENCE = 1.0
 """Time after which the windows are told that planning takes longer [s]."""
+MOVED = {
+    "held": "certified up to the next frame",
+    "now": "certified now",
+    "lost": "not certified",
+    "refused": "not followed",
+}
+"""What is so of a plan while the tract moves, for people."""
 CLICK_REACH = 1.0
 """A place this near to the wall, or a voxel farther, is a click on it [mm]."""
 
@@ -266,7 +274,13 @@ class Bench:
         ):
             inside = frame.head - plan.get_scope().link_length * np.arange(plan.links) > 0.0
             known = np.nan if frame.clearance is None else frame.clearance
-            info = {"status": frame.status, "reason": frame.reason, "proved_mm": frame.clearance}
+            proved = "" if frame.clearance is None else f", {frame.clearance:.2f} mm proved"
+            info = {
+                "status": frame.status,
+                "reason": frame.reason,
+                "proved_mm": frame.clearance,
+                "words": f"The tract moves: {MOVED[frame.status]}{proved}.",
+            }
             body = ShownPlan(
                 view=b"",
                 joints=frame.body[None].astype(np.float32),
@@ -374,6 +388,7 @@ class Bench:
             "robot": robot or None,
             "verdict": self._judge(found) if plan.status == "complete" else {},
         }
+        frame = getattr(self.tract, "frame", None)
         shown = ShownPlan(
             view=self._encode(plan, field),
             joints=joints,
@@ -382,8 +397,10 @@ class Bench:
             radius=plan.get_scope().radius,
             wall=wall,
             tendons=moves,
-            info=info,
+            info=info | put_into_words(info),
             outline=self._outline(found),
+            up=find_axis(frame or "RAS", "A"),
+            is_mirrored=frame is not None and _is_mirrored(frame),
         )
         _ = shown.frames  # made here, not in the server's event loop
         return shown
@@ -517,6 +534,27 @@ def _describe(plan: Plan, asked: Change, seconds: float) -> Json:
         "method": plan.method,
         "seconds": round(seconds, 2),
     }
+
+
+def put_into_words(info: Json) -> dict[str, str]:
+    """Return the words of what is known of a plan, and their tone."""
+    if info["status"] == "stopped":
+        reason = info["reason"]
+        return {"words": f"{reason[0].upper()}{reason[1:]}.", "tone": "stopped"}
+    if not info["certified"]:
+        return {"words": "Reaches the goal; no clearance is proved.", "tone": "open"}
+    label = info["verdict"].get("label", "Fits")
+    words = (
+        f"{label}: {floor_mm(info['proved_mm'])} mm of clearance proved over "
+        f"{info['inserted_mm']} mm, in {info['seconds']} s."
+    )
+    return {"words": words, "tone": "fits" if info["verdict"].get("tone") == "green" else "open"}
+
+
+def _is_mirrored(frame: str) -> bool:
+    """Return whether axes in the patient are left-handed."""
+    right, front, top = (find_axis(frame, side) for side in "RAS")
+    return bool(np.cross(right, front) @ top < 0.0)
 
 
 def work(pipe: Connection, job: PlanningRequest, first: Change) -> None:

@@ -15,13 +15,14 @@ from typing import TYPE_CHECKING, Any
 from ..effector.design import DEFAULT_PRESET
 from ..errors import BozziniError, InputError
 from .guard import LOOPBACK, Access
-from .planning import PATIENCE, Planning, PlanningRequest
+from .planning import PATIENCE, Planning, PlanningRequest, merge
 from .session import Session, run_beside
 from .wire import Change
 
 if TYPE_CHECKING:
     from ..head import TargetRun
     from ..scene import SlicerLink
+    from ..study.estimating import ContinuumEstimating
     from .drive import EffectorDrive
     from .operator import Drawing, FigureKind
     from .slicer import SlicerWindow
@@ -60,6 +61,8 @@ class CockpitOptions:
         Whether the page is opened in the browser.
     slicer : SlicerLink, optional
         Where else it is shown.
+    sensed : ContinuumEstimating, optional
+        A robot with its readings: it is shown alone, in place of a plan.
     """
 
     host: str = "127.0.0.1"
@@ -74,6 +77,7 @@ class CockpitOptions:
     targets: int = 5
     is_shown: bool = True
     slicer: SlicerLink | None = None
+    sensed: ContinuumEstimating | None = None
 
     @property
     def is_open(self) -> bool:
@@ -86,14 +90,16 @@ class Cockpit:
 
     Parameters
     ----------
-    job : PlanningRequest
-        What is planned for.
+    job : PlanningRequest or None
+        What is planned for; None: nothing.
     options : CockpitOptions
     listener : socket
         That `bozzini.cockpit.server.bind` has made.
     """
 
-    def __init__(self, job: PlanningRequest, options: CockpitOptions, *, listener: socket) -> None:
+    def __init__(
+        self, job: PlanningRequest | None, options: CockpitOptions, *, listener: socket
+    ) -> None:
         self.job, self.options, self.listener = job, options, listener
         needs_token = options.is_open or options.rig is not None
         self.access = Access(
@@ -103,12 +109,14 @@ class Cockpit:
             names=tuple(name.lower() for name in options.names),
         )
         self.session = Session(may_arm=needs_token)
+        self.session.ask_plan = self._ask
         self.error: BozziniError | None = None
         self.drawing: Drawing | None = None
         self.run_of_targets: TargetRun | None = None
         self._planning: Planning | None = None
         self._slicer: SlicerWindow | None = None
         self._late: asyncio.TimerHandle | None = None
+        self._waiting: Change | None = None
         self._has_ended = False
 
     @property
@@ -149,7 +157,8 @@ class Cockpit:
 
     async def _serve(self, announce: Callable[[str], None]) -> None:
         self._loop = asyncio.get_running_loop()
-        self._planning = Planning(self.job, self._hear)  # first: it takes longest
+        if self.job is not None:
+            self._planning = Planning(self.job, self._hear)  # first: it takes longest
         from .page import WEB, render_cockpit
         from .server import make_server, run_server
 
@@ -178,6 +187,11 @@ class Cockpit:
         """Open the drive beside the server, and let the operator draw."""
         options = self.options
         try:
+            if options.sensed is not None:
+                from .readings import SensedRobot
+
+                await SensedRobot(options.sensed, self.session).run()
+                return
             drive = await run_beside(self._open_drive)
             self.session.drive = drive
             if options.operator is not None:
@@ -234,9 +248,10 @@ class Cockpit:
                 session.show_scene(what)
         elif kind == "plan":
             session.show(what)
-            session.ask_plan = self._ask
             is_final = what.info["final"]
             self._tell("" if is_final else "looking for what would fit", busy=not is_final)
+            if self._waiting is not None:
+                self._ask(self._waiting)
         elif kind == "moved":
             session.show_moved(*what)
             if self._slicer is not None:
@@ -262,9 +277,13 @@ class Cockpit:
         self.session.planning = {"busy": busy, "stage": stage, "message": message}
 
     def _ask(self, change: Change) -> None:
-        """Let something else be planned, and say so if it takes long."""
-        if self._planning is None:
+        """Let something else be planned, after the first plan, and say so if it takes long."""
+        if self.session.plan is None or self._planning is None:
+            self._waiting = merge(self._waiting or Change(), change)
+            words = "what you changed is planned for after the first plan"
+            self.session.planning = {**self.session.planning, "message": words}
             return
+        self._waiting = None
         is_new = self._planning.ask(change)
         self._tell("starting anew" if is_new else "plan", busy=True)
 

@@ -193,9 +193,10 @@ async def _show(session: Session, connection: WebSocket, window: Window) -> None
                 await connection.send_text(json.dumps(session.status))
             if window.shown != session.number:
                 await connection.send_bytes(session.frame_for(window))
-            if session.moved is not None and window.tissue_shown != session.tissue_number:
+            if session.tissue and window.tissue_shown != session.tissue_number:
                 window.tissue_shown = session.tissue_number
-                await connection.send_bytes(session.tissue)
+                for surface in session.tissue:
+                    await connection.send_bytes(surface)
     except (WebSocketDisconnect, RuntimeError):  # it has gone in the meantime
         return
 

@@ -6,7 +6,7 @@ import asyncio
 import secrets
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -43,6 +43,15 @@ RATE = 60.0
 """Ticks of the clock a second [Hz]; a tick without a change sends nothing."""
 STATUS_TICKS = 6
 """Ticks from one look at the status, which is text, to the next."""
+STATES = {
+    "MODEL": "No rig: the model alone",
+    "BOOT": "Starting",
+    "DISARMED": "Disarmed, vented",
+    "ARMED": "Armed",
+    "FAULT": "Fault, vented",
+    "LOST": "No board",
+}
+"""States of the rig, for people."""
 STRAIGHT = 0.01
 """A bend of less than this is none [mm]: a transducer at rest is never quite at 0."""
 LONGEST_SILENCE = 0.8
@@ -131,6 +140,10 @@ class ShownPlan:
         What the page shows of it: verdict, reason, sizes, tendons.
     outline : Outline, optional
         What 3D Slicer shows of it.
+    up : (3,) float, optional
+        Where up is at the beginning, as seen from the tip; None: along an axis.
+    is_mirrored : bool
+        Whether the axes are left-handed, as of a scan in LAS: pictures are mirrored then.
     """
 
     view: bytes = field(repr=False)
@@ -142,6 +155,8 @@ class ShownPlan:
     tendons: Floats = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
     info: Json = field(default_factory=dict)
     outline: Outline | None = field(default=None, repr=False)
+    up: Floats | None = field(default=None, repr=False)
+    is_mirrored: bool = False
 
     @property
     def steps(self) -> int:
@@ -150,15 +165,18 @@ class ShownPlan:
 
     @cached_property
     def frames(self) -> Floats:
-        """Across, up and along the head at each step (steps, 3, 3); turned as little as can be."""
+        """Left, up and along the head at each step (steps, 3, 3); turned as little as can be."""
         ahead = (self.joints[:, 0] - self.joints[:, 1]).astype(np.float64)
         ahead /= np.linalg.norm(ahead, axis=1, keepdims=True)
         frames = np.empty((self.steps, 3, 3))
-        up = np.eye(3)[int(np.argmin(np.abs(ahead[0])))]
+        hand = -1.0 if self.is_mirrored else 1.0
+        up = np.zeros(3) if self.up is None else self.up
+        if np.linalg.norm(np.cross(up, ahead[0])) < 0.1:
+            up = np.eye(3)[int(np.argmin(np.abs(ahead[0])))]
         for k, way in enumerate(ahead):
             up = up - (up @ way) * way
             up = up / np.linalg.norm(up)
-            frames[k] = np.cross(up, way), up, way
+            frames[k] = hand * np.cross(up, way), up, way
         return frames
 
     def place(self, step: int, state: DriveState) -> PlacedBody:
@@ -266,7 +284,9 @@ class Session:
         self.ask_plan: Callable[[Change], None] | None = None
         self.note = ""
         self.number, self.status_number, self.tissue_number = 0, 0, 0
-        self.frame, self.tissue = bytearray(), b""
+        self.frame = bytearray()
+        self.tissue: Sequence[bytes] = ()
+        self.readings = self.waiting = ""
         self.status: Json = {}
         self.tip_clearance = float("nan")
         self._packed, self._ticks = b"", -1
@@ -369,7 +389,7 @@ class Session:
         """Show another plan, with the head as far in as it was, or as it can be."""
         if plan.wall is None and self.plan is not None:
             plan = replace(plan, wall=self.plan.wall)
-        self.plan, self.moved, self.moving = plan, None, None
+        self.plan, self.moved, self.moving, self.tissue = plan, None, None, ()
         self.show_scene(plan.view)
         self.step = int(np.clip(np.searchsorted(plan.travel, self.place), 0, plan.steps - 1))
 
@@ -385,17 +405,22 @@ class Session:
         """
         if self.plan is None:
             return
-        self.moved, self.moving = body, body.info
-        self.step = int(
-            np.clip(np.searchsorted(self.plan.travel, body.travel[0]), 0, self.plan.steps - 1)
-        )
-        self.tissue, self.tissue_number = pack_tissue(vertices), self.tissue_number + 1
+        plan = self.plan
+        self.step = int(np.clip(np.searchsorted(plan.travel, body.travel[0]), 0, plan.steps - 1))
+        up = plan.frames[self.step, 1]
+        self.moved = replace(body, up=up, is_mirrored=plan.is_mirrored)
+        self.moving = body.info
+        self.show_surfaces([vertices])
+
+    def show_surfaces(self, surfaces: Sequence[Floats]) -> None:
+        """Show surfaces of the scene with vertices (n, 3) [mm] elsewhere, each by its number."""
+        self.tissue, self.tissue_number = [*map(pack_tissue, surfaces)], self.tissue_number + 1
         self._wake()
 
     def rest(self) -> None:
         """Show body and wall as they are planned: nothing moves the tissue any more."""
         if self.moved is not None:
-            self.moved, self.moving = None, None
+            self.moved, self.moving, self.tissue = None, None, ()
             self.show_scene(self.view)
 
     # The clock.
@@ -498,6 +523,7 @@ class Session:
         return {
             "kind": "status",
             "rig": None if state is None else state.name,
+            "state": None if state is None else STATES.get(state.name, state.name),
             "controller": None if drive is None else drive.controller,
             "note": "; ".join(filter(None, [state.note if state else "", self.note])),
             "reason": "" if state is None else state.reason,
@@ -506,15 +532,31 @@ class Session:
             if state is None or not np.isfinite(state.reservoir)
             else round(state.reservoir, 2),
             "tip_clearance_mm": round(clear, 2) if np.isfinite(clear) else None,
+            "tip": self._describe_tip(),
             "tendons_mm": None
             if plan is None or not plan.tendons.size
             else plan.tendons[self.step].round(2).tolist(),
+            "readings": self.readings,
+            "waiting": self.waiting or f"Reading the tract: {self.planning['stage']}…",
             "planning": {**self.planning, "asked": self.changes},
             "session": self.name,
             "moving": self.moving,
             "view": self.view_version,
             "plan": None if plan is None else plan.info,
         }
+
+    def _describe_tip(self) -> str:
+        """Return how far the tip is from the wall, and whose it is."""
+        drive, plan, gap = self.drive, self.plan, self.tip_clearance
+        if drive is None or plan is None:
+            return ""
+        if np.isfinite(gap):
+            words = f"Tip clearance: {gap:.2f} mm{', through the wall' if gap < 0.0 else ''}."
+        elif self.step == 0:
+            words = "The tip is at the entry: play, or hold R on the pad, to move the scope in."
+        else:
+            words = "" if self.moving else "The tip is not in the tract."
+        return "\n".join(filter(None, [words, drive.describe_tip(2.0 * plan.radius)]))
 
     def describe_all(self) -> Json:
         """Return the whole state, for `GET /state`."""

@@ -8,7 +8,8 @@ the places in the end-effector's frame; those of a head are turned, so that -x i
 its camera's picture), backbone (points, 3), camera (place, way and up, 3 each). In place of the
 backbone a head has its bodies, one after the other, as ``info.json`` lists them. Without links
 there are no joints. Moved tissue is another kind of frame: `TISSUE`, number of the vertices, then
-their places as f32 (vertices, 3). Lengths in mm, pressures in MPa, times in s, speed in mm/s.
+their places as f32 (vertices, 3); so are the shapes of a robot with sensors, see
+`bozzini.cockpit.readings`. Lengths in mm, pressures in MPa, times in s, speed in mm/s.
 """
 
 from __future__ import annotations

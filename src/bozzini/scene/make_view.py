@@ -170,7 +170,7 @@ def view_plan(plan: Plan, wall: Wall | View | None = None, *, title: str = "") -
         notes.append(f"{len(steps)} of {plan.steps} steps are shown, the tightest among them.")
     surfaces = [] if plan.introducer is None else [_draw_introducer(plan.introducer)]
     if wall is None:
-        tube = _draw_tube(line.points, line.radius)
+        tube = draw_tube(line.points, line.radius)
         surfaces.insert(0, Surface(vertices=tube[0], faces=tube[1], name="inscribed tube"))
         notes.append(
             "The wall is not known here: shown is a tube round the centreline, as wide as the "
@@ -335,27 +335,29 @@ def _sample_duct(duct: Duct) -> tuple[Floats, NDArray[np.int64], float]:
 
 def _draw_introducer(tube: Introducer) -> Surface:
     ends = tube.entry + np.linspace(0.0, _INTRODUCER, 2)[:, None] * tube.outward
-    vertices, faces = _draw_tube(ends, np.full(2, tube.bore))
+    vertices, faces = draw_tube(ends, np.full(2, tube.bore))
     return Surface(vertices=vertices, faces=faces, name="introducer", color="#8a97a5", opacity=0.35)
 
 
-def _draw_tube(points: Floats, radius: Floats) -> tuple[Floats, NDArray[np.int64]]:
+def draw_tube(
+    points: Floats, radius: Floats, *, sides: int = _SIDES
+) -> tuple[Floats, NDArray[np.int64]]:
     """Return rings round a curve (n, 3), joined: open at both ends, outwards."""
     ways = np.gradient(points, axis=0)
     ways /= np.maximum(np.linalg.norm(ways, axis=1, keepdims=True), 1e-12)
-    angles = 2.0 * np.pi * np.arange(_SIDES) / _SIDES
+    angles = 2.0 * np.pi * np.arange(sides) / sides
     side = np.eye(3)[np.argmin(np.abs(ways[0]))]
-    rings = np.empty((len(points), _SIDES, 3))
+    rings = np.empty((len(points), sides, 3))
     for k, way in enumerate(ways):  # carried along, so that the rings do not twist
         side = side - (side @ way) * way
         side /= np.linalg.norm(side)
         across = np.cross(way, side)
         rings[k] = np.cos(angles)[:, None] * side + np.sin(angles)[:, None] * across
     rings = points[:, None] + radius[:, None, None] * rings
-    here = _SIDES * np.arange(len(points) - 1)[:, None] + np.arange(_SIDES)
-    after = here + np.where(np.arange(_SIDES) == _SIDES - 1, 1 - _SIDES, 1)
-    first = np.stack([here, after, after + _SIDES], axis=-1).reshape(-1, 3)
-    second = np.stack([here, after + _SIDES, here + _SIDES], axis=-1).reshape(-1, 3)
+    here = sides * np.arange(len(points) - 1)[:, None] + np.arange(sides)
+    after = here + np.where(np.arange(sides) == sides - 1, 1 - sides, 1)
+    first = np.stack([here, after, after + sides], axis=-1).reshape(-1, 3)
+    second = np.stack([here, after + sides, here + sides], axis=-1).reshape(-1, 3)
     return rings.reshape(-1, 3), np.concatenate([first, second])
 
 
@@ -519,7 +521,7 @@ def _view_branches(found: TreeReach) -> View:
                 continue
             own = np.unique(np.concatenate([[begin, end], arc[(arc > begin) & (arc < end)]]))
             line = interpolate_polyline(branch.points, arc, own)
-            tube = _draw_tube(line, np.interp(own, arc, branch.radius))
+            tube = draw_tube(line, np.interp(own, arc, branch.radius))
             parts.setdefault((name, color), []).append(tube)
             begin = end
     return View(title="Branches that are reached", surfaces=_join_tubes(parts))
@@ -534,7 +536,7 @@ def _view_tree(tree: LumenTree) -> View:
     parts: dict[tuple[str, str], list[tuple[Floats, NDArray[np.int64]]]] = {}
     for branch in tree.branches:
         key = f"generation {branch.generation}", to_hex(shades[branch.generation])
-        parts.setdefault(key, []).append(_draw_tube(branch.points, branch.radius))
+        parts.setdefault(key, []).append(draw_tube(branch.points, branch.radius))
     return View(title=f"{len(tree.branches)} branches", surfaces=_join_tubes(parts))
 
 

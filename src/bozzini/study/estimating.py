@@ -13,7 +13,12 @@ import numpy as np
 
 from ..checks import quantity
 from ..continuum.energy import EnergyModel
-from ..continuum.error_fit import EstimateHistory, follow_record, predict_unread
+from ..continuum.error_fit import (
+    EstimateHistory,
+    SensorRecord,
+    follow_record,
+    predict_unread,
+)
 from ..continuum.estimation import ShapeEstimator
 from ..continuum.kinematics import ContinuumRobot
 from ..continuum.model_error import ModelError, UnknownLoad
@@ -123,7 +128,45 @@ class ContinuumEstimating(Task):
         InputError
             If a row is not legal.
         """
+        for count, found in enumerate(self.follow(lines)):
+            text = format_table(found.list_columns())
+            yield text if count == 0 else text.split("\n", 1)[1], found.converged
+
+    def follow(self, lines: Iterable[str] | None = None) -> Iterator[EstimateHistory]:
+        """Give the estimate of each row, as soon as it is there: of rows of CSV, or of the table.
+
+        Raises
+        ------
+        InputError
+            If a row is not legal.
+        """
         robot = ContinuumRobot.from_yaml(self.robot)
+        estimator, last, factors = None, None, (1.0, "")
+        for number, table, record in self._list_rows(robot, lines):
+            if estimator is None:
+                estimator = self._make_estimator(robot, table)
+                factors = self._calibrate(robot, table)
+            state = None
+            if last is not None:
+                elapsed = float(record.times[0] - last.times[-1])
+                if elapsed < 0.0:
+                    raise InputError(
+                        f"row {number}: time {record.times[0]:g} s is before the last row's"
+                    )
+                state = estimator.wait(last.state, elapsed)
+            last = follow_record(estimator, record, state=state)
+            yield last.widen(*factors)
+
+    def _list_rows(
+        self, robot: ContinuumRobot, lines: Iterable[str] | None
+    ) -> Iterator[tuple[int, SensorTable, SensorRecord]]:
+        """Give each row: its number, the table, and the recording of this row alone."""
+        if lines is None:
+            table = read_sensor_table(self.table, robot, noise=self.noise)
+            record = convert_record(robot, table)
+            for row in range(len(record)):
+                yield row + 2, table, record.select([row])
+            return
         if self.ahead:
             raise InputError("ahead has no effect on rows that come one by one: leave it out")
         rows = csv.reader(lines)
@@ -131,30 +174,18 @@ class ContinuumEstimating(Task):
         if titles is None:
             raise FileFormatError("there is no header")
         timed = any(TITLES["time"].fullmatch(split_title(one.strip())[0]) for one in titles)
-        estimator, last, factors, count = None, None, (1.0, ""), 0
         before: Sequence[Floats] = ()
+        count = 0
         for number, cells in enumerate(rows, start=2):
             if not any(cell.strip() for cell in cells):
                 continue
             table = take_sensor_sheet(Sheet(titles, [cells], [number]), robot, self.noise)
             times = table.record.times if timed else table.record.times + float(count)
             record = convert_record(robot, table, before=before)
-            record = dataclasses.replace(record, times=times)
+            yield number, table, dataclasses.replace(record, times=times)
             # What the commands came to is all that backlash needs to know of the rows before.
             before = (robot.to_commands(record.commands),) if table.command != "tension" else ()
             count += 1
-            if estimator is None:
-                estimator = self._make_estimator(robot, table)
-                factors = self._calibrate(robot, table)
-            state = None
-            if last is not None:
-                elapsed = float(times[0] - last.times[-1])
-                if elapsed < 0.0:
-                    raise InputError(f"row {number}: time {times[0]:g} s is before the last row's")
-                state = estimator.wait(last.state, elapsed)
-            last = follow_record(estimator, record, state=state)
-            text = format_table(last.widen(*factors).list_columns())
-            yield text if count == 1 else text.split("\n", 1)[1], last.converged
 
     def _make_estimator(self, robot: ContinuumRobot, table: SensorTable) -> ShapeEstimator:
         loads: Sequence[UnknownLoad] = ()

@@ -107,7 +107,9 @@ function hear(message) {
 		const status = JSON.parse(message), { session = status.session } = cockpit.status || {};
 		if (status.session !== session) return location.reload(); // another server, begun at the same address
 		cockpit.status = status;
-		waiting.textContent = `Reading the tract: ${status.planning.stage}\u2026`;
+		waiting.textContent = status.waiting;
+		const readings = root.querySelector(".readings");
+		readings.hidden = !(readings.lastChild.textContent = status.readings);
 		for (const part of [drive, planning, head]) part?.tell(status);
 		return refresh();
 	}

@@ -3,9 +3,8 @@
 const REST = 0.12; // of a gamepad's travel, in which it is at rest
 const KEEP_ALIVE = 120; // ms
 const RATE = 1.6; // full travels a second, by a held key
-const WAYS = { arrowright: [1, 0], arrowleft: [-1, 0], arrowup: [0, 1], arrowdown: [0, -1], d: [1, 0], a: [-1, 0], w: [0, 1], s: [0, -1] };
-const SLIDES = { q: -1, e: 1 };
-const STATES = { MODEL: "No rig: the model alone", BOOT: "Starting", DISARMED: "Disarmed, vented", ARMED: "Armed", FAULT: "Fault, vented", LOST: "No board" };
+/** Keys of the pad: stick to the right and up, a head's instrument out, the scope in. */
+const WAYS = { arrowright: [1], arrowleft: [-1], arrowup: [0, 1], arrowdown: [0, -1], d: [1], a: [-1], w: [0, 1], s: [0, -1], e: [0, 0, 1], q: [0, 0, -1], r: [0, 0, 0, 1], f: [0, 0, 0, -1] };
 const LEGAL = { arm: "DISARMED", disarm: "ARMED", clear: "FAULT" };
 
 const rests = ([x, y]) => !x && !y;
@@ -38,14 +37,19 @@ export function createDrive(section, info, { send, say }) {
 	const keys = new Set();
 	let pressed = null, held = [0, 0], sent = [0, 0], sentAt = 0, then = 0, frame = null, told = "", own, rows;
 
-	/** Tell the server where pad, keys or gamepad want the stick. */
+	/** Where the keys that are held go along one of their ways. */
+	const sum = (way) => Math.sign([...keys].reduce((all, key) => all + (WAYS[key][way] || 0), 0));
+
+	/** Tell the server where pad, keys or gamepad want the stick, and keys the scope. */
 	function tick() {
 		const now = performance.now(), far = RATE * Math.min((now - then) / 1000, 0.1);
 		then = now;
-		held = keys.size ? within([0, 1].map((i) => held[i] + far * Math.sign([...keys].reduce((sum, key) => sum + (WAYS[key]?.[i] || 0), 0)))) : [0, 0];
+		const steers = [...keys].some((key) => WAYS[key].length < 3);
+		held = steers ? within([0, 1].map((i) => held[i] + far * sum(i))) : [0, 0];
 		const isHere = document.hasFocus() && !document.hidden;
 		if (isHere) slide(far);
-		const next = pressed || (keys.size && held) || (isHere && readGamepad()) || [0, 0];
+		if (frame && sum(3)) send({ kind: "seek", step: frame.step + sum(3), time: now });
+		const next = pressed || (steers && held) || (isHere && readGamepad()) || [0, 0];
 		if (next.every((v, i) => v === sent[i]) && (rests(next) || now - sentAt < KEEP_ALIVE)) return;
 		[sent, sentAt] = [next, now];
 		send({ kind: "stick", x: next[0], y: next[1], time: now });
@@ -55,7 +59,7 @@ export function createDrive(section, info, { send, say }) {
 	function slide(far) {
 		const pads = [...(navigator.getGamepads?.() || [])].filter(Boolean);
 		for (const pad of pads) drive.choose(1 + pad.buttons.findIndex((button) => button.pressed));
-		const rate = [...keys].reduce((sum, key) => sum + (SLIDES[key] || 0), 0) - (pads.map((pad) => pad.axes[3]).find((rate) => Math.abs(rate) > REST) || 0);
+		const rate = sum(2) - (pads.map((pad) => pad.axes[3]).find((rate) => Math.abs(rate) > REST) || 0);
 		if (rate) drive.slide(0.3 * far * rate);
 	}
 
@@ -81,7 +85,7 @@ export function createDrive(section, info, { send, say }) {
 	on(window, "blur pagehide visibilitychange", letGo);
 	on(pad, "keydown", (event) => {
 		drive.choose(event.key);
-		if (!(WAYS[name(event)] || (info.head && SLIDES[name(event)])) || event.ctrlKey || event.metaKey || event.altKey) return;
+		if (!WAYS[name(event)] || event.ctrlKey || event.metaKey || event.altKey) return;
 		keys.add(name(event));
 		event.preventDefault();
 		event.stopPropagation();
@@ -126,15 +130,15 @@ export function createDrive(section, info, { send, say }) {
 			});
 		},
 		/** Show the status. */
-		tell({ rig, controller, note, reason, moving, tip_clearance_mm: gap, reservoir_MPa: supply }) {
-			const here = STATES[rig] || rig, why = reason ? `Saturated: ${reason}.` : "";
+		tell({ rig, state: here, controller, note, reason, tip, tip_clearance_mm: gap, reservoir_MPa: supply }) {
+			const why = reason ? `Saturated: ${reason}.` : "";
 			section.dataset.state = rig;
 			find(".state b").textContent = here;
 			find(".state span").textContent = [note, supply === null ? "" : `supply ${kPa(supply)} kPa`].filter(Boolean).join("; ");
 			[chosen.value, chosen.disabled] = [controller, rig === "ARMED"];
 			buttons.forEach((each) => (each.disabled = rig !== LEGAL[each.value]));
 			find(".why").textContent = why || (frame?.pressed && rests(sent) ? "Another window steers." : "");
-			find(".gap").textContent = gap === null ? (moving ? "" : "The tip is not in the tract.") : `Tip clearance: ${gap.toFixed(2)} mm${gap < 0 ? ", through the wall" : ""}`;
+			find(".gap").textContent = tip;
 			find(".gap").classList.toggle("through", gap < 0);
 			const now = why ? `${here}, saturated` : here;
 			if (now !== told) say((told = now));

@@ -45,7 +45,7 @@ export function createHead(root, info, send, drive) {
 			if (frame.camera) frame.camera.fov = info.view;
 		},
 		tell({ head: now }) {
-			const { camera, hidden, effector, targets: places, touches } = now, done = touches.length, all = places.length;
+			const { camera, hidden, effector, targets: places, touches, words } = now, done = touches.length;
 			eye.value = root.dataset.camera = camera;
 			const isNew = number !== effector;
 			which.value = number = effector;
@@ -54,8 +54,7 @@ export function createHead(root, info, send, drive) {
 			for (const part of parts) part.seen = !hidden.includes(part.name);
 			targets.points = new Float32Array(places.slice(done + 1).flat());
 			goal.points = new Float32Array((places[done] || []).flat());
-			const sum = (key) => touches.reduce((all, row) => all + row[key], 0), { error_mm: error } = touches[done - 1] || {};
-			find(".touches").textContent = all ? `${done} of ${all} touched${done ? `: ${sum("time_s").toFixed(1)} s, ${sum("path_mm").toFixed(0)} mm of way, last error ${error.toFixed(1)} mm` : ""}` : "Touch targets on the wall: slide the instrument out until it meets them.";
+			find(".touches").textContent = words;
 			head.told = `${camera} ${done} ${places}`;
 		},
 	};

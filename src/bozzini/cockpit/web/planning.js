@@ -2,7 +2,6 @@
 import { make } from "./view_page.js";
 
 const STAGES = { plan: "planning", certify: "proving", advice: "looking for what would fit" };
-const MOVED = { held: "certified up to the next frame", now: "certified now", lost: "not certified", refused: "not followed" };
 const FITS = { diameter_max: ["Diameter", Math.floor], link_max: ["Link", Math.floor], inflate: ["Inflation", Math.ceil] };
 
 /** Fill the section; a click on the wall moves the end chosen before. */
@@ -37,13 +36,6 @@ export function createPlanning(section, send, viewer) {
 	}
 	for (const each of ends) each.onclick = () => choose(each.ariaPressed === "true" ? null : each.value);
 
-	function judge({ status, certified, reason, proved_mm, inserted_mm, seconds, verdict: { tone, label = "Fits" } = {} }) {
-		section.dataset.verdict = status === "stopped" ? status : certified && tone === "green" ? "fits" : "open";
-		if (status === "stopped") return `${reason[0].toUpperCase()}${reason.slice(1)}.`;
-		if (!certified) return "Reaches the goal; no clearance is proved.";
-		return `${label}: ${(Math.floor(100 * proved_mm) / 100).toFixed(2)} mm of clearance proved over ${inserted_mm} mm, in ${seconds} s.`;
-	}
-
 	function showRobot({ name, fits, reason, tendons }, moves) {
 		if (name !== named) find(".robot tbody").replaceChildren(...tendons.map((each) => make("tr", {}, make("th", { scope: "row" }, each), make("td"))));
 		robot.hidden = false;
@@ -63,9 +55,9 @@ export function createPlanning(section, send, viewer) {
 			waits &&= count === asked;
 			[now, asked] = [plan, count];
 			showSizes();
-			const words = judge(plan);
-			if (words !== told) {
-				viewer.say((told = verdict.textContent = words));
+			if (plan.words !== told) {
+				section.dataset.verdict = plan.tone;
+				viewer.say((told = verdict.textContent = plan.words));
 				find("[name=inflate]").max = plan.inflate_most_mm;
 				find(".fits").replaceChildren(...Object.entries(plan.would_fit_mm).map(([key, value]) => {
 					const [label, round] = FITS[key], size = round(100 * value) / 100;
@@ -73,7 +65,7 @@ export function createPlanning(section, send, viewer) {
 				}));
 			}
 			find(".moving").hidden = !moving;
-			if (moving) find(".moving").textContent = `The tract moves: ${MOVED[moving.status]}${moving.proved_mm === null ? "" : `, ${moving.proved_mm.toFixed(2)} mm proved`}.`;
+			if (moving) find(".moving").textContent = moving.words;
 			if (plan.robot) showRobot(plan.robot, moves);
 			else robot.hidden = true;
 		},
