@@ -37,6 +37,7 @@ from .coupling import check_displacements
 from .elastic import check_tension_commands
 from .energy import STIFF, EnergyModel
 from .equilibrium import LumpedLoads, TendonCommand
+from .estimate_slack import Tangent, find_kinks, spread_over_kinks
 from .estimate_walls import PackedGrid, PressedRod, PressingWalls, WallPush
 from .kernels.energy import CONVERGED
 from .kernels.equilibrium import make_state, solve_equilibrium
@@ -122,6 +123,7 @@ class _Body(NamedTuple):
     turned: Floats = np.empty(0)
     pulled: Floats = np.empty(0)
     push: WallPush | None = None
+    tangent: Tangent | None = None
 
 
 class _Fit(NamedTuple):
@@ -136,6 +138,7 @@ class _Fit(NamedTuple):
     cost: float = math.inf
     steps: int = 0
     settled: bool = False
+    read: Mapping[int, Floats] = MappingProxyType({})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -539,7 +542,8 @@ class ShapeEstimator:
         if short is None or not body.found:
             return body
         on_segments, on_commands = self._push(mean, body, (packed, bent), acting)
-        _, compliances = self._stretch(body.lengths - command.free_lengths)
+        gaps = body.lengths - command.free_lengths
+        _, compliances = self._stretch(gaps)
         slopes, size = state[2].reshape(tendons, -1), body.rotation_vectors.size
         matrix = np.zeros((size + int(held.sum()),) * 2)
         matrix[:size, :size] = state[6]
@@ -547,10 +551,12 @@ class ShapeEstimator:
         matrix[size:, :size] = slopes[held]
         matrix[size:, size:] = -np.diag(compliances[held])
         by_tension = on_commands * pulled
-        right = on_segments - slopes.T @ by_tension, -on_commands[held]
-        solved = np.asarray(np.linalg.solve(matrix, np.concatenate(right)), dtype=np.float64)
+        rows = np.concatenate([on_segments - slopes.T @ by_tension, -on_commands[held]])
+        solved = np.asarray(np.linalg.solve(matrix, rows), dtype=np.float64)
         by_tension[held] = solved[size:]
-        return body._replace(turned=solved[:size], pulled=by_tension)
+        own = np.flatnonzero(held)
+        tangent = Tangent(matrix, rows, own, self._compliances[own], gaps[own], body.tensions[own])
+        return body._replace(turned=solved[:size], pulled=by_tension, tangent=tangent)
 
     def _make_command(self, asked: Floats, mean: Floats, acting: Floats) -> TendonCommand:
         """Return what commands come to with the errors of a state."""
@@ -759,8 +765,8 @@ class ShapeEstimator:
         spans = self.model.rod.grid.spans
         weights = self._weights / spans
         curvatures = weights @ body.rotation_vectors
-        curved = weights @ body.turned.reshape(len(spans), 3 * len(mean))
-        curved = curved.reshape(len(weights), 3, len(mean))
+        curved = weights @ body.turned.reshape(len(spans), -1)
+        curved = curved.reshape(len(weights), 3, body.turned.shape[1])
         names = self.robot.tendon_names
         each = zip(places, rotations, slopes, curvatures, curved, strict=True)
         return [Sensed(*one, body.tensions, body.pulled, names) for one in each]
@@ -775,7 +781,10 @@ class ShapeEstimator:
         short: Floats,
     ) -> _Fit:
         """Return what readings miss at a state, and the slopes, by the noise."""
-        body = self._solve(asked, mean, start, short)
+        return self._compare(read, mean, self._solve(asked, mean, start, short))
+
+    def _compare(self, read: Mapping[int, Floats], mean: Floats, body: _Body) -> _Fit:
+        """Return what readings miss of a body, and the slopes, by the noise."""
         if not body.found:
             return _Fit(mean, body, np.empty(0), np.empty((0, len(mean))))
         seen = self._sense(mean, body)
@@ -796,7 +805,7 @@ class ShapeEstimator:
         if not missed:
             return _Fit(mean, body, np.empty(0), np.empty((0, len(mean))))
         rows = np.concatenate(missed), np.concatenate(slope_rows)
-        return _Fit(mean, body, *rows, tuple(noises), tuple(kept))
+        return _Fit(mean, body, *rows, tuple(noises), tuple(kept), read=read)
 
     # Search.
 
@@ -1043,10 +1052,12 @@ class ShapeEstimator:
             likelihood = expected + float(np.linalg.slogdet(inner)[1])
             likelihood = -0.5 * (likelihood + len(off) * math.log(2.0 * math.pi))
             likelihood -= float(np.log(np.concatenate(fit.noises)).sum())
+        if body.found:
+            body, covariance = self._spread_over_slack(before, fit, covariance)
         frames = np.full((len(nominal), 4, 4), np.nan)
         spread = np.full((len(nominal), 6, 6), np.nan)
         tensions = np.full(len(body.tensions), np.nan)
-        pulled, contact = np.zeros((len(self.robot.tendons), count)), None
+        pulled, contact = np.zeros((len(self.robot.tendons), len(covariance))), None
         if body.found:
             stations = find_stations(grid.arc_length, grid.arc_length)
             places, axes, slopes = self._place(fit.mean, body, stations)
@@ -1056,6 +1067,7 @@ class ShapeEstimator:
             pulled, tensions = body.pulled, body.tensions
             if body.push is not None:
                 contact = EstimatedContact.make(body.push, slopes[1:, 3:], covariance)
+        state = covariance[:count, :count]
         tension_spread = np.einsum("ti,ij,tj->t", pulled, covariance, pulled)
         tension_spread[np.isnan(tensions)] = np.nan
         missed = math.sqrt(float(np.mean(fit.missed**2))) if len(fit.missed) else 0.0
@@ -1072,13 +1084,13 @@ class ShapeEstimator:
             commanded=nominal[:, :3, 3],
             tensions=tensions,
             tension_deviations=np.sqrt(np.maximum(tension_spread, 0.0)),
-            loads=tuple(self._describe_load(k, fit.mean, covariance, body)
+            loads=tuple(self._describe_load(k, fit.mean, state, body)
                         for k in range(len(self.loads))),
             contact=contact,
             names=self.names,
             state=EstimatorState(
                 fit.mean,
-                covariance,
+                state,
                 body.rotation_vectors if body.found else before.rotation_vectors,
                 body.lengths if body.found else before.lengths,
                 None if self._walls is None else alone.rotation_vectors,
@@ -1091,6 +1103,25 @@ class ShapeEstimator:
             converged=not reason,
             reason=reason,
         )  # fmt: skip
+
+    def _spread_over_slack(
+        self, before: EstimatorState, fit: _Fit, covariance: Floats
+    ) -> tuple[_Body, Floats]:
+        """Return derivatives and covariance, both with gaps of cables near the end of slack."""
+        body, cables = fit.body, np.flatnonzero(~self.model.rod.pushes)
+        kinks = None if body.tangent is None else find_kinks(body.tangent, cables, covariance)
+        if kinks is None or body.tangent is None:
+            return body, covariance
+        size = body.rotation_vectors.size
+        pulled = np.zeros((len(self.robot.tendons), kinks.solved.shape[1]))
+        pulled[:, : body.pulled.shape[1]] = body.pulled
+        pulled[body.tangent.tendons] = kinks.solved[size:]
+        bent = body._replace(turned=kinks.solved[:size], pulled=pulled)
+        slopes = np.zeros((len(fit.missed), pulled.shape[1]))
+        if len(fit.missed):
+            slopes = self._compare(fit.read, fit.mean, bent).slopes
+        first = before.mean - fit.mean
+        return bent, spread_over_kinks(kinks, before.covariance, first, fit.missed, slopes)
 
     def _describe_load(
         self, index: int, mean: Floats, covariance: Floats, body: _Body
