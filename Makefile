@@ -33,7 +33,7 @@ endif
 
 RIG_TOOLS := $(RUN) -c 'from bozzini.rig.firmware import find_missing_tools as f; print(*f().values())'
 
-.PHONY: help demo test test-all compiled read kernels rig opencv oldest fuzz bench validate dist docs check format picture figures gallery thesis clean
+.PHONY: help demo test test-all compiled read kernels rig opencv oldest fuzz bench validate dist docs docs-bare check format picture figures gallery thesis clean
 
 help: ## Show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "make %-9s %s\n", $$1, $$2}' Makefile
@@ -114,6 +114,11 @@ docs: $(DOCS) ## Build the documentation into site/
 	@cd build/docs && NO_MKDOCS_2_WARNING=1 $(CURDIR)/$(RUN) -m mkdocs build --strict -f $(CURDIR)/mkdocs.yml \
 	  >$(CURDIR)/$(VENV)/docs.log 2>&1 || { cat $(CURDIR)/$(VENV)/docs.log >&2; exit 1; }
 	@echo "documentation: site/index.html"
+
+docs-bare: $(DEV) ## Build it without running the tutorials, in an environment of its extra alone
+	@$(PIP) uv && rm -rf build/docs-env
+	@$(MAKE) --no-print-directory docs VENV=build/docs-env TUTORIALS=false \
+	  PIP='$(RUN) -m uv pip install --quiet --python build/docs-env/bin/python'
 
 picture: $(CORE) ## Make the README's picture anew from the project's own demo
 	@$(DEMO)

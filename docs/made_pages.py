@@ -46,6 +46,162 @@ def format_overview() -> str:
     return "\n".join(["| command | what it does |", "|---|---|", *rows])
 
 
+CALLS = {
+    "demo": "anatomy.make_phantom",
+    "plan": "motion.plan_insertion",
+    "certify": "motion.verify_plan",
+    "reach": "motion.reach_tree",
+    "live": "motion.follow_tissue",
+    "cockpit": "cockpit.run.Cockpit",
+    "execute": "physics.Execution",
+    "export": "physics.format_mjcf",
+    "show": "scene.show",
+    "segment": "anatomy.segment_gas",
+    "phantom": "anatomy.make_phantom",
+    "data fetch": "anatomy.fetch_data",
+    "duct chain": "motion.move_free_chain",
+    "duct fit": "duct.fit",
+    "duct limits": "motion.find_diameter_limits",
+    "duct show": "duct.load",
+    "tree": "duct.find_tree",
+    "continuum compare": "continuum.ContinuumRobot",
+    "continuum contact": "continuum.ContactModel",
+    "continuum design": "continuum.solve_curve",
+    "continuum estimate": "continuum.ShapeEstimator",
+    "continuum fabricate": "fabricate.write_body",
+    "continuum fit": "continuum.fit_robot",
+    "continuum insert": "continuum.insert_robot",
+    "continuum jacobian": "continuum.jacobian",
+    "continuum pose": "continuum.ContinuumRobot",
+    "continuum predict": "continuum.predict_points",
+    "continuum rank": "continuum.compare_tendons",
+    "continuum reach": "continuum.ContinuumRobot",
+    "continuum sensors": "continuum.plan_sensors",
+    "continuum simulate": "continuum.simulate",
+    "continuum tip-error": "study.robot_tip_error",
+    "continuum track": "continuum.run_tendons",
+    "continuum workspace": "continuum.sample_workspace",
+    "effector curve": "effector.Effector",
+    "effector fabricate": "fabricate.write_holders",
+    "effector fit": "effector.fit_effector",
+    "effector pose": "effector.Effector",
+    "effector reach": "effector.solve_inverse",
+    "effector simulate": "effector.simulate_effector",
+    "effector stick": "effector.steer",
+    "effector study least-pressure": "effector.optimise_design",
+    "effector study sweep": "effector.sweep",
+    "effector tip-error": "study.effector_tip_error",
+    "effector trace circle": "effector.trace_circle",
+    "effector trace line": "effector.trace_line",
+    "effector track": "effector.compare_controllers",
+    "effector workspace": "effector.Effector",
+    "head check": "head.check_head",
+    "head compare": "head.compare_cameras",
+    "head reach": "head.find_reached",
+    "head show": "head.lay_out",
+    "head view": "head.view_head",
+    "muscle compare": "muscle.compare_models",
+    "muscle curve": "muscle.MuscleModel",
+    "muscle export": "muscle.export_muscle",
+    "muscle fit": "muscle.calibrate",
+    "muscle predict": "muscle.predict",
+    "muscle presets": "muscle.preset",
+    "muscle solve": "muscle.MuscleModel",
+    "hysteresis fit": "hysteresis.compare_laws",
+    "hysteresis predict": "hysteresis.predict_loops",
+    "rig characterise": "rig.characterise_muscle",
+    "rig demo": "rig.run_steps",
+    "rig emulate": "rig.emulate_rig",
+    "rig identify": "rig.identify_fill",
+    "rig replay": "rig.replay_log",
+    "rig run": "rig.Host",
+    "rig selftest": "rig.check_board",
+    "vision board": "vision.Board",
+    "vision length": "vision.measure_series",
+    "vision plan-setup": "vision.plan_setup",
+    "vision shape": "vision.measure_shapes",
+    "vision track": "vision.triangulate",
+    "study resume": "study.run_study",
+    "study run": "study.run_study",
+    "study show": "study.read_rows",
+    "uncertainty": "study.study_contact",
+}
+"""What to begin with in Python where a command does a job, below ``bozzini``."""
+
+
+def format_jobs() -> str:
+    """Return tables of jobs: what each command is for, its call in Python, and its guide."""
+    from bozzini.cli.main import JOBS, root
+
+    places = [place for folder in ("guide", "rig") for place in sorted(DOCS.glob(f"{folder}/*.md"))]
+    sections = list(_list_sections([*places, *(DOCS / f"{n}.md" for n in ("files", "install"))]))
+    lines = []
+    for job, commands in JOBS.items():
+        lines += [f"## {job}", "", "| I want to | command | Python | read |", "|---|---|---|---|"]
+        for first in commands:
+            found = root.get_command(click.Context(root), first)
+            for leaf, command in _list_leaves(first, found):
+                text = (command.help or "").partition("\n")[0].replace(" in INPUT", "").rstrip(".:")
+                for item in command.params:
+                    if isinstance(item, click.Argument):
+                        name = item.human_readable_name
+                        text = re.sub(rf"\b{name}\b", name.lower(), text)
+                link = f"reference/cli.md#bozzini-{leaf.replace(' ', '-')}"
+                row = [
+                    _escape(text[:1].lower() + text[1:]),
+                    f"[`bozzini {leaf}`]({link})",
+                    _link_call(CALLS[leaf]) if leaf in CALLS else "",
+                    _link_guide(leaf, sections),
+                ]
+                lines.append(f"| {' | '.join(row)} |")
+        lines.append("")
+    return "\n".join(lines)
+
+
+def _list_leaves(name: str, command: click.Command | None) -> Iterator[tuple[str, click.Command]]:
+    if isinstance(command, click.Group):
+        for word, under in command.commands.items():
+            yield from _list_leaves(f"{name} {word}", under)
+    elif command is not None:
+        yield name, command
+
+
+def _link_call(call: str) -> str:
+    return f"[`{call}`](api/{call.partition('.')[0]}.md#bozzini.{call})"
+
+
+def _list_sections(places: list[Path]) -> Iterator[tuple[Path, str, str, str]]:
+    """Yield the place of each section of pages, its page's title, its own, and its text."""
+    for place in places:
+        text = place.read_text("utf-8")
+        title = text.partition("\n")[0].removeprefix("# ").partition(":")[0]
+        for part in re.split(r"^## ", text, flags=re.M):
+            head, _, body = part.partition("\n")
+            yield place, title, "" if head.startswith("#") else head, head + body
+
+
+def _link_guide(leaf: str, sections: list[tuple[Path, str, str, str]]) -> str:
+    """Return a link to the section that has a command most often, on the page of its group."""
+
+    def count(name: str, text: str) -> int:
+        return len(re.findall(rf"bozzini {name}(?![\w-])", text))
+
+    pages: dict[Path, int] = {}
+    for place, *_, text in sections:
+        pages[place] = pages.get(place, 0) + count(leaf.split()[0], text)
+
+    def judge(one: tuple[Path, str, str, str]) -> tuple[bool, bool, int, int]:
+        own = count(leaf, one[3])
+        return own > 0, one[0].parent != DOCS, pages[one[0]], own
+
+    place, title, head, text = max(sections, key=judge)
+    link = place.relative_to(DOCS).as_posix()
+    if not head or not count(leaf, text):
+        return f"[{title}]({link})"
+    anchor = re.sub(r"[-\s]+", "-", re.sub(r"[^\w\s-]", "", head).strip().lower())
+    return f"[{title}: {head}]({link}#{anchor})"
+
+
 def format_models() -> str:
     """Return the catalogue of muscle models, from their cards."""
     from make_catalogue import format_catalogue
@@ -131,6 +287,7 @@ CONTROL = (
 
 MAKERS: dict[str, Callable[[], str]] = {
     "commands": format_commands,
+    "jobs": format_jobs,
     "overview": format_overview,
     "models": format_models,
     "gallery": format_gallery,

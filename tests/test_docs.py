@@ -145,7 +145,8 @@ def test_every_hazard_of_the_rig_names_a_test() -> None:
 
 
 def test_pages_of_the_documentation_are_in_its_menu() -> None:
-    menu = yaml.safe_load((ROOT / "mkdocs.yml").read_text(encoding="utf-8"))["nav"]
+    text = (ROOT / "mkdocs.yml").read_text(encoding="utf-8")  # with a tag of mkdocs above the menu
+    menu = yaml.safe_load(text.partition("\nnav:\n")[2])
     listed = []
     while menu:
         ((_, place),) = menu.pop().items()
@@ -165,9 +166,10 @@ def test_the_front_page_links_every_page() -> None:
     assert pages - {"index.md"} <= linked
 
 
+@cache
 def _slugs(page: Path) -> set[str]:
     """Return the anchors of a page's headings, as mkdocs and hosts of repositories make them."""
-    text = re.sub(r"^```.*?^```", "", _read(page), flags=re.M | re.S)
+    text = re.sub(r"^```.*?^```", "", HOOK.on_page_markdown(_read(page)), flags=re.M | re.S)
     plain = [
         re.sub(r"[`*]|\]\([^)]*\)|\[", "", head) for head in re.findall(r"^#+ (.+)$", text, re.M)
     ]
@@ -326,6 +328,16 @@ def test_every_package_has_a_page_of_its_names() -> None:
 def test_table_of_commands_is_complete() -> None:
     text = _read(ROOT / "docs" / "cli.md")
     assert set(re.findall(r"^\| `bozzini ([a-z]+)", text, re.M)) == set(COMMANDS)
+
+
+def test_each_job_has_its_command_and_calls_that_exist() -> None:
+    page = _read(ROOT / "docs" / "want.md")
+    listed = re.findall(r"^\| .+ \| \[`bozzini ([^`]+)`\]", page, re.M)
+    assert sorted(listed) == sorted(find_commands())
+    assert set(HOOK.CALLS) <= set(find_commands())
+    for call in HOOK.CALLS.values():
+        module, _, name = call.rpartition(".")
+        assert hasattr(importlib.import_module(f"bozzini.{module}"), name), call
 
 
 MEASURED = json.loads(report.MEASURED.read_text("utf-8"))

@@ -69,7 +69,7 @@ class SensorPlan(ReasonedResult):
         From none on.
     candidates : (c,) ndarray
         Places that were tried [mm].
-    reason : str
+    note : str
         Why sets were not all tried; empty otherwise.
     """
 
