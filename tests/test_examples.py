@@ -36,6 +36,7 @@ def test_every_example_is_tested():
         "muscle_calibration",
         "play_plan",
         "routed_tendons",
+        "send_plan",
     }
 
 

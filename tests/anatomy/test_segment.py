@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -18,7 +19,7 @@ LEVEL = -8.0
 
 
 @functools.cache
-def make_scan(*, fluid=None, noise=25.0, order="F", turn=0):
+def make_scan(*, fluid=None, noise=25.0, order="F", lungs="cut"):
     """Return a CT [HU] and the distance of each voxel from the line of its tube [mm].
 
     Every voxel of the tube's wall and of the fluid's level holds its part of both (partial
@@ -33,8 +34,12 @@ def make_scan(*, fluid=None, noise=25.0, order="F", turn=0):
     table = (np.abs(x) < 80) & (np.abs(y + 75) < 6)
     ct[table] = 100.0
     ct[table & (np.abs(x) < 76) & (np.abs(y + 75) < 4)] = -950.0  # hollow
-    lungs = ((np.abs(x) - 45) / 30) ** 2 + (y / 45) ** 2 + ((z - 180) / 60) ** 2 < 1
-    ct[lungs] = -860.0 + random.normal(0.0, 60.0, np.count_nonzero(lungs))
+    middle, half, density = (180, 60, -860.0) if lungs == "cut" else (135, 45, -945.0)
+    air = ((np.abs(x) - 45) / 30) ** 2 + (y / 45) ** 2 + ((z - middle) / half) ** 2 < 1
+    ct[air] = density + random.normal(0.0, 60.0, np.count_nonzero(air))
+    if lungs == "dark with a trachea":
+        ct[(np.hypot(x, y) < 8) & (z > 145)] = -1000.0
+        ct[(np.hypot(z - 145, y) < 7) & (np.abs(x) < 20)] = -1000.0
     bend = np.linspace(0.0, np.pi, 400)
     line = np.stack([60 * np.cos(bend), 20 - 45 * np.sin(bend), np.full_like(bend, 60.0)], axis=1)
     places = np.stack([x, y, z], axis=-1).reshape(-1, 3)
@@ -126,3 +131,39 @@ def test_seeds_choose_and_must_lie_at_gas():
     for seed in ((0.0, 0.0, 10.0), (45.0, 0.0, 180.0)):  # the second in a lung
         with pytest.raises(InputError, match=r"from the nearest gas .* within 5 mm"):
             segment_gas(scan, seeds=[seed])
+
+
+@pytest.mark.parametrize("height", [134.0, 140.0, 160.0])
+@pytest.mark.parametrize("flip", [False, True])
+def test_bases_of_lungs_are_no_gut(height, flip):
+    scan, distance, _ = make_scan()
+    top = int(height / STEP)
+    array, affine = scan.array[:, :, :top], scan.affine.copy()
+    if flip:
+        array = array[:, :, ::-1]
+        affine[:, 3] += (top - 1) * affine[:, 2]
+        affine[:, 2] *= -1
+    found = segment_gas(replace(scan, array=array, affine=affine))
+    assert len(found.segments) == 1
+    assert distance[:, :, :top][:, :, :: -1 if flip else 1][found.labels > 0].max() <= RADIUS
+    deep = height - STEP - 120.0  # of the caps of both ellipsoids
+    caps = 2 * np.pi * 30 * 45 * (deep / 60) ** 2 * (60 - deep / 3)
+    assert found.lungs == pytest.approx(caps, rel=0.25)
+    assert ("lung-cut" in {item.code for item in found.findings}) == (caps < 200e3)
+
+
+def test_gut_that_is_cut_stays_gut():
+    scan, _, _ = make_scan()
+    found = segment_gas(replace(scan, array=scan.array[:, :, : int(64 / STEP)]))
+    assert [item.at_border for item in found.segments] == [True]
+    assert found.lungs == 0.0
+
+
+def test_lungs_as_dark_as_gas_are_known_by_their_trachea():
+    scan, distance, _ = make_scan(lungs="dark with a trachea")
+    found = segment_gas(scan)
+    assert len(found.segments) == 1 and distance[found.labels == 1].max() <= RADIUS
+    assert found.lungs > 2 * 0.9 * 4 / 3 * np.pi * 30 * 45 * 45
+    # The same air without a trachea is not known as lung, nor is it where up is not known.
+    for other in (make_scan(lungs="dark")[0], replace(scan, frame=None)):
+        assert segment_gas(other).lungs == 0.0

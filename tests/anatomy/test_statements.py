@@ -345,6 +345,27 @@ def test_a_version_that_alone_fits_is_found(tmp_path, version, number, layout):
         read_tract(path, labels=["duodenum"])  # it is not there
 
 
+@pytest.mark.parametrize(("version", "layout"), [("v1", VERSION_1), ("v2", VERSION_2)])
+def test_hollow_organs_are_listed_first_and_one_prefix_holds_for_all(tmp_path, version, layout):
+    path = save_labels(tmp_path / "scan.nii.gz", abdomen(**layout))
+    with pytest.raises(InputError, match="choose those that are lumen") as caught:
+        read_tract(path)
+    prefix = f"totalsegmentator-{version}:"
+    listed = str(caught.value).split("(--labels all): ")[1].split(", ")
+    assert [f" {prefix}" in item for item in listed] == sorted(
+        [f" {prefix}" in item for item in listed], reverse=True
+    )
+    names = [item.split()[1] for item in listed if prefix in item]
+    assert {f"{prefix}stomach", f"{prefix}colon"} <= set(names)
+    each = read_tract(path, labels=[f"{prefix}stomach", f"{prefix}colon"])
+    once = read_tract(path, labels=[f"{prefix}stomach", "Colon"])
+    np.testing.assert_array_equal(once.labels, each.labels)
+    assert once.findings == each.findings
+    # A number, or a name that is no organ of the version, is not taken for one.
+    with pytest.raises(InputError, match="label is 'polyp'"):
+        read_tract(path, labels=[f"{prefix}stomach", "polyp"])
+
+
 def test_every_way_to_give_labels_keeps_names_and_organ(tmp_path):
     array = np.zeros((20, 20, 40), dtype=np.uint8)
     array[4:8, 4:8, 4:36] = 20

@@ -12,6 +12,8 @@ import pytest
 import yaml
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
+from rosbags.highlevel import AnyReader
+from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
 
 from bozzini.physics.export import format_mjcf, format_trajectory, format_urdf
@@ -76,6 +78,53 @@ def read_log(path) -> dict[str, list[tuple[int, object]]]:
                 (each.message.log_time, each.decoded_message)
             )
     return found
+
+
+def test_rosbags_reads_a_log_and_its_trajectory_as_the_file_has_them(
+    clear: Scenery, tmp_path
+) -> None:
+    plan = clear.plan
+    path = write_plan_log(plan, tmp_path / "plan.mcap", speed=10.0)
+    ours = read_log(path)
+    counts: dict[str, int] = {}
+    with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
+        for connection, time, raw in reader.messages():
+            message = reader.deserialize(raw, connection.msgtype)
+            number = counts.setdefault(connection.topic, 0)
+            stamp, own = ours[connection.topic][number]
+            assert time == stamp
+            counts[connection.topic] += 1
+            if connection.topic == "/joint_states":
+                assert list(message.name) == list(own.name)
+                assert message.position.tolist() == list(own.position)
+            if connection.topic == "/tf":
+                for there, here in zip(message.transforms, own.transforms, strict=True):
+                    assert there.child_frame_id == here.child_frame_id
+                    there, here = there.transform.translation, here.transform.translation
+                    assert read_point(there) == read_point(here)
+    assert counts == {topic: len(messages) for topic, messages in ours.items()}
+
+
+def test_what_is_sent_to_a_controller_is_a_message_of_ros(clear: Scenery, tmp_path) -> None:
+    sender = runpy.run_path(str(Path(__file__).parents[2] / "examples" / "send_plan.py"))
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    types = {name.rpartition("/")[2]: kind for name, kind in store.types.items()}
+
+    def make_point(**fields):
+        arrays = {name: np.array(fields.pop(name), dtype=np.float64) for name in list(fields)[:4]}
+        return types["JointTrajectoryPoint"](**arrays, **fields)
+
+    file = tmp_path / "trajectory.yaml"
+    file.write_text(format_trajectory(clear.plan, speed=10.0))
+    message = sender["make_message"](file, {**types, "JointTrajectoryPoint": make_point})
+    kind = "trajectory_msgs/msg/JointTrajectory"
+    back = store.deserialize_cdr(store.serialize_cdr(message, kind), kind)
+    drive = PlanDrive(clear.plan, 10.0)
+    rows = np.array([point.positions for point in back.points])
+    assert len(back.joint_names) == rows.shape[1] == drive.table.shape[1]
+    assert 1e3 * rows[:, 0] == pytest.approx(drive.table[:, 0], abs=1e-5)
+    ends = [point.time_from_start for point in back.points]
+    assert [end.sec + 1e-9 * end.nanosec for end in ends] == pytest.approx(drive.times, abs=1e-9)
 
 
 def read_point(point) -> list[float]:

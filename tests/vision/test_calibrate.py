@@ -5,9 +5,21 @@ import math
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from bozzini.errors import InputError
-from bozzini.vision import Checkerboard, write_picture
+from bozzini.vision import (
+    Camera,
+    CameraSet,
+    Checkerboard,
+    Scene,
+    Sensor,
+    aim_camera,
+    load_cameras,
+    render_picture,
+    write_picture,
+)
+from bozzini.vision.board import Detection
 from bozzini.vision.calibrate import (
     BoardView,
     CalibrationOptions,
@@ -16,6 +28,8 @@ from bozzini.vision.calibrate import (
     detect_views,
     list_pictures,
 )
+from bozzini.vision.length import _fit_pose
+from bozzini.vision.pictures import import_opencv
 from tests.vision.sets import BOARD, PAIR, TARGET, render_views
 
 NAMES = ("cam0", "cam1")
@@ -250,3 +264,119 @@ def test_the_claimed_uncertainty_is_that_of_many_calibrations():
         claimed = np.trace(cameras.calibration_covariance(pixels), axis1=-2, axis2=-1).mean()
         ratios.append(np.mean(np.sum(off**2, axis=1)) / claimed)
     assert 0.7 < np.sqrt(np.mean(ratios)) < 2.0
+
+
+SMALL = Sensor(supersampling=2)
+FISHEYE = np.array([0.03, -0.012, 0.006, -0.001])
+"""k1 to k4 of a lens that sees 150 degrees across its picture."""
+
+
+def make_fisheye_views(cameras: tuple[Camera, ...], count: int = 14, noise: float = 0.03):
+    """Return views of a board that OpenCV's own fisheye projects into cameras."""
+    cv2 = import_opencv()
+    rng = np.random.default_rng(3)
+    board = BOARD.corners
+    views = []
+    for k in range(count):
+        away = rng.uniform(25.0, 45.0)
+        angle = rng.uniform(0.0, 2.0 * math.pi)
+        off = away * math.tan(math.radians(rng.uniform(0.0, 45.0)))
+        turn = Rotation.from_euler("xyz", rng.uniform(-0.6, 0.6, 3)).as_matrix()
+        middle = np.array([off * math.cos(angle), off * math.sin(angle), away])
+        shift = middle - turn @ board.mean(axis=0)
+        seen = []
+        for camera in cameras:
+            pose = camera.rotation @ turn, camera.rotation @ shift + camera.translation
+            pixels, _ = cv2.fisheye.projectPoints(
+                board[None], cv2.Rodrigues(pose[0])[0], pose[1], camera.matrix, camera.distortion
+            )
+            own = pixels.reshape(-1, 2)
+            placed = board @ pose[0].T + pose[1]
+            good = placed[:, 2] > 5.0
+            good &= ((own >= 0.0) & (own <= np.array(camera.size) - 1.0)).all(axis=1)
+            own = own + rng.normal(0.0, noise, own.shape)
+            seen.append(Detection(own[good], board[good], np.flatnonzero(good), camera.size, ""))
+        views.append(BoardView(f"{k:02d}", tuple(seen)))
+    return views
+
+
+@pytest.fixture(scope="module")
+def fisheyes() -> tuple[Camera, ...]:
+    matrix = np.array([[300.0, 0.0, 402.0], [0.0, 301.0, 297.0], [0.0, 0.0, 1.0]])
+    first = Camera(matrix=matrix, distortion=FISHEYE, size=(800, 600))
+    turn = Rotation.from_euler("y", 8.0, degrees=True).as_matrix()
+    return first, dataclasses.replace(first, rotation=turn, translation=np.array([-12.0, 0.5, 1.0]))
+
+
+def test_a_fisheye_is_that_of_opencv_there_and_back(fisheyes, tmp_path):
+    cv2 = import_opencv()
+    camera = fisheyes[1]
+    rng = np.random.default_rng(0)
+    angle, around = rng.uniform(0.0, 1.45, 500), rng.uniform(0.0, 2.0 * math.pi, 500)
+    ways = np.stack(
+        [np.sin(angle) * np.cos(around), np.sin(angle) * np.sin(around), np.cos(angle)], axis=1
+    )
+    inside = ways * rng.uniform(5.0, 90.0, (500, 1))
+    points = (inside - camera.translation) @ camera.rotation
+    pixels = camera.project(points)
+    theirs, _ = cv2.fisheye.projectPoints(
+        inside[None], np.zeros(3), np.zeros(3), camera.matrix, camera.distortion
+    )
+    np.testing.assert_allclose(pixels, theirs.reshape(-1, 2), atol=1e-9)
+    along = (points - camera.centre) / np.linalg.norm(points - camera.centre, axis=1)[:, None]
+    np.testing.assert_allclose(camera.rays(pixels), along, atol=1e-9)
+    # What lies beside the camera has no x/z, nor has what it never shows.
+    assert np.isnan(camera.undistort([[402.0 + 800.0, 297.0]])).all()
+    assert camera.undistort([[402.0, 297.0]]) == pytest.approx(0.0)
+    cameras = CameraSet(names=("a", "b"), cameras=fisheyes)
+    back = load_cameras(cameras.save(tmp_path / "cameras.yaml"))
+    assert [each.is_fisheye for each in back.cameras] == [True, True]
+    np.testing.assert_allclose(back.cameras[1].rays(pixels), along, atol=1e-9)
+
+
+def test_a_board_is_placed_by_a_fisheye(fisheyes):
+    camera = fisheyes[0]
+    turn = Rotation.from_euler("xyz", (0.3, -0.2, 0.1)).as_matrix()
+    shift = np.array([12.0, -25.0, 30.0])
+    placed = BOARD.corners @ turn.T + shift
+    found = Detection(
+        camera.project(placed), BOARD.corners, np.arange(len(placed)), camera.size, ""
+    )
+    plane = _fit_pose(found, camera)
+    assert plane.miss < 1e-3
+    np.testing.assert_allclose(plane.foot, (-turn.T @ shift)[:2], atol=1e-3)
+
+
+def test_a_picture_is_rendered_through_a_fisheye_and_its_board_found():
+    middle = BOARD.corners.mean(axis=0)
+    camera = aim_camera(
+        middle + [5.0, 4.0, -36.0], middle, focal=330.0, size=(640, 480), distortion=FISHEYE
+    )
+    found = BOARD.detect(render_picture(Scene(board=BOARD), camera, sensor=SMALL))
+    assert len(found.ids) > 30  # where the light is bright enough
+    off = camera.project(found.points) - found.corners
+    assert np.sqrt(np.mean(np.sum(off**2, axis=1))) < 0.15
+    plain = dataclasses.replace(camera, distortion=np.zeros(5))
+    assert np.abs(plain.project(found.points) - found.corners).max() > 20.0
+    wide = dataclasses.replace(camera, distortion=np.array([-0.2, 0.0, 0.0, 0.0]))
+    with pytest.raises(InputError, match="less than 180 degrees"):
+        render_picture(Scene(board=BOARD), wide)
+
+
+def test_a_pair_of_fisheyes_comes_back_where_the_plain_lens_is_refused(fisheyes):
+    views = make_fisheye_views(fisheyes)
+    options = dataclasses.replace(QUICK, lens="fisheye")
+    found = calibrate_cameras(views, BOARD, NAMES, options=options)
+    assert not found.reason and found.residual < 0.08  # noise of 0.03 px in x and y
+    true = np.linalg.norm(fisheyes[1].centre - fisheyes[0].centre)
+    assert found.cameras.baseline == pytest.approx(true, rel=2e-3)
+    for own, camera in zip(found.cameras.cameras, fisheyes, strict=True):
+        grid = np.stack(np.meshgrid(np.linspace(150, 650, 9), np.linspace(100, 500, 9)), axis=-1)
+        ways, theirs = own.undistort(grid), camera.undistort(grid)
+        off = np.arctan(np.linalg.norm(ways, axis=-1)) - np.arctan(np.linalg.norm(theirs, axis=-1))
+        assert np.abs(off).max() < 2e-3
+    # One camera alone, and the other model of the same views.
+    alone = [dataclasses.replace(view, detections=view.detections[:1]) for view in views]
+    assert not calibrate_cameras(alone, BOARD, options=options).reason
+    plain = calibrate_cameras(alone, BOARD, options=QUICK)
+    assert plain.residual > 3.0 * found.residual

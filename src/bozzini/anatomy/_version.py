@@ -146,6 +146,21 @@ def name_version(
     return [f"{version}:{organ}" for organ in organs], [found]
 
 
+def guess_names(runs: Runs, axes: NDArray[np.float64]) -> dict[int, str]:
+    """Return the names that labels have in the one version in which hollow organs can be these.
+
+    It must have two of them at least, such as ``totalsegmentator-v2:colon``; else there are none.
+    """
+    there = set(np.unique(runs.labels).tolist())
+    fitting = []
+    for version, numbers in VERSIONS.items():
+        organs = [organ for organ, number in numbers.items() if number in there]
+        bodies = (_judge(version, organ, runs, axes) for organ in organs)
+        if len(organs) > 1 and not any(body.against or body.doubt for body in bodies):
+            fitting.append({numbers[organ]: f"{version}:{organ}" for organ in organs})
+    return fitting[0] if len(fitting) == 1 else {}
+
+
 def _judge(version: str, organ: str, runs: Runs, axes: NDArray[np.float64]) -> _Body:
     label = VERSIONS[version][organ]
     index = runs.keep(runs.labels == label).expand()

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import ceil_mm, check_points
 from ..errors import GeometryError, InputError
-from ._version import check_version, name_version
+from ._version import check_version, guess_names, name_version
 from .frame import check_frame, find_axis, measure_shift
 from .names import (
     VERSIONS,
@@ -23,6 +23,7 @@ from .names import (
     match_name,
     normalise,
     split_version,
+    spread_version,
 )
 from .tract import (
     Component,
@@ -238,10 +239,14 @@ def tract_from_volume(volume: Volume, *, labels: Labels | None = None) -> LabelT
         raise GeometryError(f"{source} is empty: every voxel is 0")
     voxel = measure_voxel(matrix)
     assumed: list[Finding] = []
-    if labels and not volume.names and not wants_all(labels):
-        given = [labels] if isinstance(labels, str) else list(labels)
-        labels, assumed = name_version(given, runs=runs, axes=axes)
-    wanted = select_labels(sizes, labels, volume.names, source, voxel)
+    names = volume.names
+    if labels is not None and not wants_all(labels):
+        labels = spread_version([labels] if isinstance(labels, str) else labels)
+        if not names:
+            labels, assumed = name_version(labels, runs=runs, axes=axes)
+    elif labels is None and not names and np.count_nonzero(sizes) > 1:
+        names = guess_names(runs, axes)  # to be listed
+    wanted = select_labels(sizes, labels, names, source, voxel)
     asked = find_version([labels] if isinstance(labels, str) else labels or ())
     if asked is not None:
         # One that was assumed has been judged.
@@ -530,7 +535,8 @@ def _list_labels(
     def rank(label: int) -> tuple[bool, int]:
         return not is_digestive(names.get(label, "")), -int(sizes[label])
 
-    shown = sorted(sorted(there, key=rank)[:MOST_LISTED])
+    shown = sorted(there, key=rank)[:MOST_LISTED]
+    shown = sorted(shown, key=lambda label: (rank(label)[0], label))
     text = ", ".join(
         f"{label}{f' {names[label]}' if label in names else ''} "
         f"({show_volume(sizes[label] * voxel)})"

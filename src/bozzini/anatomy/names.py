@@ -77,7 +77,8 @@ def find_organ(names: Iterable[str]) -> Organ | None:
 def is_digestive(name: str) -> bool:
     """Whether a name is that of a hollow organ a scope goes through."""
     text = normalise(name)
-    return text == "trachea" or find_organ([text]) is not None
+    airway = re.search(r"\b(trachea|airways?|bronch\w+)\b", text)
+    return airway is not None or find_organ([text]) is not None
 
 
 def describe_label(label: int, names: Mapping[int, str]) -> str:
@@ -103,6 +104,19 @@ def split_version(label: int | str) -> tuple[str, str] | None:
             f"{', '.join(VERSIONS['totalsegmentator-v2'])}, such as totalsegmentator-v2:colon"
         )
     return version, organ
+
+
+def spread_version(labels: Iterable[int | str]) -> list[int | str]:
+    """Return labels in which a version that is stated once holds for the organs after it, too."""
+    found: list[int | str] = []
+    stated = ""
+    for label in labels:
+        version, colon, _ = str(label).strip().lower().partition(":")
+        organ = normalise(str(label)).replace(" ", "_")
+        if colon and version in VERSIONS:
+            stated = version
+        found.append(f"{stated}:{organ}" if stated and organ in VERSIONS[stated] else label)
+    return found
 
 
 def find_version(labels: Iterable[int | str]) -> tuple[str, dict[int, str]] | None:

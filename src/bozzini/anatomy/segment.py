@@ -30,7 +30,20 @@ LUNG_HU = -930.0
 """A body of air whose median lies above this is lung: its air is mixed with tissue [HU]."""
 
 LUNG_VOLUME_MM3 = 100e3
-"""Smallest lung [mm^3]."""
+"""Smallest lung that is whole [mm^3]."""
+
+BASE_VOLUME_MM3 = 1e3
+"""Smallest base of a lung that is cut by the upper border of the image [mm^3]."""
+
+TRACHEA_MM = 20.0
+"""So far above the lungs the trachea is seen alone, at least [mm]..."""
+TRACHEA_AREA_MM2 = (50.0, 800.0)
+"""...with an area in this range [mm^2]."""
+
+LUNG_SHARE = 0.25
+"""Lungs fill at least this share of the body's outline in some slice..."""
+SIDE_SHARE = 0.25
+"""...and each side of the trachea has at least this share of them."""
 
 TAGGED_HU = 150.0
 """Fluid above this differs from tissue [HU]."""
@@ -157,9 +170,11 @@ def segment_gas(
     """Find the gas inside the body of a CT.
 
     The body is the largest piece of tissue, its holes filled slice by slice; air outside of it is
-    left out. Air inside that is mixed with tissue (median above -930 HU) and of 100 mL or more is
-    lung, with the airways that open into it. What is left below the threshold falls into
-    segments, one label each.
+    left out. Air inside that is mixed with tissue (median above -930 HU, a voxel from its wall) is
+    lung if it has 100 mL or is cut by the upper border of the image, with the airways that open
+    into it. Purer air is lung, too, if it begins as the trachea does and widens to both sides of
+    it over a quarter of the body's outline. What is left below the threshold falls into segments,
+    one label each.
 
     The threshold lies below the middle between gas and tissue (about -480 HU): the wall that is
     found is inside the true one by a part of a voxel, about 0.3 of it at -800 HU.
@@ -198,14 +213,13 @@ def segment_gas(
     turned = image.flags.f_contiguous and not image.flags.c_contiguous
     axes = affine[:, [2, 1, 0, 3]] if turned else affine
     ct = np.ascontiguousarray(image.T if turned else image)
-    slices = 0 if turned else 2
-    if volume.frame is not None:
-        upward = find_axis(volume.frame, "S") @ axes[:3, :3]
-        slices = int(np.abs(upward / np.linalg.norm(axes[:3, :3], axis=0)).argmax())
+    upward, leftward = (_find_voxel_axis(volume.frame, side, axes) for side in "SL")
+    if not upward[1]:
+        upward = (0 if turned else 2, 0)
     progress("body", 0.0)
-    body = _find_body(ct, slices, volume.source, progress)
+    body = _find_body(ct, upward[0], volume.source, progress)
     progress("gas", 0.0)
-    lungs = _find_lungs(ct, body, voxel)
+    lungs = _find_lungs(ct, body, axes, upward, leftward, found)
     gas = body & (ct < threshold) & ~lungs
     fluid = np.zeros(gas.shape if bridge_fluid else (0, 0, 0), dtype=bool)
     if bridge_fluid:
@@ -322,14 +336,97 @@ def _list_neighbours(mask: Mask, other: Mask) -> Iterator[tuple[Mask, Mask]]:
         yield mask[tuple(high)], other[tuple(low)]
 
 
-def _find_lungs(ct: Voxels, body: Mask, voxel: float) -> Mask:
-    numbers, sizes = _label(body & (ct < AIR_HU))
+def _find_voxel_axis(frame: str | None, side: str, axes: NDArray[np.float64]) -> tuple[int, int]:
+    """Return the axis of voxels that runs towards a side of the patient, and its sign.
+
+    The sign is 0, and the axis is none, if the frame is not known.
+    """
+    if frame is None:
+        return (-1, 0)
+    along = find_axis(frame, side) @ axes[:3, :3] / np.linalg.norm(axes[:3, :3], axis=0)
+    axis = int(np.abs(along).argmax())
+    return axis, 1 if along[axis] > 0.0 else -1
+
+
+def _find_lungs(
+    ct: Voxels,
+    body: Mask,
+    axes: NDArray[np.float64],
+    upward: tuple[int, int],
+    leftward: tuple[int, int],
+    found: list[Finding],
+) -> Mask:
+    """Return the lungs, whole or cut; `upward` is the axis of the slices and which end is up."""
+    from scipy import ndimage
+
+    voxel = measure_voxel(axes)
+    air = body & (ct < AIR_HU)
+    core = air.copy()
+    for one, other in _list_neighbours(air, core):
+        np.logical_and(other, one, out=other)
+    numbers, sizes = _label(air)
+    large = np.flatnonzero(sizes * voxel >= BASE_VOLUME_MM3)
+    renumbered = np.zeros(len(sizes), dtype=numbers.dtype)
+    renumbered[large] = np.arange(1, len(large) + 1)
+    np.take(renumbered, numbers, out=numbers)
     lungs = np.zeros(ct.shape, dtype=bool)
-    for number in np.flatnonzero(sizes * voxel >= LUNG_VOLUME_MM3):
-        part = numbers == number
-        if float(np.median(ct[part])) > LUNG_HU:
-            lungs |= part
+    cut, cut_volume = 0, 0.0
+    slices, sign = upward
+    ends = {1: (ct.shape[slices],), -1: (0,), 0: (0, ct.shape[slices])}[sign]
+    for number, box in enumerate(ndimage.find_objects(numbers), start=1):
+        volume = sizes[large[number - 1]] * voxel
+        part = numbers[box] == number
+        inner = part & core[box]
+        mixed = float(np.median(ct[box][inner if inner.any() else part])) > LUNG_HU
+        at_end = any(end in (box[slices].start, box[slices].stop) for end in ends)
+        whole = volume >= LUNG_VOLUME_MM3
+        if mixed and (whole or at_end):
+            lungs[box] |= part
+            if not whole:
+                cut, cut_volume = cut + 1, cut_volume + volume
+        elif whole and sign:
+            outline = tuple(box[k] if k == slices else slice(None) for k in range(3))
+            if _has_trachea(part, body[outline], axes, upward, leftward):
+                lungs[box] |= part
+    if cut:
+        message = (
+            f"{count_noun(cut, 'piece')} of air ({show_volume(cut_volume)}), mixed with tissue and "
+            f"cut by the upper border of the image, taken as base of a lung"
+        )
+        found.append(Finding("lung-cut", "note", message))
     return lungs
+
+
+def _has_trachea(
+    part: Mask,
+    body: Mask,
+    axes: NDArray[np.float64],
+    upward: tuple[int, int],
+    leftward: tuple[int, int],
+) -> bool:
+    """Whether air begins at its upper end as a trachea, and widens below to both its sides.
+
+    `part` is the air in its box, `body` the whole body in the same slices.
+    """
+    from scipy import ndimage
+
+    spacing = np.linalg.norm(axes[:3, :3], axis=0)
+    slices = upward[0]
+    down, tissue = (_turn(mask, slices, -upward[1]) for mask in (part, body))
+    face = measure_voxel(axes) / spacing[slices]
+    top = down[: int(np.ceil(TRACHEA_MM / spacing[slices]))]
+    if len(down) <= len(top) or any(ndimage.label(each)[1] != 1 for each in top):
+        return False
+    areas = face * np.count_nonzero(down, axis=(1, 2))
+    low, high = TRACHEA_AREA_MM2
+    if not (areas[1 : len(top)] >= low).all() or areas[: len(top)].max() > high:
+        return False
+    share = areas / np.maximum(face * np.count_nonzero(tissue, axis=(1, 2)), face)
+    widest = int(share.argmax())
+    across = leftward[0] - (leftward[0] > slices)  # among the axes of a slice
+    middle = np.argwhere(top[-1])[:, across].mean()
+    beside = float(np.mean(np.argwhere(down[widest])[:, across] < middle))
+    return bool(share[widest] >= LUNG_SHARE and SIDE_SHARE <= beside <= 1.0 - SIDE_SHARE)
 
 
 def _find_fluid(

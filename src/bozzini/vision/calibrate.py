@@ -1,8 +1,9 @@
 """Calibration of one camera or two from pictures of a board.
 
 The lens has two radial terms and two tangential ones, and a third radial one where corners were
-seen far from the axis, as it is not determined otherwise. The world is the board of one view, found
-from all cameras together: the axes of a single camera trade off against its principal point.
+seen far from the axis, as it is not determined otherwise; or it is a fisheye of four terms. The
+world is the board of one view, found from all cameras together: the axes of a single camera trade
+off against its principal point.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from ..numeric.vectors import nearest_rotation
 from ..progress import Progress, no_progress
 from ..results import Json, ReasonedResult, take_axes, to_plain
 from .board import CHECK_LINE, Board, Detection
-from .camera import Area, Camera, CameraSet, align, triangulate
+from .camera import FISHEYE_TERMS, Area, Camera, CameraSet, align, prepare_pose, triangulate
 from .pictures import SUFFIXES, Grey, import_opencv, measure_each, read_picture
 
 if TYPE_CHECKING:
@@ -70,6 +71,8 @@ class CalibrationOptions:
         refused, which finds a wrong size of the squares; 0 for none.
     seed : int
         Of the draws.
+    lens : {"plain", "fisheye"}
+        Model of the lenses: a fisheye for a field of view beyond about 110 degrees.
     """
 
     world: str = quantity(
@@ -87,6 +90,12 @@ class CalibrationOptions:
         "length", "Expected distance of the cameras, to check.", default=0.0, low=0.0, high=1e5
     )
     seed: int = quantity(help="Of the draws.", default=0, low=0, high=2**31, whole=True)
+    lens: str = quantity(
+        "text",
+        "Model of the lenses: fisheye for a view wider than about 110 degrees.",
+        default="plain",
+        words=("plain", "fisheye"),
+    )
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -360,7 +369,7 @@ class _Fit:
 
     cameras: tuple[Camera, ...]
     poses: list[tuple[Floats, Floats]]
-    wide: bool
+    lens: str  # "plain", "wide" or "fisheye"
 
 
 def calibrate_cameras(
@@ -402,16 +411,16 @@ def calibrate_cameras(
         raise InputError(f"{len(names)} cameras are named: each view needs a detection for each")
     views = _choose(list(views), names)
     progress("calibrate", 0.0)
-    views, fit = _fit_sound(views)
+    views, fit = _fit_sound(views, options.lens)
     used = _list_used(views)
     world = _find_world(used, options.world)
     rng = np.random.default_rng(options.seed)
     drawn = []
     for k in range(options.resamples):
         progress("uncertainty", k / options.resamples)
-        again = _fit([used[i] for i in _draw(rng, len(used))], start=fit)
+        again = _fit([used[i] for i in _draw(rng, len(used))], fit.lens, start=fit)
         drawn.append(_place_world(again.cameras, _draw_corners(rng, world)))
-    hold_out = _hold_out(used)
+    hold_out = _hold_out(used, options.lens)
     progress("uncertainty", 1.0)
     cameras = CameraSet(
         names=tuple(names),
@@ -441,10 +450,10 @@ def calibrate_cameras(
     return dataclasses.replace(found, reason=_find_fault(found, options))
 
 
-def _fit_sound(views: list[BoardView]) -> tuple[list[BoardView], _Fit]:
+def _fit_sound(views: list[BoardView], lens: str) -> tuple[list[BoardView], _Fit]:
     """Fit all views, once more without those that do not fit, and mark the views."""
     used = _list_used(views)
-    fit = _fit(used)
+    fit = _fit(used, lens)
     rms = _list_rms(fit, used)
     limit = max(_OUTLIER * float(np.median(list(rms.values()))), MOST_RMS)
     wrong = {name: value for name, value in rms.items() if value > limit}
@@ -456,7 +465,7 @@ def _fit_sound(views: list[BoardView]) -> tuple[list[BoardView], _Fit]:
             for view in views
         ]
         used = _list_used(views)
-        fit = _fit(used)
+        fit = _fit(used, lens)
         rms = _list_rms(fit, used)
     return [dataclasses.replace(view, rms=rms.get(view.name, math.nan)) for view in views], fit
 
@@ -534,8 +543,10 @@ def _share(view: BoardView) -> tuple[Floats, list[Floats]]:
     ]
 
 
-def _fit(views: Sequence[BoardView], start: _Fit | None = None) -> _Fit:
+def _fit(views: Sequence[BoardView], lens: str, start: _Fit | None = None) -> _Fit:
     """Fit lenses, the second camera's pose, and the board's pose in each view."""
+    if lens == "fisheye":
+        return _fit_fisheye(views, start)
     cv2 = import_opencv()
     shared = [_share(view) for view in views]
     points = [board.astype(np.float32) for board, _ in shared]
@@ -550,19 +561,19 @@ def _fit(views: Sequence[BoardView], start: _Fit | None = None) -> _Fit:
             np.linalg.norm(lens.undistort(np.concatenate(pixels)), axis=1).max()
             for lens, pixels in zip(lenses, seen, strict=True)
         ]
-        wide = max(reach) > _WIDE_FIELD
+        lens = "wide" if max(reach) > _WIDE_FIELD else "plain"
     else:
-        lenses, wide = list(start.cameras), start.wide
-    flags = cv2.CALIB_USE_INTRINSIC_GUESS | (0 if wide else cv2.CALIB_FIX_K3)
+        lenses = list(start.cameras)
+    flags = cv2.CALIB_USE_INTRINSIC_GUESS | (0 if lens == "wide" else cv2.CALIB_FIX_K3)
     stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 100, 1e-8)
-    guess = [item for lens in lenses for item in (lens.matrix.copy(), lens.distortion.copy())]
+    guess = [item for one in lenses for item in (one.matrix.copy(), one.distortion.copy())]
     if len(lenses) == 1:
-        _, matrix, lens, turns, shifts = cv2.calibrateCamera(
+        _, matrix, terms, turns, shifts = cv2.calibrateCamera(
             points, seen[0], sizes[0], *guess, flags=flags, criteria=stop
         )
-        cameras = [_make_camera(matrix, lens, sizes[0])]
+        cameras = [_make_camera(matrix, terms, sizes[0])]
     else:
-        _, first, lens, second, lens_2, turn, shift, _, _, turns, shifts, _ = (
+        _, first, terms, second, terms_2, turn, shift, _, _, turns, shifts, _ = (
             cv2.stereoCalibrateExtended(
                 *(points, *seen, *guess, sizes[0], np.eye(3), np.zeros(3)),
                 flags=flags,
@@ -570,19 +581,102 @@ def _fit(views: Sequence[BoardView], start: _Fit | None = None) -> _Fit:
             )
         )
         cameras = [
-            _make_camera(first, lens, sizes[0]),
-            _make_camera(second, lens_2, sizes[1]).place(
+            _make_camera(first, terms, sizes[0]),
+            _make_camera(second, terms_2, sizes[1]).place(
                 nearest_rotation(np.asarray(turn)), np.ravel(shift)
             ),
         ]
-    return _Fit(
-        tuple(cameras),
-        [
-            (np.asarray(cv2.Rodrigues(np.ravel(turn))[0]), np.ravel(shift))
-            for turn, shift in zip(turns, shifts, strict=True)
-        ],
-        wide,
-    )
+    return _Fit(tuple(cameras), _list_poses(turns, shifts), lens)
+
+
+def _fit_fisheye(views: Sequence[BoardView], start: _Fit | None) -> _Fit:
+    """Do what `_fit` does, for fisheyes: each lens by itself, then a pair together."""
+    cv2 = import_opencv()
+    shared = [_share(view) for view in views]
+    points = [board.reshape(1, -1, 3).astype(float) for board, _ in shared]
+    stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 200, 1e-9)
+    # OpenCV 4 has flags of its own for fisheyes, 5 has one set for all.
+    names = cv2.fisheye if hasattr(cv2.fisheye, "CALIB_FIX_SKEW") else cv2
+    flags = names.CALIB_FIX_SKEW | names.CALIB_RECOMPUTE_EXTRINSIC
+    guess = np.zeros((3, 3)), np.zeros(FISHEYE_TERMS)
+    cameras, poses = [], []
+    for i, found in enumerate(views[0].detections):
+        if start is not None:
+            guess = start.cameras[i].matrix.copy(), start.cameras[i].distortion.copy()
+            flags |= names.CALIB_USE_INTRINSIC_GUESS
+        pixels = [each[i].reshape(1, -1, 2).astype(float) for _, each in shared]
+        try:
+            _, matrix, terms, turns, shifts = cv2.fisheye.calibrate(
+                points, pixels, found.size, *guess, flags=flags, criteria=stop
+            )
+        except cv2.error as error:
+            raise InputError(
+                f"the views do not determine a fisheye ({error.err}): give more, tilted and spread "
+                "over the picture, or the plain lens"
+            ) from None
+        own = Camera(matrix=np.asarray(matrix), distortion=np.ravel(terms), size=found.size)
+        cameras.append(own)
+        poses.append(_list_poses(turns, shifts))
+    if len(cameras) == 1:
+        return _Fit((cameras[0],), poses[0], "fisheye")
+    return _join_fisheyes((cameras[0], cameras[1]), poses, shared)
+
+
+def _join_fisheyes(
+    cameras: tuple[Camera, Camera],
+    poses: list[list[tuple[Floats, Floats]]],
+    shared: list[tuple[Floats, list[Floats]]],
+) -> _Fit:
+    """Fit two fisheyes, their places and those of the board together, from each by itself."""
+    from scipy.optimize import least_squares
+    from scipy.spatial.transform import Rotation
+
+    steps = [turn @ first.T for (first, _), (turn, _) in zip(*poses, strict=True)]
+    turn = nearest_rotation(np.mean(steps, axis=0))
+    moves = [there - turn @ here for (_, here), (_, there) in zip(*poses, strict=True)]
+    places = [(turn, np.median(moves, axis=0)), *poses[0]]
+    lenses = [
+        [*camera.matrix[[0, 1, 0, 1], [0, 1, 2, 2]], *camera.distortion] for camera in cameras
+    ]
+    rigid = [[*Rotation.from_matrix(turn).as_rotvec(), *shift] for turn, shift in places]
+    view = np.repeat(np.arange(len(shared)), [len(board) for board, _ in shared])
+    board = np.concatenate([board for board, _ in shared])
+    pixels = [np.concatenate([each[i] for _, each in shared]) for i in range(2)]
+
+    def place(values: Floats) -> tuple[list[Camera], Floats, Floats]:
+        own, rest = values[:16].reshape(2, 8), values[16:].reshape(-1, 6)
+        turns, shifts = Rotation.from_rotvec(rest[:, :3]).as_matrix(), rest[:, 3:]
+        made = [
+            dataclasses.replace(
+                camera,
+                matrix=np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]]),
+                distortion=np.array(terms),
+            )
+            for camera, (fx, fy, cx, cy, *terms) in zip(cameras, own, strict=True)
+        ]
+        return [made[0], made[1].place(turns[0], shifts[0])], turns[1:], shifts[1:]
+
+    def miss(values: Floats) -> Floats:
+        made, turns, shifts = place(values)
+        world = np.einsum("nij,nj->ni", turns[view], board) + shifts[view]
+        off = [camera.project(world) - seen for camera, seen in zip(made, pixels, strict=True)]
+        return np.asarray(np.nan_to_num(np.concatenate(off).ravel(), nan=1e3))
+
+    first = np.concatenate([np.ravel(lenses), np.ravel(rigid)])
+    found = least_squares(miss, first, method="lm", x_scale="jac", xtol=1e-9)
+    made, turns, shifts = place(found.x)
+    return _Fit(tuple(made), list(zip(turns, shifts, strict=True)), "fisheye")
+
+
+def _list_poses(
+    turns: Sequence[ArrayLike], shifts: Sequence[ArrayLike]
+) -> list[tuple[Floats, Floats]]:
+    """Return the board's poses from the rotation vectors and translations of OpenCV."""
+    cv2 = import_opencv()
+    return [
+        (np.asarray(cv2.Rodrigues(np.ravel(turn))[0]), np.ravel(shift))
+        for turn, shift in zip(turns, shifts, strict=True)
+    ]
 
 
 def _fit_lens(points: list[Grey], pixels: list[Grey], size: tuple[int, int]) -> Camera:
@@ -620,7 +714,7 @@ def _find_pose(cameras: Sequence[Camera], view: BoardView) -> tuple[Floats, Floa
     if len(cameras) > 1:
         return align(points, triangulate(cameras, np.stack(pixels)))
     cv2 = import_opencv()
-    _, turn, shift = cv2.solvePnP(points, pixels[0], cameras[0].matrix, cameras[0].distortion)
+    _, turn, shift = cv2.solvePnP(points, *prepare_pose(cameras[0], pixels[0]))
     return np.asarray(cv2.Rodrigues(turn)[0]), np.ravel(shift)
 
 
@@ -661,13 +755,13 @@ def _draw_corners(rng: np.random.Generator, view: BoardView) -> BoardView:
     )
 
 
-def _hold_out(views: Sequence[BoardView]) -> HoldOut:
+def _hold_out(views: Sequence[BoardView], lens: str) -> HoldOut:
     """Calibrate from three quarters of the views and measure in the others."""
     out = list(views[::_HOLD_OUT_EVERY])
     kept = [view for view in views if view not in out]
     if len(kept) < LEAST_VIEWS:
         return HoldOut()
-    cameras = _fit(kept).cameras
+    cameras = _fit(kept, lens).cameras
     rms = [_measure_rms(cameras, view, _find_pose(cameras, view)) for view in out]
     if len(cameras) == 1:
         return HoldOut(len(out), _join(rms))

@@ -2,7 +2,9 @@
 
 Pixels are counted from the centre of the first one, which is (0, 0); x goes right, y down. The
 frame of a camera has x right, y down and z forwards. The lens is that of Brown (1971) with two
-radial and two tangential terms and a third radial one, in the order of OpenCV.
+radial and two tangential terms and a third radial one, or the fisheye of Kannala and Brandt (2006)
+with four terms, each in the order of OpenCV. Directions are x/z and y/z: what a fisheye sees beside
+or behind the camera has none.
 """
 
 from __future__ import annotations
@@ -25,6 +27,10 @@ from ..numeric.vectors import nearest_rotation
 
 _UNDISTORT_STEPS = 20
 _UNDISTORT_TOLERANCE = 1e-12
+_TINY = 1e-12
+
+FISHEYE_TERMS = 4
+"""Terms of the distortion of a fisheye; other lenses have five."""
 
 
 def distort(normalised: Floats, distortion: Floats) -> Floats:
@@ -34,8 +40,8 @@ def distort(normalised: Floats, distortion: Floats) -> Floats:
     ----------
     normalised : ndarray, shape (..., 2)
         x/z and y/z in the camera's frame.
-    distortion : ndarray, shape (5,)
-        k1, k2, p1, p2, k3.
+    distortion : ndarray, shape (5,) or (4,)
+        k1, k2, p1, p2, k3; or k1, k2, k3, k4 of a fisheye.
 
     Returns
     -------
@@ -44,7 +50,12 @@ def distort(normalised: Floats, distortion: Floats) -> Floats:
     References
     ----------
     D. C. Brown, "Close-range camera calibration", Photogrammetric Engineering 37 (1971) 855-866.
+    J. Kannala, S. S. Brandt, IEEE Trans. Pattern Analysis and Machine Intelligence 28 (2006) 1335.
     """
+    if len(distortion) == FISHEYE_TERMS:
+        radius = np.linalg.norm(normalised, axis=-1, keepdims=True)
+        bent, _ = _bend_angle(np.arctan(radius), distortion)
+        return np.asarray(normalised * (bent / np.maximum(radius, _TINY)))
     k1, k2, p1, p2, k3 = distortion
     x, y = normalised[..., 0], normalised[..., 1]
     square = x * x + y * y
@@ -56,6 +67,32 @@ def distort(normalised: Floats, distortion: Floats) -> Floats:
         ],
         axis=-1,
     )
+
+
+def _bend_angle(angle: Floats, distortion: Floats) -> tuple[Floats, Floats]:
+    """Return the radius at which a fisheye shows an angle from its axis, and its slope."""
+    k1, k2, k3, k4 = distortion
+    square = angle * angle
+    radius = angle * (1.0 + square * (k1 + square * (k2 + square * (k3 + square * k4))))
+    slope = 1.0 + square * (
+        3.0 * k1 + square * (5.0 * k2 + square * (7.0 * k3 + square * 9.0 * k4))
+    )
+    return radius, slope
+
+
+def undistort_fisheye(normalised: Floats, distortion: Floats) -> Floats:
+    """Return `distort` of a fisheye undone; NaN beyond 90 degrees, and where it folds."""
+    radius = np.linalg.norm(normalised, axis=-1, keepdims=True)
+    angle = np.minimum(radius, 0.5 * np.pi)
+    with np.errstate(all="ignore"):
+        for _ in range(_UNDISTORT_STEPS):
+            bent, slope = _bend_angle(angle, distortion)
+            angle = angle - (bent - radius) / slope
+        bent, slope = _bend_angle(angle, distortion)
+        seen = (np.abs(bent - radius) < 1e-9) & (slope > 0.0) & (angle >= 0.0)
+        seen &= angle < 0.5 * np.pi
+        scale = np.where(radius > _TINY, np.tan(angle) / np.maximum(radius, _TINY), 1.0)
+        return np.where(seen, normalised * scale, np.nan)
 
 
 def _distort_slope(points: Floats, distortion: Floats) -> tuple[Floats, Floats, Floats]:
@@ -81,8 +118,8 @@ class Camera:
     ----------
     matrix : array_like, shape (3, 3)
         Focal lengths and principal point [px]: ``[[fx, 0, cx], [0, fy, cy], [0, 0, 1]]``.
-    distortion : array_like, shape (5,)
-        k1, k2, p1, p2, k3 of the lens.
+    distortion : array_like, shape (5,) or (4,)
+        k1, k2, p1, p2, k3 of the lens, or k1, k2, k3, k4 of a fisheye.
     size : tuple of int
         Width and height of its pictures [px].
     rotation : array_like, shape (3, 3)
@@ -103,7 +140,8 @@ class Camera:
     translation: Floats = dataclasses.field(default_factory=lambda: np.zeros(3))
 
     def __post_init__(self) -> None:
-        shapes = {"matrix": (3, 3), "distortion": (5,), "rotation": (3, 3), "translation": (3,)}
+        terms = FISHEYE_TERMS if np.shape(self.distortion) == (FISHEYE_TERMS,) else 5
+        shapes = {"matrix": (3, 3), "distortion": (terms,), "rotation": (3, 3), "translation": (3,)}
         for name, shape in shapes.items():
             value = check_array(f"the camera's {name}", getattr(self, name)).copy()
             if value.shape != shape or not np.all(np.isfinite(value)):
@@ -121,6 +159,11 @@ class Camera:
     def centre(self) -> Floats:
         """Where the camera is, shape (3,) [mm]."""
         return np.asarray(-self.rotation.T @ self.translation)
+
+    @property
+    def is_fisheye(self) -> bool:
+        """Whether its lens is a fisheye."""
+        return len(self.distortion) == FISHEYE_TERMS
 
     @cached_property
     def focal(self) -> float:
@@ -185,6 +228,8 @@ class Camera:
         """
         given = check_array("pixels", pixels)
         target = (given - self.matrix[:2, 2]) @ np.linalg.inv(self.matrix[:2, :2]).T
+        if self.is_fisheye:
+            return undistort_fisheye(target, self.distortion)
         points = target.copy()
         with np.errstate(all="ignore"):
             for _ in range(_UNDISTORT_STEPS):
@@ -212,6 +257,13 @@ class Camera:
         return np.asarray(ahead / np.linalg.norm(ahead, axis=-1, keepdims=True))
 
 
+def prepare_pose(camera: Camera, pixels: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return pixels, matrix and distortion as OpenCV's poses take them: a fisheye undistorted."""
+    if not camera.is_fisheye:
+        return pixels, np.array(camera.matrix), np.array(camera.distortion)
+    return camera.undistort(pixels), np.eye(3), np.zeros(5)
+
+
 def aim_camera(
     position: ArrayLike,
     target: ArrayLike,
@@ -231,8 +283,8 @@ def aim_camera(
         Focal length [px].
     size : tuple of int
         Width and height of the picture [px]; the principal point is its middle.
-    distortion : array_like, shape (5,)
-        Of the lens.
+    distortion : array_like, shape (5,) or (4,)
+        Of the lens, as `Camera` has it.
     down : array_like, shape (3,)
         The direction in the world that the picture shows downwards.
     """
@@ -344,7 +396,7 @@ class _CameraRecord:
     name: str
     size: tuple[int, int]
     matrix: tuple[Triple, Triple, Triple]
-    distortion: tuple[float, float, float, float, float]
+    distortion: tuple[float, ...]
     rotation: tuple[Triple, Triple, Triple]
     translation: Triple
 

@@ -22,7 +22,7 @@ from ..errors import GeometryError, InputError
 from ..numeric.arrays import Floats
 from ..results import Json, Result, take_axes
 from .board import BORDER, Detection, StripBoard
-from .camera import Camera, distort
+from .camera import Camera, distort, prepare_pose
 from .pictures import Picture, import_opencv
 from .render import HungMuscle, Sensor
 
@@ -543,20 +543,22 @@ def _fit_pose(seen: Detection, camera: Camera) -> _Plane:
         bent = distort(inside[:, :2] / inside[:, 2:], camera.distortion)
         return np.asarray(bent @ camera.matrix[:2, :2].T + camera.matrix[:2, 2])
 
-    start = _solve_pose(cv2, seen, camera.matrix, camera.distortion)
+    start = _solve_pose(cv2, seen.points, *prepare_pose(camera, seen.corners))
     pose, covariance, miss = _fit_plane(image, start, seen)
     turn = Rotation.from_rotvec(pose[:3]).as_matrix()
     centre = -turn.T @ pose[3:]
     return _Plane(pose, covariance, miss, image, -float(centre[2]), centre[:2], False)
 
 
-def _solve_pose(cv2: object, seen: Detection, matrix: Floats, distortion: Floats) -> Floats:
+def _solve_pose(
+    cv2: object, points: Floats, pixels: Floats, matrix: Floats, distortion: Floats
+) -> Floats:
     """Return a rotation vector and translation of the board, to start from."""
     found, rotation, shift = cv2.solvePnP(  # type: ignore[attr-defined]
-        np.ascontiguousarray(seen.points),
-        np.ascontiguousarray(seen.corners),
-        np.array(matrix),
-        np.array(distortion),
+        np.ascontiguousarray(points),
+        np.ascontiguousarray(pixels),
+        matrix,
+        distortion,
         flags=cv2.SOLVEPNP_IPPE,  # type: ignore[attr-defined]
     )
     if not found:
@@ -581,7 +583,7 @@ def _fit_homography(seen: Detection, distance: float) -> _Plane:
     )[:, 0]
     focal = wide * distance * math.sqrt(abs(float(np.linalg.det(around[1:] - around[0]))))
     matrix = np.array([[focal, 0.0, middle[0]], [0.0, focal, middle[1]], [0.0, 0.0, 1.0]])
-    pose = _solve_pose(cv2, seen, matrix, np.zeros(5))
+    pose = _solve_pose(cv2, seen.points, seen.corners, matrix, np.zeros(5))
     turn, _ = cv2.Rodrigues(pose[:3])
     foot = (-turn.T @ pose[3:])[:2]
 

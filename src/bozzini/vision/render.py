@@ -25,7 +25,7 @@ from ..numeric.arrays import Floats
 from ..numeric.polylines import measure_arc_length, resample_polyline
 from ..numeric.vectors import nearest_rotation
 from .board import Board, StripBoard
-from .camera import Camera, aim_camera
+from .camera import FISHEYE_TERMS, Camera, aim_camera, undistort_fisheye
 from .pictures import Grey, Picture
 
 PAPER_MARGIN = 10.0
@@ -254,6 +254,12 @@ def _ray_grid(
     if skew:
         raise InputError("pictures are rendered for cameras without skew")
     x, y = ((np.arange(n * samples) + 0.5) / samples - 0.5 for n in size)
+    if len(distortion) == FISHEYE_TERMS:
+        grid = np.stack(np.meshgrid((x - cx) / fx, (y - cy) / fy), axis=-1)
+        rays = undistort_fisheye(grid, np.array(distortion))
+        if not np.isfinite(rays).all():
+            raise InputError("pictures are rendered for views of less than 180 degrees")
+        return np.asarray(rays, dtype=np.float32)
     return np.asarray(undistort_grid((x - cx) / fx, (y - cy) / fy, *distortion))
 
 
