@@ -15,6 +15,8 @@ from typing import Any
 
 import click
 
+from bozzini.cli.common import OLD_OPTIONS, Description, FieldOption
+
 DOCS = Path(__file__).resolve().parent
 MARK = re.compile(r"<!-- made: (\w+) -->")
 
@@ -88,11 +90,10 @@ CALLS = {
     "effector reach": "effector.solve_inverse",
     "effector simulate": "effector.simulate_effector",
     "effector stick": "effector.steer",
-    "effector study least-pressure": "effector.optimise_design",
-    "effector study sweep": "effector.sweep",
+    "effector least-pressure": "effector.optimise_design",
+    "effector sweep": "effector.sweep",
     "effector tip-error": "study.effector_tip_error",
-    "effector trace circle": "effector.trace_circle",
-    "effector trace line": "effector.trace_line",
+    "effector trace": "effector.trace_line",
     "effector track": "effector.compare_controllers",
     "effector workspace": "effector.Effector",
     "head check": "head.check_head",
@@ -202,6 +203,22 @@ def _link_guide(leaf: str, sections: list[tuple[Path, str, str, str]]) -> str:
     return f"[{title}: {head}]({link}#{anchor})"
 
 
+def format_spellings() -> str:
+    """Return a table of names that commands and options had, each with that of today."""
+    from bozzini.cli.main import OTHER_NAMES
+
+    rows = {f"`{old}`": f"`{name}`" for old, name in {**OTHER_NAMES, **OLD_OPTIONS}.items()}
+    rows |= {
+        "`muscle … --preset NAME`, `--muscle FILE`": "`muscle … NAME` or `FILE`, before the table",
+        "`effector … --preset`, `rig … --preset`": "`effector … EFFECTOR`, `rig … EFFECTOR`",
+        "`head … --head FILE`": "`head … FILE`, before plan and tract",
+        "`new KIND --out FILE`": "`new KIND FILE`",
+        "an option that `--help` has no more, `--braid-angle 36deg`": "`--set braid_angle=36deg`",
+    }
+    lines = [f"| {old} | {name} |" for old, name in rows.items()]
+    return "\n".join(["| before | today |", "|---|---|", *lines])
+
+
 def format_models() -> str:
     """Return the catalogue of muscle models, from their cards."""
     from make_catalogue import format_catalogue
@@ -289,6 +306,7 @@ MAKERS: dict[str, Callable[[], str]] = {
     "commands": format_commands,
     "jobs": format_jobs,
     "overview": format_overview,
+    "spellings": format_spellings,
     "models": format_models,
     "gallery": format_gallery,
     "pictures": format_pictures,
@@ -318,6 +336,10 @@ def _describe(command: click.Command, context: click.Context) -> Iterator[str]:
     yield f"    {context.command_path} {usage}\n"
     options = [item for item in command.params if isinstance(item, click.Option)]
     records = [item.get_help_record(context) for item in options]
+    first = [item for item in command.params if isinstance(item, Description)]
+    records = [*((item.metavar or "", item.about) for item in first), *records]
+    fields = [item for item in options if isinstance(item, FieldOption)]
+    records += [(f"--set {item.name}=", item.known.describe()) for item in fields]
     yield "\n".join(f"- `{names}`: {_escape(text)}" for names, text in filter(None, records))
     yield ""
 

@@ -20,6 +20,7 @@ import yaml
 
 import bozzini
 from benchmarks import claims, compare_peers, report
+from bozzini.cli.common import OLD_OPTIONS, FieldOption, OldOption
 from bozzini.cli.main import COMMANDS, root
 from tests.fuzz.__main__ import find_commands
 
@@ -113,7 +114,7 @@ def test_commands_and_their_options_exist(page: Path) -> None:
 
 
 def test_options_that_pages_name_alone_exist() -> None:
-    known = {"--help", "--debug", "--version"}
+    known = {"--help", "--debug", "--version", *OLD_OPTIONS}  # one page tells the old names
     for command in find_commands().values():
         known = known.union(*(option.opts + option.secondary_opts for option in command.params))
     for page in PAGES:
@@ -197,8 +198,10 @@ def test_the_reference_has_every_command_and_option() -> None:
     assert set(told) == set(commands) | {name.rpartition(" ")[0] for name in commands} - {""}
     for name, command in commands.items():
         for item in command.params:
-            if isinstance(item, click.Option):
-                assert f"- `{item.opts[0]}" in told[name], f"{name} {item.opts}"
+            if isinstance(item, click.Option) and not isinstance(item, OldOption):
+                by_name = isinstance(item, FieldOption)
+                said = f"--set {item.name}=" if by_name else item.opts[0]
+                assert f"- `{said}" in told[name], f"{name} {item.opts}"
 
 
 def test_each_mark_is_filled_on_one_page() -> None:

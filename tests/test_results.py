@@ -2,8 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
+import importlib
 import json
+import pickle
+import pkgutil
+import warnings
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
@@ -11,8 +17,11 @@ import numpy as np
 import pandas
 import pytest
 
+import bozzini
 from bozzini import views
 from bozzini.anatomy.tract import LabelTract
+from bozzini.cli.main import main
+from bozzini.continuum import ContinuumRobot
 from bozzini.duct import Centreline
 from bozzini.effector import (
     Effector,
@@ -23,7 +32,7 @@ from bozzini.effector import (
     tip_force,
     trace_circle,
 )
-from bozzini.errors import InputError, MissingExtraError
+from bozzini.errors import ConvergenceError, ConvergenceWarning, InputError, MissingExtraError
 from bozzini.muscle import (
     EnergyMuscle,
     Measurements,
@@ -35,9 +44,20 @@ from bozzini.muscle import (
 )
 from bozzini.muscle import preset as muscle_preset
 from bozzini.muscle.hysteresis import PrandtlIshlinskii
-from bozzini.results import ClosedForm, ReasonedResult, Result, measured, rows_of, tabulated
+from bozzini.results import (
+    SHOWN_TOTAL,
+    ClosedForm,
+    ReasonedResult,
+    Result,
+    Shown,
+    measured,
+    rows_of,
+    tabulated,
+)
 
 mpl.use("Agg")
+
+EXAMPLES = Path(__file__).parents[1] / "examples"
 
 MUSCLE = muscle_preset("effector-45")
 EFFECTOR = Effector(effector_preset("prototype"))
@@ -247,3 +267,73 @@ def test_results_are_shown_briefly() -> None:
     for result in shown:
         assert repr(result).startswith(f"{type(result).__name__}(")
         assert len(repr(result)) < 600, type(result)
+
+
+def _list_public() -> set[type]:
+    """Return the dataclasses that packages offer."""
+    packages = [
+        item.name
+        for item in pkgutil.walk_packages(bozzini.__path__, "bozzini.")
+        if item.ispkg and not item.name.endswith((".cli", ".kernels"))
+    ]
+    modules = [bozzini, *map(importlib.import_module, packages)]
+    offered = (
+        getattr(module, name) for module in modules for name in getattr(module, "__all__", ())
+    )
+    return {item for item in offered if isinstance(item, type) and dataclasses.is_dataclass(item)}
+
+
+def test_what_packages_offer_is_shown_briefly() -> None:
+    """What is not shown by `Shown` has a few plain fields and is short by itself."""
+    plain = {"float", "int", "str", "bool", "float | None", "int | None", "str | None"}
+    long = [
+        kind.__name__
+        for kind in _list_public()
+        if not issubclass(kind, Shown)
+        and (
+            len(dataclasses.fields(kind)) > 5
+            or any(str(item.type) not in plain for item in dataclasses.fields(kind) if item.repr)
+        )
+    ]
+    assert long == []
+
+
+def test_a_representation_ends_before_it_is_long() -> None:
+    fields = [f"length_{k}" for k in range(60)]
+    kind = dataclasses.make_dataclass("Long", [(name, str) for name in fields], bases=(Shown,))
+    few, many = kind(*["a" * 9] * 60), kind(*["b" * 999] * 60)
+    assert len(repr(few)) <= SHOWN_TOTAL and repr(few).endswith("...)")
+    assert len(repr(many)) <= SHOWN_TOTAL
+    assert few._repr_html_().count("<tr>") == 60
+    robot = ContinuumRobot.from_yaml(EXAMPLES / "two_sections.yaml")
+    shape = robot.model("arc").solve(np.zeros(len(robot.tendons)))
+    for item in (robot, shape, Effector.from_preset("measured"), muscle_preset("effector-45")):
+        assert len(repr(item)) <= SHOWN_TOTAL
+        assert "<table" in item._repr_html_()
+    assert "45.0 mm" in muscle_preset("effector-45")._repr_html_()
+
+
+def test_a_value_of_no_answer_is_warned_of_once() -> None:
+    effector = Effector.from_preset("measured")
+    missed = effector.inverse((300.0, 0.0))
+    with pytest.warns(ConvergenceWarning, match="300 mm away") as told:
+        assert missed.pressures.shape == (3,)
+        repr(missed), missed.to_dict()
+    assert [Path(item.filename).name for item in told] == ["test_results.py"]
+    with pytest.raises(ConvergenceError, match="300 mm away"):
+        effector.inverse((300.0, 0.0)).require()
+
+
+def test_who_asks_or_has_an_answer_is_not_warned() -> None:
+    effector = Effector.from_preset("measured")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        asked = effector.inverse((300.0, 0.0))
+        assert not asked.converged and asked.pressures.max() > 0.0
+        found = effector.inverse((3.0, 0.0))
+        assert found.require() is found and found.pressures.max() > 0.0
+        assert main(["effector", "reach", "--to", "300mm,0mm"]) == 1  # which tells it by itself
+        both = pickle.loads(pickle.dumps(dataclasses.replace(effector.inverse((300.0, 0.0)))))
+        assert not both.converged
+        with pytest.raises(ConvergenceWarning):
+            effector.inverse([(3.0, 0.0), (300.0, 0.0)]).to_frame()

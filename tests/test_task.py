@@ -123,7 +123,7 @@ def test_schema_and_template(arc, capsys) -> None:
     assert check.is_valid({"length": "1 cm", "bend": 2.0})
     assert not check.is_valid({"length": "1 cm", "width": 2.0})
     assert not check.is_valid({"bend": 4.0})
-    assert main(["new", "task", "arc"]) == 0
+    assert main(["new", "arc"]) == 0
     template = open("task.yaml", encoding="utf-8").read()
     assert "mm, in (0, 1000]" in template
     # All of it is remarks: no options.

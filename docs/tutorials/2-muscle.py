@@ -101,14 +101,14 @@ prediction.to_frame()
 # %% [markdown]
 # The same in commands:
 #
-#     bozzini muscle compare my_muscle.csv --preset thesis-45 --model energy --model chou --fit
-#     bozzini muscle fit my_muscle.csv --preset thesis-45 \
+#     bozzini muscle compare thesis-45 my_muscle.csv --model energy --model chou --fit
+#     bozzini muscle fit thesis-45 my_muscle.csv \
 #       --free modulus,dead-length --out fit.yaml --figure fit.png
 #     bozzini muscle predict fit.yaml my_muscle.csv --out prediction.png
 #
 # Of a muscle that you bought, braid angle, wall and modulus are often unknown; they are fitted. A
 # machine that holds the length measures forces, and the fit then predicts forces:
 #
-#     bozzini muscle fit forces.csv --preset festo-10 --inner-radius 4mm \
+#     bozzini muscle fit festo-10 forces.csv --set inner_radius=4mm \
 #       --free braid-angle,modulus,offset,compliance,slack-force --out festo.yaml
 #     bozzini muscle predict festo.yaml --pressure 300kPa --contraction 5mm

@@ -439,6 +439,8 @@ class Quantity:
         Where the default comes from.
     example : str
         What a template shows where there is no default.
+    by_name : bool
+        Whether commands take it as ``--set NAME=VALUE``: a field that few change, or of a file.
     """
 
     kind: str = "dimensionless"
@@ -453,6 +455,7 @@ class Quantity:
     option: str = ""
     source: str = ""
     example: str = ""
+    by_name: bool = False
 
     @property
     def unit(self) -> str:

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 __all__ = [
     "BozziniError",
+    "ConvergenceError",
+    "ConvergenceWarning",
     "DeformationError",
     "FileFormatError",
     "GeometryError",
@@ -29,6 +31,14 @@ class InputError(BozziniError, ValueError):
 
 class UnitError(InputError):
     """A quantity has an unknown unit, or a unit of the wrong dimension."""
+
+
+class ConvergenceError(BozziniError, ArithmeticError):
+    """An iteration ran out of steps before it met its tolerance, or there is no answer."""
+
+
+class ConvergenceWarning(UserWarning):
+    """A value was read of a result that is no answer, and nobody had asked if it is one."""
 
 
 class MissingLawError(InputError):

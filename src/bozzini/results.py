@@ -6,11 +6,13 @@ import dataclasses
 import math
 import operator
 import os
+import sys
+import warnings
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
-from .checks import show_value
-from .errors import InputError, MissingExtraError
+from .checks import Quantity, show_value
+from .errors import ConvergenceError, ConvergenceWarning, InputError, MissingExtraError
 from .units import add_unit
 from .views import find_view
 
@@ -36,19 +38,68 @@ SHOWN_ROWS = 20
 SHOWN_LENGTH = 100
 """Characters of a field that a representation shows."""
 
+SHOWN_TOTAL = 300
+"""Characters of a representation."""
+
+_VERDICT = ("converged", "reason", "residual", "settled", "reachable", "require")
+"""What tells whether there is an answer: who reads one of them has asked."""
+
+_ASKED = "_asked"
+_TOOLS = ("bozzini", "dataclasses", "copy", "inspect", "unittest", "IPython")
+"""Packages that may read a result without asking: ours report by themselves, others only copy."""
+
 
 def show_briefly(self: object) -> str:
     """Return the name and the fields of a dataclass, for its `__repr__`, where not the default.
 
     Of a large array the shape is shown, of what is long else the type, and how many there are.
     """
-    texts = []
-    for field in dataclasses.fields(self):  # type: ignore[arg-type]
-        value = getattr(self, field.name)
-        default = field.default
-        if field.repr and not (type(value) is type(default) and value == default):
-            texts.append(f"{field.name}={_show_field(value)}")
+    texts, left = [], SHOWN_TOTAL - len(type(self).__name__) - len("(, ...)")
+    for field, value in list_changed(self):
+        texts.append(f"{field.name}={_show_field(value)}")
+        left -= len(texts[-1]) + len(", ")
+        if left < 0:
+            texts[-1] = "..."
+            break
     return f"{type(self).__name__}({', '.join(texts)})"
+
+
+def list_changed(item: object) -> list[tuple[dataclasses.Field[object], object]]:
+    """Return the fields of a dataclass that are shown and are not the default, with their values.
+
+    One that is unset, so that to read it is an error, is left out.
+    """
+    unset = getattr(item, "unset", ())
+    found = []
+    for field in getattr(type(item), "__dataclass_fields__", {}).values():
+        if field.repr and field.name not in unset:
+            value, default = getattr(item, field.name), field.default
+            if not (type(value) is type(default) and value == default):
+                found.append((field, value))
+    return found
+
+
+class Shown:
+    """A dataclass that is shown briefly, as text and in a notebook."""
+
+    def __init_subclass__(cls) -> None:
+        """Show it briefly: a dataclass takes what stands in the class already."""
+        super().__init_subclass__()
+        if "__repr__" not in vars(cls):
+            own = cls.__repr__ is not object.__repr__
+            cls.__repr__ = cls.__repr__ if own else show_briefly  # type: ignore[method-assign]
+
+    def _repr_html_(self) -> str | None:
+        """Return a table of the fields that are not the default, with their units."""
+        from html import escape
+
+        rows = []
+        for field, value in list_changed(self):
+            known = field.metadata.get("quantity")
+            unit = known.unit if isinstance(known, Quantity) else field.metadata.get("unit", "")
+            shown = f"{_show_field(value)} {unit}".rstrip()
+            rows.append(f"<tr><th>{field.name}</th><td>{escape(shown)}</td></tr>")
+        return f"<p>{escape(type(self).__name__)}</p><table>{''.join(rows)}</table>"
 
 
 def _show_field(value: object) -> str:
@@ -64,8 +115,11 @@ def _show_field(value: object) -> str:
     return f"<{type(value).__name__}>"
 
 
-class Result:
+class Result(Shown):
     """An answer, or the reason why there is none.
+
+    To read a value of one that has not converged, outside Bozzini and before `converged` or
+    `reason` is read, gives one `ConvergenceWarning`; `require` raises an error instead.
 
     A subclass is a dataclass with `converged`, `reason` and `residual`, as fields or as properties.
     In a result of a batch these are arrays.
@@ -88,11 +142,40 @@ class Result:
     rows_have_verdict: ClassVar[bool] = False
     """Whether each row of `to_frame` has `converged` and `reason`; `list_columns` is without."""
 
-    def __init_subclass__(cls) -> None:
-        """Show every result briefly: a dataclass takes what stands in the class already."""
-        super().__init_subclass__()
-        if "__repr__" not in vars(cls):
-            cls.__repr__ = show_briefly  # type: ignore[method-assign]
+    if not TYPE_CHECKING:  # a checker would take any name for an attribute
+
+        def __getattribute__(self, name: str) -> object:
+            """Return an attribute; of what is no answer the first value read gives a warning."""
+            value = object.__getattribute__(self, name)
+            if name[0] != "_" and _ASKED not in object.__getattribute__(self, "__dict__"):
+                package = sys._getframe(1).f_globals.get("__name__", "").partition(".")[0]
+                if package not in _TOOLS:
+                    object.__setattr__(self, _ASKED, True)
+                    if name not in _VERDICT and (words := self._describe_failure()):
+                        warnings.warn(words, ConvergenceWarning, stacklevel=2)
+            return value
+
+    def require(self) -> Self:
+        """Return the result if all of it has converged.
+
+        Raises
+        ------
+        ConvergenceError
+            If not, with the reason.
+        """
+        if words := self._describe_failure():
+            raise ConvergenceError(words)
+        return self
+
+    def _describe_failure(self) -> str:
+        """Return that the result is no answer and why, or nothing."""
+        verdict = _flatten(to_plain(self.converged))
+        if all(verdict):
+            return ""
+        reasons = sorted({text for text in _flatten(to_plain(self.reason)) if text})
+        count = f" in {verdict.count(False)} of {len(verdict)}" if len(verdict) > 1 else ""
+        words = f"{type(self).__name__} has not converged{count}"
+        return ": ".join([words, *reasons[:1]])
 
     def to_dict(self) -> Json:
         """Return the result as plain values, which JSON takes; not finite numbers are None.

@@ -16,7 +16,7 @@ import numpy as np
 from .checks import Quantity, check_fields, list_fields, spell_option
 from .errors import InputError
 from .progress import Progress, no_progress
-from .results import Json, Result
+from .results import Json, Result, Shown
 from .units import add_unit
 
 Inputs = dict[str, dataclasses.Field[object]]
@@ -28,7 +28,7 @@ _TAKEN = ("as_json", "debug", "force", "help", "json", "options", "out", "quiet"
 """Options of every command."""
 
 
-class Task(ABC):
+class Task(Shown, ABC):
     """A job. A subclass is a frozen dataclass whose fields, the inputs, are made by `quantity`.
 
     A field whose type is such a dataclass itself stands for all fields of that; their names must

@@ -27,9 +27,9 @@ RECORDS = Path(__file__).with_name("recorded_commands.json")
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 
 COMMANDS = """
-muscle solve --preset effector-45 --pressure 100psi --load 1N
-muscle solve --preset effector-45 --model thesis --pressure 100psi
-muscle solve --preset effector-45 --model thesis --load-path bulk --pressure 100psi --load 1N
+muscle solve effector-45 --pressure 100psi --load 1N
+muscle solve effector-45 --model thesis --pressure 100psi
+muscle solve effector-45 --model thesis --load-path bulk --pressure 100psi --load 1N
 muscle solve --pressure 0.6MPa --ends trellis
 muscle solve --pressure 0.6MPa --friction-length 20um --direction inflating
 muscle solve --pressure 0.6MPa --load 1000N
@@ -47,11 +47,11 @@ muscle models
 muscle models chou
 muscle models energy
 muscle models nobody
-muscle fit data.csv --preset thesis-45 --free modulus,dead-length
-muscle fit data.csv --preset thesis-45 --model sangian
-muscle fit data.csv --preset thesis-45 --free gap,braid-angle --bound gap=0mm:0.1mm --anyway
-muscle compare data.csv --preset thesis-45 --model energy --model thesis
-muscle compare data.csv --preset thesis-45 --model energy --model chou --fit
+muscle fit thesis-45 data.csv --free modulus,dead-length
+muscle fit thesis-45 data.csv --model sangian
+muscle fit thesis-45 data.csv --free gap,braid-angle --bound gap=0mm:0.1mm --anyway
+muscle compare thesis-45 data.csv --model energy --model thesis
+muscle compare thesis-45 data.csv --model energy --model chou --fit
 muscle compare data.csv --model energy --model tondu-lopez --fit --by cv --folds 3
 effector pose --pressure R=689.4kPa,G=413.6kPa
 effector pose --pressure R=689.4kPa,G=413.6kPa --method thesis --order G,R
@@ -67,11 +67,11 @@ effector workspace
 effector workspace --of force --at 2mm,1mm
 effector curve --points 7
 effector curve --points 7 --cubic-from 250kPa
-effector trace circle --radius 8mm --points 12
-effector trace line --from 0,0 --to 9mm,3mm --points 5 --cubic-from 250kPa
-effector study sweep --vary offset=2.75mm:4mm:3 --vary segments=12,15 --deflection 12mm
-effector study least-pressure --between offset=2.75mm:3.5mm --deflection 12mm
-effector study sweep --vary muscle.gap=0mm,9mm
+effector trace --radius 8mm --points 12
+effector trace --from 0,0 --to 9mm,3mm --points 5 --cubic-from 250kPa
+effector sweep --vary offset=2.75mm:4mm:3 --vary segments=12,15 --deflection 12mm
+effector least-pressure --between offset=2.75mm:3.5mm --deflection 12mm
+effector sweep --vary muscle.gap=0mm,9mm
 head show
 head check --samples 40
 head view --samples 40

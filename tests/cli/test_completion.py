@@ -39,7 +39,7 @@ def test_every_option_is_offered(name: str) -> None:
     options = {
         word
         for item in find_commands()[name].params
-        if isinstance(item, click.Option)
+        if isinstance(item, click.Option) and not item.hidden
         for word in item.opts
     }
     assert _complete(name.split(), "--") >= options

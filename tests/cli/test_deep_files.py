@@ -22,7 +22,7 @@ OF_FILES = (
     "show x.json", "plan x.stl --options x.yaml --out o", "study run x.yaml --out o",
     "uncertainty x.yaml --out o",
     "vision plan-setup --board x.yaml --height 2mm --diameter 1mm --ring 2mm",
-    "muscle hysteresis trace x.yaml x.csv", "vision track x.csv --cameras x.yaml --out o",
+    "muscle trace-loop x.yaml x.csv", "vision track x.csv --cameras x.yaml --out o",
     "effector tip-error --fit x.yaml --pressure R=0.4MPa", "muscle predict x.yaml",
     "effector curve --muscle-preset x.yaml", "continuum pose x.yaml --json", "study status results",
     "study export results --out o.csv", "study resume results",

@@ -11,9 +11,11 @@ import re
 import numpy as np
 import pytest
 
+from bozzini.checks import list_quantities
 from bozzini.cli.main import main
 from bozzini.effector import (
     Effector,
+    EffectorDesign,
     balance,
     effector_preset,
     find_stick_scale,
@@ -477,7 +479,8 @@ def test_a_pressure_that_none_is_has_no_number(run, ask, tmp_path):
 
 def test_help_says_the_defaults(run):
     _, text, _ = run("pose", "--help")
-    text = " ".join(text.split())
+    fields = list_quantities(EffectorDesign).values()  # which --set NAME tells
+    text = " ".join([*text.split(), *(known.describe() for known in fields)])
     design = EFFECTOR.design
     angles = ",".join(f"{p.name}={math.degrees(p.angle):g}deg" for p in design.muscles)
     for value in (
@@ -512,7 +515,7 @@ def test_help_says_the_defaults(run):
         (["pose", "--pressure", "R=0.5", "--rigidity-test", "0.1N"], "FORCE,DEFLECTION"),
         (["pose", "--pressure", "R=0.5", "--rigidity-test", "0.1N,0mm"], "deflection is 0 mm"),
         (["pose", "--pressure", "R=0.5", "--rigidity-test", "1N,1mm", "--rigidity", "1"], "one"),
-        (["pose", "--pressure", "R=0.5", "--beam", "4"], "'4'"),
+        (["pose", "--pressure", "R=0.5", "--beam", "4"], "is 4: it must lie in [2, 3]"),
         (["pose", "--pressure", "R=0.5", "--preset", "none"], "'none'"),
         (["pose", "--pressure", "R=0.5", "--muscle-preset", "none"], "'none'"),
         (["pose", "--pressure", "R=0.5", "--model", "lui"], "'lui'"),

@@ -511,7 +511,10 @@ def test_a_muscle_file_is_where_muscle_model_constants_and_ends_begin(run, tmp_p
         float(MODELS["chou"](file.muscle).contraction(0.3))
     )
     for options, expected in (
-        (("--preset", "effector-45"), "--preset and --muscle both give the muscle: give one"),
+        (
+            ("--preset", "effector-45"),
+            "muscle is given more than once, as 'effector-45' and 'm.yaml'",
+        ),
         (("--model", "energy"), "the model energy needs the muscle's modulus: give --modulus"),
         (("--model", "kothera-energy"), "muscle's strand-radius, strand-modulus: give"),
     ):

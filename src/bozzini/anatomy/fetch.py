@@ -15,12 +15,13 @@ from pathlib import Path
 from ..errors import FileFormatError, InputError, OutputError
 from ..io.files import write_atomically, write_text
 from ..progress import Progress, no_progress
+from ..results import Shown
 
 # Public anatomy that a user can fetch: what, from where, under which licence.
 
 
 @dataclass(frozen=True, kw_only=True)
-class PublicData:
+class PublicData(Shown):
     """One public data set.
 
     Attributes
@@ -134,7 +135,7 @@ _SCHEMES = ("https://", "http://", "file://")
 
 
 @dataclass(frozen=True, kw_only=True)
-class FetchResult:
+class FetchResult(Shown):
     """What a fetch did.
 
     Attributes

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..checks import check_integer, check_number, check_points, show_apart
 from ..errors import GeometryError, InputError
 from ..numeric.level_sets import find_level_set
+from ..results import Shown
 from .tract import LabelTract, Organ, SurfaceTract
 
 # A smooth line in space from headings, straight pieces and circular bends.
@@ -304,7 +305,7 @@ _JITTER = 0.08
 
 
 @dataclass(frozen=True, kw_only=True)
-class Phantom:
+class Phantom(Shown):
     """A tract as balls strung on a line: the union of all balls is the lumen.
 
     Attributes

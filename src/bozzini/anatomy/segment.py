@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..checks import check_number, check_points, show_apart
 from ..errors import GeometryError, InputError
 from ..progress import Progress, no_progress
-from ..results import Json, Result
+from ..results import Json, Result, Shown
 from .frame import find_axis
 from .labels import Runs, Volume, Voxels, check_affine, drop_axes, measure_voxel
 from .tract import Finding, Point, count_noun, show_volume, to_point
@@ -69,7 +69,7 @@ Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, kw_only=True)
-class GasSegment:
+class GasSegment(Shown):
     """One connected body of gas (voxels joined through faces), with its fluid if bridged.
 
     Attributes

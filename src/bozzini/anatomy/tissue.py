@@ -30,10 +30,11 @@ from ..errors import FileFormatError, InputError
 from ..io.inputs import note_input
 from ..numeric.arrays import Floats
 from ..numeric.polylines import interpolate_polyline, measure_arc_length, resample_polyline
+from ..results import Shown
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class TissueFrame:
+class TissueFrame(Shown):
     """A displacement of tissue at one time, and what bounds it.
 
     Parameters
@@ -55,7 +56,7 @@ class TissueFrame:
         return self.move(np.asarray(points, dtype=np.float64))
 
 
-class TissueMotion(ABC):
+class TissueMotion(Shown, ABC):
     """A motion of tissue that repeats.
 
     Attributes

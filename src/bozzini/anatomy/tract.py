@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_array, check_points, check_word, show_apart
 from ..errors import GeometryError, InputError
-from ..results import show_briefly
+from ..results import Shown, show_briefly
 from ._mesh import Faces, Vertices, measure_volume
 
 # What a check found in an input: not an error, but its user should know it.
@@ -154,7 +154,7 @@ ORGANS: tuple[Organ, ...] = ("upper-tract", "small-bowel", "colon", "airway", "v
 
 
 @dataclass(frozen=True, kw_only=True)
-class Opening:
+class Opening(Shown):
     """An open end of the file's wall, which was closed by a flat cap: a candidate for an end.
 
     Attributes
@@ -173,7 +173,7 @@ class Opening:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Component:
+class Component(Shown):
     """A part of a lumen that is not joined to the part that was kept, or that the file lacks.
 
     Attributes
@@ -192,7 +192,7 @@ class Component:
 
 
 @dataclass(frozen=True, kw_only=True)
-class TractSource:
+class TractSource(Shown):
     """What is known of a tract, whichever its form.
 
     Attributes

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import dataclasses
+import difflib
 import json
 import os
 import re
@@ -135,13 +136,57 @@ else:
     _AnyType = click.ParamType
 
 
+OLD_OPTIONS = {
+    "--muscle-preset": "--muscle",
+    "--beam": "--beam-factor",
+    "--plot": "--figure",
+}
+"""Names that options had, each with that of today; commands take both."""
+
+
+class FieldOption(click.Option):
+    """An option that the help leaves out, as ``--set NAME=VALUE`` gives it by the field's name."""
+
+    known: Quantity
+
+
+class OldOption(click.Option):
+    """An option of before: its value is that of an argument, whose name is in `fills`."""
+
+    fills: str
+
+
+class Description(click.Argument):
+    """A description that may be left out: it stands before all files, wherever it is declared."""
+
+    about: str
+
+
 class CheckedCommand(click.Command):
     """A command that loses no value of an option that was given more than once.
 
     An option that takes a list, as its metavar ``NAME,...`` shows, takes the values together. Of
     others that may not be repeated, two values that differ are an error of usage; click would
     keep the last one.
+
+    A description that may be left out stands before the files that are needed, and options that
+    are fields have the one option ``--set``.
     """
+
+    def __init__(self, *given: object, **more: object) -> None:
+        super().__init__(*given, **more)  # type: ignore[arg-type]
+        self.params.sort(key=lambda item: not isinstance(item, Description))
+        fields = [item for item in self.params if isinstance(item, FieldOption)]
+        if not fields:
+            return
+        names = ", ".join(str(item.name) for item in fields)
+        own = next((item for item in self.params if "--set" in item.opts), None)
+        if own is None:
+            own = click.Option(["--set", "_set"], multiple=True, expose_value=False)
+            own.metavar, own.help = "NAME=VALUE", "Can be repeated."
+            self.params.insert(self.params.index(fields[0]), own)
+        self._set = own
+        own.help = f"{own.help} Fields: {names}; NAME alone tells its unit and range."
 
     def make_parser(self, ctx: click.Context) -> Any:
         """Return click's parser, its options without such losses."""
@@ -154,6 +199,9 @@ class CheckedCommand(click.Command):
         twin = copy.copy(self)
         twin.params = [_collect(item) if item.name in once else item for item in self.params]
         parser: Any = click.Command.make_parser(twin, ctx)
+        for old, name in OLD_OPTIONS.items():
+            if name in parser._long_opt:
+                parser._long_opt.setdefault(old, parser._long_opt[name])
         parse = parser.parse_args
         own = dict(zip(map(id, twin.params), self.params, strict=True))
 
@@ -162,10 +210,101 @@ class CheckedCommand(click.Command):
             for name, item in once.items():
                 if name in given:
                     given[name] = _join_values(item, given[name], ctx)
+            self._take_fields(given, ctx)
+            self._place_arguments(given, ctx)
             return given, rest, [own.get(id(item), item) for item in order]
 
         parser.parse_args = parse_args
         return parser
+
+    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write what may stand first, then the options."""
+        first = [item for item in self.params if isinstance(item, Description)]
+        for item in first:
+            with formatter.section("File" if item.metavar == "[FILE]" else "Description"):
+                formatter.write_dl([(str(item.metavar), item.about)])
+        super().format_options(ctx, formatter)
+
+    def _take_fields(self, given: Json, ctx: click.Context) -> None:
+        """Give the values of ``--set`` to the fields that they name."""
+        fields = {str(item.name): item for item in self.params if isinstance(item, FieldOption)}
+        if not fields or not given.get(str(self._set.name)):
+            return
+        spelled = {
+            item.opts[0].removeprefix("--").replace("-", "_"): item for item in fields.values()
+        }
+        left = []
+        for text in given[str(self._set.name)]:
+            name, mark, value = (part.strip() for part in text.partition("="))
+            key = name.replace("-", "_")
+            item = fields.get(key) or spelled.get(key)
+            if item is None:
+                left.append(text)
+                continue
+            if not (mark and value):
+                raise click.UsageError(f"--set {name} needs a value: {item.known.describe()}", ctx)
+            before = given.get(str(item.name))
+            if isinstance(before, str) and before != value:
+                raise click.UsageError(f"{name} is given more than once: give it once", ctx)
+            given[str(item.name)] = value
+        if left and not self._set.expose_value:
+            name = left[0].partition("=")[0].strip()
+            near = difflib.get_close_matches(name.replace("-", "_"), fields, n=1)
+            meant = f", did you mean '{near[0]}'?" if near else f": {', '.join(fields)}"
+            raise click.UsageError(f"--set names '{name}', which is none of the fields{meant}", ctx)
+        given[str(self._set.name)] = left
+
+    def _place_arguments(self, given: Json, ctx: click.Context) -> None:
+        """Give files that are needed before descriptions that may be left out."""
+        places = [item for item in self.params if isinstance(item, click.Argument)]
+        if any(item.nargs != 1 for item in places) or ctx.resilient_parsing:
+            return
+        typed = [given.get(str(item.name)) for item in places]
+        texts = [text for text in typed if isinstance(text, str)]
+        missing = next((text for text in typed if not isinstance(text, str)), None)
+        needed = [item.required for item in places]
+        for k, item in enumerate(places):
+            optional = not item.required and any(needed[k:])
+            has_place = not optional or len(texts) > sum(needed[k:])
+            given[str(item.name)] = texts.pop(0) if texts and has_place else missing
+        for old in (item for item in self.params if isinstance(item, OldOption)):
+            value = given.pop(str(old.name), None)
+            if not isinstance(value, str):
+                continue
+            if isinstance(given[old.fills], str):
+                both = f"'{given[old.fills]}' and '{value}'"
+                noun = old.fills.removesuffix("_file")
+                raise click.UsageError(f"{noun} is given more than once, as {both}", ctx)
+            given[old.fills] = value
+
+
+def description(
+    name: str,
+    *old: str,
+    about: str,
+    shown: str = "",
+    kind: _AnyType | None = None,
+    default: str | Path | None = None,
+) -> Callable[[Command], Command]:
+    """Return the argument of a description that may be left out, and its options of before."""
+    options = [
+        click.option(flag, f"_{flag[2:]}", cls=OldOption, hidden=True, expose_value=False, type=str)
+        for flag in old
+    ]
+    metavar = f"[{shown or name.upper()}]"
+
+    def decorate(function: Command) -> Command:
+        for each in options:
+            function = each(function)
+            function.__click_params__[-1].fills = name  # type: ignore[attr-defined]
+        argument = click.argument(
+            name, cls=Description, metavar=metavar, required=False, type=kind, default=default
+        )
+        function = argument(function)
+        function.__click_params__[-1].about = about  # type: ignore[attr-defined]
+        return function
+
+    return decorate
 
 
 class CheckedGroup(click.Group):
@@ -480,7 +619,8 @@ def gather(
 
         for option in options:
             option(probe)
-        names = [str(item.name) for item in probe.__click_params__]  # type: ignore[attr-defined]
+        taken: list[click.Parameter] = getattr(probe, "__click_params__", [])
+        names = [str(item.name) for item in taken if item.expose_value]
 
         @wraps(function)
         def run(**values: object) -> object:
@@ -610,7 +750,9 @@ def refuse_options(names: Sequence[str], where: str) -> None:
     for item in context.command.params:
         given = context.get_parameter_source(item.name or "") is ParameterSource.COMMANDLINE
         if item.name in names and given:
-            raise InputError(f"{item.opts[0]} has no effect {where}: leave it out")
+            is_option = isinstance(item, click.Option)
+            shown = item.opts[0] if is_option else (item.metavar or "").strip("[]")
+            raise InputError(f"{shown} has no effect {where}: leave it out")
 
 
 def make_option(
@@ -640,7 +782,16 @@ def make_option(
                 shown = f"{default:g}{known.unit}"
                 is_exact = float(f"{default:g}") == default
                 given |= {"default": shown} if is_exact else {"show_default": shown}
-    return click.option(name, item.name, **(given | other))
+    if not known.by_name:
+        return click.option(name, item.name, **(given | other))
+    given |= {"cls": FieldOption, "hidden": True}
+
+    def add(function: Command) -> Command:
+        function = click.option(name, item.name, **(given | other))(function)
+        function.__click_params__[-1].known = known  # type: ignore[attr-defined]
+        return function
+
+    return add
 
 
 def option(
@@ -741,7 +892,12 @@ _IGTL = "Show it in 3D Slicer (OpenIGTLinkIF), and take its points start, end, t
 
 
 def answer_options(
-    *suffixes: str, quiet: bool = True, name: str = "--out", igtl: bool = False, **out: Any
+    *suffixes: str,
+    quiet: bool = True,
+    name: str = "--out",
+    igtl: bool = False,
+    positional: bool = False,
+    **out: Any,
 ) -> Callable[[Command], Command]:
     """Return a decorator that adds ``--json`` and the other options of an answer.
 
@@ -758,6 +914,8 @@ def answer_options(
         Another name of the option ``--out``.
     igtl : bool
         Whether to add ``--igtl``: see `bozzini.cli._slicer`.
+    positional : bool
+        Whether the file is an argument, as what is asked for is the file.
     **out
         Of the option ``--out``, for `click.option`; without suffixes and these there is none.
     """
@@ -773,7 +931,11 @@ def answer_options(
     options: list[Callable[[Command], Command]] = []
     if suffixes:
         out.setdefault("help", "A picture.")
-    if out:
+    if positional:
+        about = f"To write, ending in {' or '.join(suffixes)} (default: {out['default']})."
+        options += [description("out", name, about=about, shown="FILE", kind=OUTPUT,
+                                default=out["default"]), force_option]  # fmt: skip
+    elif out:
         given = {"type": OUTPUT, "metavar": "FILE", **out}
         options += [click.option(name, "out", **given), force_option]
     if igtl:

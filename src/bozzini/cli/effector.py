@@ -16,7 +16,7 @@ from ..effector.runs import EffectorSimulation
 from ..effector.tracking import EffectorTracking
 from ..errors import InputError
 from ..fabricate import HolderOptions
-from ..results import format_rows
+from ..results import Json, format_rows
 from .common import (
     EXIT_NEGATIVE,
     INPUT,
@@ -26,6 +26,7 @@ from .common import (
     NameType,
     VectorType,
     answer_options,
+    description,
     format_csv,
     format_parts,
     gather,
@@ -36,6 +37,7 @@ from .common import (
     parse_pairs,
     progress_bar,
     quiet_option,
+    refuse_options,
     run_exit,
     split_setting,
     step_option,
@@ -56,7 +58,7 @@ if TYPE_CHECKING:
     from ..effector import Balance, CubicFit, Effector, EffectorInverse, EffectorPose, Trace
     from ..effector.files import EffectorFile
     from ..effector.pose import PoseMethod
-    from ..results import Json, Result
+    from ..results import Result
     from ..study.tip import DrawOptions
 
 _Value = TypeVar("_Value")
@@ -108,7 +110,7 @@ class EffectorRequest:
         """The file of a fitted end-effector, if that is what the preset names."""
         from ..effector.files import read_effector
 
-        name = str(self.given["preset"])
+        name = str(self.given["effector"])
         return read_effector(name) if name.endswith((".yaml", ".yml", ".json")) else None
 
     @property
@@ -122,7 +124,7 @@ class EffectorRequest:
         """Model and choices that the preset is made for."""
         if self._file is not None:
             return self._file.model, self._file.choices
-        return PRESET_MODELS.get(self.given["preset"], ("energy", {}))
+        return PRESET_MODELS.get(self.given["effector"], ("energy", {}))
 
     def _choose(self) -> dict[str, str | None]:
         choices = {name: self.given[name] for name in ("ends", "load_path")}
@@ -141,7 +143,7 @@ class EffectorRequest:
         from ..units import parse_quantity
 
         given, file = self.given, self._file
-        design = effector_preset(given["preset"]) if file is None else file.build().design
+        design = effector_preset(given["effector"]) if file is None else file.build().design
         placed = list(design.muscles)
         if given["angles"]:
             angles = parse_pairs("--angles", given["angles"], "angle", example="A=0deg,B=120deg")
@@ -152,8 +154,6 @@ class EffectorRequest:
             placed = [replace(item, muscle=muscle) for item in placed]
         changes = {name: given[name] for name in FIELDS if given.get(name) is not None}
         length = changes.setdefault("backbone_length", placed[0].muscle.length)
-        if given["beam"] is not None:
-            changes["beam_factor"] = float(given["beam"])
         if given["rigidity_test"] is not None:
             parts = given["rigidity_test"].split(",")
             if "flexural_rigidity" in changes:
@@ -177,17 +177,19 @@ class EffectorRequest:
         return {"model": self.model_name, "design": described}
 
 
+effector_argument = description(
+    "effector",
+    "--preset",
+    about="measured (the default), prototype, or thesis, which has the thesis's own model too; or "
+    "a file of 'bozzini effector fit --out', ending in .yaml or .json.",
+    default=DEFAULT_PRESET,
+)
 effector_options = gather(
     "asked",
     EffectorRequest,
+    effector_argument,
     option(
-        "--preset NAME|FILE",
-        "Where the design begins: measured, prototype, or thesis, which has the thesis's own model "
-        "too; or a file of 'bozzini effector fit --out', ending in .yaml or .json.",
-        default=DEFAULT_PRESET,
-    ),
-    option(
-        "--muscle-preset NAME|FILE",
+        "--muscle muscle_preset NAME|FILE",
         "The muscles, by a name of 'bozzini muscle presets' or a muscle file ending in .yaml or "
         ".json (measured: measured-45).",
     ),
@@ -203,15 +205,11 @@ effector_options = gather(
     option("--rigidity-test FORCE,DEFLECTION", "The same, from a load across the tip."),
     _field_option("catheter_rigidity", "--catheter"),
     _field_option("pressure_limit"),
-    option(
-        "--beam",
-        "Beam formula M L^2 / (BEAM E I): 3 as printed, 2 as derived (measured: 2).",
-        ("2", "3"),
-    ),
+    _field_option("beam_factor"),
     option(
         "--model model_name",
         "The model: energy, thesis, or one that 'bozzini muscle models' lists (default: energy; "
-        "with --preset thesis, thesis with --load-path bulk).",
+        "of the effector thesis, thesis with --load-path bulk).",
         NameType("model", lambda: list_kinds()),
     ),
     model_options,
@@ -431,7 +429,7 @@ def pose_command(
     ),
     option(
         "--sd deviations NAME=VALUE",
-        "Standard deviation of a parameter, as 'study sweep' names them: muscle.modulus=28kPa, "
+        "Standard deviation of a parameter, as 'sweep' names them: muscle.modulus=28kPa, "
         "offset=0.05mm. Can be repeated.",
         multiple=True,
     ),
@@ -831,64 +829,55 @@ def _fit_cubics(effector: Effector, cubic_from: float | None) -> dict[str, Cubic
     return {name: fit_cubic(effector, name, start=cubic_from) for name in effector.design.names}
 
 
-@command.group("trace")
-def trace_command() -> None:
-    """Follow a line or a circle with the tip, seen along the axis.
-
-    Exit code 0: all of it; 1: parts are out of reach or not solved; 2: bad input.
-    """
-
-
-@trace_command.command("line")
-@option("--from start X,Y", "Where it begins.", _PLACE, required=True)
-@option("--to end X,Y", "Last point of the line.", _PLACE, required=True)
-@option("--points", "Targets, both ends included.", default=51)
-@cubic_option
-@effector_options
-@table_options
-def line_command(
-    start: tuple[float, ...],
-    end: tuple[float, ...],
-    points: int,
-    cubic_from: float | None,
-    asked: EffectorRequest,
-    answer: Answer,
-) -> None:
-    """Follow a straight line."""
-    from ..effector import trace_line
-
-    check_integer("points", points, low=2, high=100_000)
-    cubics = _fit_cubics(asked.effector, cubic_from)
-    _show_trace(
-        trace_line(asked.effector, start, end=end, steps=points, cubics=cubics), asked, answer
-    )
-
-
-@trace_command.command("circle")
-@option("--radius", "Radius.", "length", required=True)
-@option("--centre X,Y", "Centre.", _PLACE, default="0,0")
+@command.command("trace")
+@gather(
+    "curve",
+    dict,
+    option("--from start X,Y", "Where a line begins.", _PLACE),
+    option("--to end X,Y", "Last point of the line.", _PLACE),
+    option("--radius", "Radius of a circle.", "length"),
+    option("--centre X,Y", "Centre of the circle (default: 0,0).", _PLACE),
+)
 @option(
     "--points",
-    "Targets round the circle; the first comes again at the end, to close it.",
-    default=72,
+    "Targets: of a line both ends included (default: 51), of a circle with the first once more to "
+    "close it (default: 72).",
+    int,
 )
 @cubic_option
 @effector_options
 @table_options
-def circle_command(
-    radius: float,
-    centre: tuple[float, ...],
-    points: int,
+def trace_command(
+    curve: Json,
+    points: int | None,
     cubic_from: float | None,
     asked: EffectorRequest,
     answer: Answer,
 ) -> None:
-    """Follow a circle, from +x counter-clockwise."""
-    from ..effector import trace_circle
+    """Follow a line (--from, --to) or a circle (--radius) with the tip, seen along the axis.
 
-    check_integer("points", points, low=3, high=100_000)
-    cubics = _fit_cubics(asked.effector, cubic_from)
-    found = trace_circle(asked.effector, radius, centre=centre, steps=points, cubics=cubics)
+    A circle goes from +x counter-clockwise.
+
+    Exit code 0: all of it; 1: parts are out of reach or not solved; 2: bad input.
+    """
+    from ..effector import trace_circle, trace_line
+
+    start, end, radius, centre = (curve[name] for name in ("start", "end", "radius", "centre"))
+    least = 2 if radius is None else 3
+    if radius is not None:
+        refuse_options(("start", "end"), "with --radius")
+    elif start is None or end is None:
+        raise InputError("trace needs --from and --to of a line, or --radius of a circle")
+    else:
+        refuse_options(("centre",), "on a line")
+    count = {2: 51, 3: 72}[least] if points is None else points
+    check_integer("points", count, low=least, high=100_000)
+    effector, cubics = asked.effector, _fit_cubics(asked.effector, cubic_from)
+    if radius is not None:
+        at = centre or (0.0, 0.0)
+        found = trace_circle(effector, radius, centre=at, steps=count, cubics=cubics)
+    else:
+        found = trace_line(effector, start, end=end, steps=count, cubics=cubics)
     _show_trace(found, asked, answer)
 
 
@@ -932,12 +921,7 @@ command.add_command(make_command(EffectorSimulation))
 command.add_command(make_command(EffectorTracking))
 
 
-@command.group("study")
-def study_command() -> None:
-    """Try many designs: sweep, least-pressure."""
-
-
-@study_command.command("sweep")
+@command.command("sweep")
 @option(
     "--vary varied NAME=VALUES",
     "What to vary: LOW:HIGH:COUNT or values with commas, as offset=3mm:5mm:5, segments=12,15; "
@@ -992,7 +976,7 @@ def sweep_command(
     _give(result, answer=answer, text=text, done=bool(found.feasible))
 
 
-@study_command.command("least-pressure")
+@command.command("least-pressure")
 @option(
     "--between ranges NAME=LOW:HIGH",
     "What may be changed, as offset=3mm:4.5mm; up to 4 times.",

@@ -61,7 +61,7 @@ class TissueOptions:
         "length", "Of breathing: the largest displacement.  [default: 12mm]", default=None
     )
     wavelength: float | None = quantity(
-        "length", "Of breathing: along the body.  [default: 800mm]", default=None
+        "length", "Of breathing: along the body.  [default: 800mm]", default=None, by_name=True
     )
     period: float | None = quantity(
         "time", "Of breathing: how long a breath is.  [default: 4s]", default=None
@@ -69,6 +69,7 @@ class TissueOptions:
     depth: float | None = quantity(
         help="Of peristalsis: share of the lumen's width that is closed.  [default: 0.58]",
         default=None,
+        by_name=True,
     )
 
     def prepare(self) -> Callable[[Centreline, str | None, tuple[float, float]], TissueMotion]:

@@ -80,8 +80,19 @@ JOBS = {
 
 COMMANDS = {name: line for commands in JOBS.values() for name, line in commands.items()}
 
-OTHER_NAMES = {"robot": "continuum", "tip": "effector"}
-"""Names that a newcomer tries, each with the command that answers to it."""
+OTHER_NAMES = {
+    "robot": "continuum",
+    "tip": "effector",
+    "new task": "new",
+    "effector trace line": "effector trace",
+    "effector trace circle": "effector trace",
+    "effector study sweep": "effector sweep",
+    "effector study least-pressure": "effector least-pressure",
+    "muscle hysteresis fit": "muscle fit-loop",
+    "muscle hysteresis trace": "muscle trace-loop",
+    "muscle hysteresis invert": "muscle invert-loop",
+}
+"""Names that a newcomer tries, and names of before, each with that which answers to it."""
 
 EXIT_INTERNAL_ERROR = 70
 EXIT_INTERRUPTED = 130
@@ -115,17 +126,17 @@ class LazyGroup(click.Group):
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
         """Return the command of the first word, which may be another name of it."""
+        args = _take_other_names(args)
         name = args[0]
         if name in COMMANDS or name.startswith("-") or ctx.resilient_parsing:
             return super().resolve_command(ctx, args)
         known = self.list_commands(ctx)
         if name not in known:
-            name = OTHER_NAMES.get(name, name)
-        if name not in known:
-            near = difflib.get_close_matches(name, [*known, *OTHER_NAMES], n=1)
+            others = [word for word in OTHER_NAMES if " " not in word]
+            near = difflib.get_close_matches(name, [*known, *others], n=1)
             meant = f", did you mean '{near[0]}'?" if near else ""
             raise click.UsageError(f"there is no command '{name}'{meant}", ctx)
-        return super().resolve_command(ctx, [name, *args[1:]])
+        return super().resolve_command(ctx, args)
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
         """Return commands and options that begin so, without importing any command."""
@@ -152,6 +163,15 @@ class LazyGroup(click.Group):
             if point.name in COMMANDS:
                 reason = f"left out, as a command of Bozzini is called '{point.name}'"
                 formatter.write_text(f"The task of {point.value} is {reason}.")
+
+
+def _take_other_names(words: list[str]) -> list[str]:
+    """Return the words of a command by the names of today, the first name before the others."""
+    for count in (1, 3, 2):
+        name = " ".join(words[:count])
+        if name in OTHER_NAMES and not (count == 1 and name in _list_tasks()):
+            words = [*OTHER_NAMES[name].split(), *words[count:]]
+    return words
 
 
 def _list_tasks() -> dict[str, str]:

@@ -36,7 +36,8 @@ from .common import (
     run_exit,
     split_setting,
 )
-from .muscle_hysteresis import command as hysteresis_command
+from .muscle_hysteresis import fit_command as fit_loop_command
+from .muscle_hysteresis import invert_command, trace_command
 from .muscle_options import (
     FIELDS,
     DataRequest,
@@ -90,7 +91,8 @@ def command() -> None:
     """Solve a pneumatic muscle, list its models, and fit them to measurements."""
 
 
-command.add_command(hysteresis_command)
+for _each in (fit_loop_command, trace_command, invert_command):
+    command.add_command(_each)
 
 
 @command.command("models")

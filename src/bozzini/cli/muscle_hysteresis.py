@@ -1,4 +1,4 @@
-"""``bozzini muscle hysteresis``: operators from recorded loops, what they do, and their inverse."""
+"""``bozzini muscle fit-loop`` and others: operators from recorded loops, and their inverse."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from .common import (
     OUTPUT,
     PICTURES,
     Answer,
-    CheckedGroup,
+    CheckedCommand,
     NameType,
     answer_options,
     check_target,
@@ -141,7 +141,7 @@ static_options = gather(
     option(
         "--static model_name MODEL",
         "The model without hysteresis that is to carry the operator, see 'bozzini muscle models', "
-        "or that of --muscle; without, the operator gives the response itself.",
+        "or that of the muscle file; without, the operator gives the response itself.",
         NameType("model", lambda: list_kinds()),
     ),
     set_option,
@@ -150,16 +150,11 @@ static_options = gather(
 )
 
 
-@click.group("hysteresis", cls=CheckedGroup)
-def command() -> None:
-    """Fit hysteresis to recorded loops, and compensate it."""
-
-
-@command.command("fit")
+@click.command("fit-loop", cls=CheckedCommand)
 @loop_options
 @option("--operator", "The operator.", OPERATORS, default="generalised")
 @static_options
-@option("--plot FILE", "A picture of the loop with the fit.", OUTPUT)
+@option("--figure plot FILE", "A picture of the loop with the fit.", OUTPUT)
 @answer_options(*_RECORDS, help="The operator (.yaml, .json), for trace and invert.", quiet=False)
 def fit_command(
     loop: LoopRequest, operator: str, asked: Request | None, plot: Path | None, answer: Answer
@@ -213,7 +208,7 @@ def fit_command(
 model_argument = click.argument("fitted", metavar="FIT", type=INPUT)
 
 
-@command.command("trace")
+@click.command("trace-loop", cls=CheckedCommand)
 @model_argument
 @click.argument("source", metavar="HISTORY", type=INPUT)
 @resume_option
@@ -224,7 +219,7 @@ def trace_command(
 ) -> None:
     """Compute the contraction or force along a history of pressures.
 
-    FIT is a file of 'bozzini muscle hysteresis fit'; HISTORY has a column pressure and perhaps
+    FIT is a file of 'bozzini muscle fit-loop'; HISTORY has a column pressure and perhaps
     time. The table goes to stdout, unless --out names a file.
     """
     from ..muscle.loops import load_loop_model
@@ -238,7 +233,7 @@ def trace_command(
     _give_table(table, _describe(model) | {"file": answer.out}, answer, f"{len(response)} samples")
 
 
-@command.command("invert")
+@click.command("invert-loop", cls=CheckedCommand)
 @model_argument
 @click.argument("source", metavar="WANTED", type=INPUT)
 @option("--highest", "Highest pressure (default: the highest of the fit).", "pressure")
@@ -255,7 +250,7 @@ def invert_command(
 ) -> None:
     """Compute the pressures that give a history of contractions or forces.
 
-    FIT is a file of 'bozzini muscle hysteresis fit'; WANTED has a column contraction, length or
+    FIT is a file of 'bozzini muscle fit-loop'; WANTED has a column contraction, length or
     force, as the sensor of the record would show it, and perhaps time. The table goes to stdout,
     unless --out names a file. Where nothing legal reaches what is wanted the pressure is 0 or the
     highest.

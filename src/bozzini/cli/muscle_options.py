@@ -12,12 +12,14 @@ import click
 
 from ..checks import check_integer, list_quantities
 from ..errors import FileFormatError, InputError
+from ..io.inputs import note_input
 from ..muscle.design import Muscle
 from ..units import parse_quantity
 from .common import (
     INPUT,
     NameType,
     QuantityType,
+    description,
     gather,
     gather_once,
     make_option,
@@ -45,22 +47,20 @@ _Function = Callable[..., Any]
 
 
 def design_options(function: _Function) -> _Function:
-    """Add the options that make a muscle: preset or file, and the fields by their names."""
+    """Add what makes a muscle: preset or file, and the fields by their names.
+
+    Where fields begin is by default effector-45; no preset if length and outer radius are given.
+    """
     for name, known in reversed(list(FIELDS.items())):
         item = Muscle.__dataclass_fields__[name]
         function = make_option(
             item, type=QuantityType(known.kind), default=None, show_default=False
         )(function)
-    function = option(
-        "--muscle muscle_file FILE",
-        "A muscle file, where the fields, the model and its constants begin.",
-        INPUT,
-    )(function)
-    return option(
-        "--preset NAME",
-        "Where the fields begin, see 'bozzini muscle presets' (default: effector-45; none with "
-        "--muscle, or with both --length and --outer-radius).",
-    )(function)
+    about = (
+        "A muscle file (.yaml, .json) with its model, or a name of 'bozzini muscle presets' "
+        "(default: effector-45; none with both length and outer_radius set)."
+    )
+    return description("muscle_file", "--muscle", "--preset", about=about, shown="MUSCLE")(function)
 
 
 def model_options(function: _Function) -> _Function:
@@ -85,12 +85,17 @@ direction_option = option(
 )
 
 
+def is_file(text: str) -> bool:
+    """Whether a description is the name of a file, not of a preset."""
+    return Path(text).suffix.lower() in (".yaml", ".yml", ".json")
+
+
 def take_muscle(text: str) -> Muscle:
     """Return a muscle by the name of a preset, or that of a muscle file alone."""
     from ..muscle.design import preset
     from ..muscle.files import read_muscle
 
-    if Path(text).suffix.lower() not in (".yaml", ".yml", ".json"):
+    if not is_file(text):
         return preset(text)
     file = read_muscle(text)
     if file.model or file.ends:
@@ -206,13 +211,15 @@ class Request:
         """Return the request of some options."""
         fields = {name: values.pop(name) for name in FIELDS}
         path, file = values.pop("muscle_file"), None
-        if path is not None:
+        values["preset"] = None
+        if path is not None and is_file(path):
             from ..muscle.files import read_muscle
 
+            note_input(path)
             file = read_muscle(path)
-            if values["preset"] is not None:
-                raise InputError("--preset and --muscle both give the muscle: give one")
-        elif values["preset"] is None and None in (fields["length"], fields["outer_radius"]):
+        elif path is not None:
+            values["preset"] = path
+        elif None in (fields["length"], fields["outer_radius"]):
             values |= {"preset": "effector-45", "is_named": False}
         if "model_name" in values and not values["model_name"]:
             own = "" if file is None else file.model
@@ -455,7 +462,7 @@ class DataRequest:
             columns = ", ".join(map(describe_field, data.geometry))
             raise InputError(
                 f"{self.source}: the table has the geometry of its specimens ({columns}): name "
-                "their muscle as well, by --muscle, --preset, or --length and --outer-radius"
+                "their muscle as well, before the table, or by --set length and outer_radius"
             )
         return data.mean_of_directions() if self.take_mean else data
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import MISSING
+from dataclasses import MISSING, dataclass
+from functools import partial
 from pathlib import Path
 from textwrap import fill
 from typing import TYPE_CHECKING
@@ -13,15 +15,15 @@ import click
 from ..units import INTERNAL_UNITS
 from .common import (
     Answer,
+    CheckedCommand,
     CheckedGroup,
     Command,
-    NameType,
     answer_options,
+    gather,
 )
 
 if TYPE_CHECKING:
     from ..checks import Quantity
-    from ..registry import Registry
     from ..task import Task
 
 PLAN_SET = ("diameter", "link", "inflate", "method", "head_step")
@@ -38,7 +40,7 @@ MUSCLE_HEAD = """\
 # A pneumatic muscle. Quantities carry their units; without one they are in mm, N, MPa and rad.
 # Limits that depend on other sizes are those for the sizes here. A line that begins with '#' and a
 # name is a field at rest.
-#   bozzini muscle solve --muscle {file} --pressure 300kPa --load 1N
+#   bozzini muscle solve {file} --pressure 300kPa --load 1N
 kind: bozzini-muscle
 version: 1
 muscle:
@@ -84,6 +86,28 @@ constraints: # what a row must keep to be feasible: at_least, at_most, or both
 """
 
 
+EFFECTOR_HEAD = """\
+# A catheter tip that pneumatic muscles bend. All numbers but those of the muscles are
+# plain, in mm, N mm^2, MPa and rad.
+#   bozzini effector pose {file} --pressure R=300kPa
+kind: bozzini-effector
+version: 1
+"""
+
+SHAPES = """\
+# A lumen of shapes: a tube of cones with round ends, each centre with its radius, in mm. Further
+# kinds, with their fields: bozzini duct kinds
+#   bozzini show {file}
+format: bozzini shapes
+version: 1
+kind: cones
+units: mm
+shapes:
+- {centre: [0, 0, 0], radius: 9}
+- {centre: [0, 0, 60], radius: 8}
+- {centre: [20, 0, 100], radius: 7}
+"""
+
 HEAD_HEAD = """\
 # A distal head; one to three end-effectors, each with a preset, changes in its design, and an
 # instrument: separate, integrated or none. Each field, with its range: bozzini schema head
@@ -106,98 +130,66 @@ steps: # each is one of push, pull, twist and bend
 """
 
 
-@click.group("new", cls=CheckedGroup)
+@dataclass(frozen=True)
+class Kind:
+    """A kind of description: what it is, who writes its text, and the command that takes it."""
+
+    about: str
+    write: Callable[..., str]
+    line: str
+    options: tuple[Callable[[Command], Command], ...] = ()
+    describe: Callable[..., dict[str, object]] = dict
+
+
+def make_command(name: str, kind: Kind) -> click.Command:
+    """Return the command that writes a description to start from."""
+    file = Path(f"{name if name in KINDS else 'task'}.yaml")
+
+    @click.command(name, cls=CheckedCommand, help=kind.about)
+    @gather("given", dict, *kind.options)
+    @answer_options(".yaml", quiet=False, default=file, positional=True)
+    def command(given: dict[str, object], answer: Answer) -> None:
+        from ..io.files import write_text
+
+        text, path = kind.write(**given), str(answer.target)
+        write_text(answer.target, text.replace("{file}", path if path.isprintable() else "FILE"))
+        known = kind.describe(**given)
+        line = kind.line.format(file=path, **known)
+        said = {name: known[name] for name in given}
+        answer.give({"file": path, **said, "try": line}, f"written: {path}; try {line}")
+
+    return command
+
+
+class _Kinds(CheckedGroup):
+    """The kinds of the table, then the options of each task, by its key."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Return the kinds of the table."""
+        return [*KINDS]
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Return what writes such a description, or the options of such a task."""
+        if cmd_name in KINDS:
+            return make_command(cmd_name, KINDS[cmd_name])
+        from ..study.tasks import TASKS
+
+        if cmd_name not in TASKS:
+            near = difflib.get_close_matches(cmd_name, [*KINDS, *TASKS], n=1)
+            meant = f", did you mean '{near[0]}'?" if near else f": {', '.join(KINDS)}, or a task"
+            raise click.UsageError(f"there is no kind '{cmd_name}'{meant}", ctx)
+        task = TASKS.choose(cmd_name)
+        line = f"bozzini {task.command} --options {{file}}"
+        return make_command(cmd_name, Kind(f"Write the options of '{task.command}'.",
+                                           partial(format_task, task), line))  # fmt: skip
+
+
+@click.group("new", cls=_Kinds, subcommand_metavar="KIND [FILE]")
 def command() -> None:
-    """Write a file to start from, with comments, that runs as it is."""
+    """Write a file to start from, with comments, that runs as it is.
 
-
-def _file_options(name: str) -> Callable[[Command], Command]:
-    """Return the options of an answer whose file is called so unless another name is given."""
-    return answer_options(
-        ".yaml", quiet=False, default=Path(name), show_default=True, help="The file."
-    )
-
-
-def _write(answer: Answer, text: str, line: str, **more: object) -> None:
-    """Write a template, and tell the command line to try it with."""
-    from ..io.files import write_text
-
-    file = str(answer.target)
-    write_text(answer.target, text.replace("{file}", file if file.isprintable() else "FILE"))
-    first = line.format(file=file)
-    answer.give({"file": file, **more, "try": first}, f"written: {file}; try {first}")
-
-
-@command.command("plan")
-@_file_options("plan.yaml")
-def plan_command(answer: Answer) -> None:
-    """Write the options of a plan, each with its unit and range."""
-    _write(answer, format_plan(), "bozzini plan INPUT --options {file}")
-
-
-def _find_tasks() -> Registry[Task]:
-    from ..study.tasks import TASKS
-
-    return TASKS
-
-
-@command.command("task")
-@click.argument("name", type=NameType("task", _find_tasks))
-@_file_options("task.yaml")
-def task_command(name: str, answer: Answer) -> None:
-    """Write the options of a task, each with its unit and range."""
-    kind = _find_tasks().choose(name)
-    _write(answer, format_task(kind), f"bozzini {kind.command} --options {{file}}")
-
-
-@command.command("muscle")
-@_file_options("muscle.yaml")
-def muscle_command(answer: Answer) -> None:
-    """Write a muscle: sizes, materials, model and mounting."""
-    line = "bozzini muscle solve --muscle {file} --pressure 300kPa --load 1N"
-    _write(answer, format_muscle(), line)
-
-
-@command.command("robot")
-@click.option("--sections", default=2, show_default=True, help="Number of sections.")
-@click.option(
-    "--tendons", default=3, show_default=True, help="Tendons that end in each, 0 of a rod."
-)
-@_file_options("robot.yaml")
-def robot_command(sections: int, tendons: int, answer: Answer) -> None:
-    """Write a tendon robot: sections and tendons."""
-    from ..continuum.template import suggest_option, write_template
-
-    text = write_template(sections=sections, tendons=tendons, file="{file}")
-    line = f"bozzini continuum pose {{file}} {suggest_option(tendons)}"
-    _write(answer, text, line, sections=sections, tendons=sections * tendons)
-
-
-@command.command("head")
-@_file_options("head.yaml")
-def head_command(answer: Answer) -> None:
-    """Write a distal head: camera, cap, and an end-effector with its instrument."""
-    from ..head.design import Head
-    from ..io.records import format_yaml, write_record
-
-    head = Head()
-    text = format_yaml({"kind": head.kind, **write_record(head, with_units=True)})
-    _write(answer, HEAD_HEAD + text, "bozzini head check --head {file}")
-
-
-@command.command("study")
-@_file_options("study.yaml")
-def study_command(answer: Answer) -> None:
-    """Write a study: what varies, how it is drawn, what is kept."""
-    _write(answer, format_study(), "bozzini study run {file} --out results")
-
-
-@command.command("manoeuvre")
-@_file_options("manoeuvre.yaml")
-def manoeuvre_command(answer: Answer) -> None:
-    """Write a manoeuvre of a pushed scope: push, bend, twist, pull."""
-    line = "bozzini execute --drive push --manoeuvre {file}"
-    _write(answer, format_manoeuvre(), line)
+    KIND is one of these, or a task such as head-check, for the file of its options.
+    """
 
 
 def format_plan() -> str:
@@ -268,3 +260,104 @@ def format_manoeuvre() -> str:
 
     known = {name: item.describe() for name, item in list_quantities(Step).items()}
     return MANOEUVRE.format(file="{file}", **known)
+
+
+def format_robot(sections: int, tendons: int) -> str:
+    """Return a robot file."""
+    from ..continuum.template import write_template
+
+    return write_template(sections=sections, tendons=tendons, file="{file}")
+
+
+def _describe_robot(sections: int, tendons: int) -> dict[str, object]:
+    from ..continuum.template import suggest_option
+
+    option = suggest_option(tendons)
+    return {"sections": sections, "tendons": sections * tendons, "option": option}
+
+
+def format_head() -> str:
+    """Return a head file."""
+    from ..head.design import Head
+    from ..io.records import format_yaml, write_record
+
+    head = Head()
+    return HEAD_HEAD + format_yaml({"kind": head.kind, **write_record(head, with_units=True)})
+
+
+def format_effector() -> str:
+    """Return the file of an end-effector: that which was measured."""
+    from ..checks import list_quantities
+    from ..effector.design import DEFAULT_PRESET, PRESET_MODELS, EffectorDesign, effector_preset
+    from ..io.records import format_yaml, write_record
+
+    design, (model, choices) = (
+        effector_preset(DEFAULT_PRESET),
+        PRESET_MODELS.get(DEFAULT_PRESET, ("energy", {})),
+    )
+    muscles = [
+        {"name": one.name, "angle": one.angle,
+         "muscle": write_record(one.muscle, with_units=True)}
+        for one in design.muscles
+    ]  # fmt: skip
+    fields = [
+        f"  {name}: {getattr(design, name):g} # {known.describe()}"
+        for name, known in list_quantities(EffectorDesign).items()
+    ]
+    last = format_yaml({"model": model, "choices": dict(choices), "muscles": muscles})
+    return "\n".join([EFFECTOR_HEAD.rstrip(), "section:", *fields, last])
+
+
+KINDS = {
+    "plan": Kind(
+        "Write the options of a plan, each with its unit and range.",
+        format_plan,
+        "bozzini plan INPUT --options {file}",
+    ),
+    "robot": Kind(
+        "Write a tendon robot: sections and tendons.",
+        format_robot,
+        "bozzini continuum pose {file} {option}",
+        (
+            click.option("--sections", default=2, show_default=True, help="Number of sections."),
+            click.option(
+                "--tendons",
+                default=3,
+                show_default=True,
+                help="Tendons that end in each, 0 of a rod.",
+            ),
+        ),
+        _describe_robot,
+    ),
+    "muscle": Kind(
+        "Write a muscle: sizes, materials, model and mounting.",
+        format_muscle,
+        "bozzini muscle solve {file} --pressure 300kPa --load 1N",
+    ),
+    "effector": Kind(
+        "Write a catheter tip: muscles, where they stand, and the backbone.",
+        format_effector,
+        "bozzini effector pose {file} --pressure R=300kPa",
+    ),
+    "head": Kind(
+        "Write a distal head: camera, cap, and an end-effector with its instrument.",
+        format_head,
+        "bozzini head check {file}",
+    ),
+    "shapes": Kind(
+        "Write a lumen of shapes: a tube that bends.",
+        lambda: SHAPES,
+        "bozzini show {file}",
+    ),
+    "study": Kind(
+        "Write a study: what varies, how it is drawn, what is kept.",
+        format_study,
+        "bozzini study run {file} --out results",
+    ),
+    "manoeuvre": Kind(
+        "Write a manoeuvre of a pushed scope: push, bend, twist, pull.",
+        format_manoeuvre,
+        "bozzini execute --drive push --manoeuvre {file}",
+    ),
+}
+"""The kinds of descriptions; the schema of each is in `bozzini.cli.schema`."""

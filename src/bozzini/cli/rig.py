@@ -37,6 +37,7 @@ from .common import (
     refuse_options,
     run_exit,
 )
+from .effector import effector_argument
 from .muscle_options import CHOICES, FIELDS, Request, one_model_options
 from .rig_camera import CameraRequest, camera_options, characterise_by_camera
 
@@ -59,11 +60,6 @@ board_option = option(
 seed_option = click.option("--seed", default=0, show_default=True, help="Of the sensors' noise.")
 duration_option = option("--duration TIME", "How long.", "time", default="10s")
 period_option = option("--period TIME", "Of the host's loop.", "time", default="10ms")
-preset_option = option(
-    "--preset NAME|FILE",
-    "The end-effector; or a file of 'bozzini effector fit --out', ending in .yaml or .json.",
-    default=DEFAULT_PRESET,
-)
 
 
 @click.group("rig", cls=CheckedGroup)
@@ -161,7 +157,7 @@ def demo_command(board: BoardKind, seed: int, answer: Answer) -> None:
 @port_option
 @board_option
 @seed_option
-@preset_option
+@effector_argument
 @option(
     "--stick",
     "Where the stick is: on the board, a gamepad, or a script that goes in circles.",
@@ -183,7 +179,7 @@ def run_command(
     port: str | None,
     board: BoardKind,
     seed: int,
-    preset: str,
+    effector: str,
     stick: str,
     frequency: float,
     controller: str,
@@ -200,12 +196,12 @@ def run_command(
     """
     from ..rig import Host, Steering, make_controller, make_stick
 
-    effector = _make_effector(preset)
+    steered = _make_effector(effector)
     source = make_stick(stick, frequency=frequency, duration=duration)
-    with _open_link(port, effector, board, seed) as link, answer.show_progress() as progress:
+    with _open_link(port, steered, board, seed) as link, answer.show_progress() as progress:
         host = Host(link, period=period)
-        made = make_controller(controller, effector, board=host.connect(), period=period)
-        steering = Steering(effector, source, controller=made)
+        made = make_controller(controller, steered, board=host.connect(), period=period)
+        steering = Steering(steered, source, controller=made)
         run = host.run(steering, duration, progress=progress)
     _write_log(run, answer)
     answer.give(run, _describe_run(run))
@@ -217,16 +213,16 @@ def run_command(
 @port_option
 @board_option
 @seed_option
-@preset_option
+@effector_argument
 @answer_options(".parquet", ".csv", *PICTURES, help="The new log (.parquet, .csv), or a picture.")
 def replay_command(
-    log: Path, port: str | None, board: BoardKind, seed: int, preset: str, answer: Answer
+    log: Path, port: str | None, board: BoardKind, seed: int, effector: str, answer: Answer
 ) -> None:
     """Send the set-points of a LOG again, and compare the pressures."""
     from ..rig import load_log, replay_log
 
     table = load_log(log)
-    with _open_link(port, _make_effector(preset), board, seed) as link:
+    with _open_link(port, _make_effector(effector), board, seed) as link:
         with answer.show_progress() as progress:
             replay = replay_log(link, table, progress=progress)
     _write_log(replay, answer)
@@ -241,16 +237,16 @@ def replay_command(
 @command.command("emulate")
 @board_option
 @seed_option
-@preset_option
+@effector_argument
 @option("--duration TIME", "How long; by default it runs on.", "time")
-def emulate_command(board: BoardKind, seed: int, preset: str, duration: float | None) -> None:
+def emulate_command(board: BoardKind, seed: int, effector: str, duration: float | None) -> None:
     """Run an emulated rig in real time; print the port that a host can open."""
     import threading
 
     from ..rig import emulate_rig, serve
 
-    effector = _make_effector(preset)
-    rig = emulate_rig(effector.models, board=board, seed=seed, motion=effector.motion)
+    moved = _make_effector(effector)
+    rig = emulate_rig(moved.models, board=board, seed=seed, motion=moved.motion)
     rig.run(0.01)  # what is compiled on first use is compiled now
     stop = threading.Event()
     if duration is not None:
@@ -314,7 +310,7 @@ def selftest_command(port: str | None, board: BoardKind, answer: Answer) -> None
 )
 @option("--hook PROGRAM", "Takes a picture at each step, see above.")
 @option("--hook-timeout TIME", "Longest time a picture may take.", "time", default="10s")
-@option("--plot FILE", "A picture of the curve.", OUTPUT)
+@option("--figure plot FILE", "A picture of the curve.", OUTPUT)
 @answer_options(".csv", ".parquet", required=True, help="The table (.csv, .parquet).")
 def characterise_command(
     port: str | None,
@@ -370,7 +366,7 @@ def characterise_command(
         plant = ("board", "seed", "reading_error", "play")
         refuse_options(plant, "with --port")
         if seen.camera is None:
-            refuse_options(("preset", "muscle_file", "settings", *CHOICES, *FIELDS), "with --port")
+            refuse_options(("muscle_file", "settings", *CHOICES, *FIELDS), "with --port")
     check_number("play", play, low=0.0, high=SETPOINT_MAX, unit="MPa")
 
     @contextmanager
@@ -395,7 +391,7 @@ def characterise_command(
     if seen.camera is not None:
         refuse_options(("reading_error",), "with --camera")
         if plot is not None:
-            raise InputError("--plot has no effect with --camera: the report has the pictures")
+            raise InputError("--figure has no effect with --camera: the report has the pictures")
         characterise_by_camera(seen, open_host, stairs, asked=asked, answer=answer, seed=seed)
         return
     camera = None

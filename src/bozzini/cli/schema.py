@@ -105,6 +105,13 @@ def _describe_head() -> Json:
     return make_schema(Head, "Bozzini head")
 
 
+def _describe_effector() -> Json:
+    from ..effector.files import EffectorFile
+    from ..io.schema import make_schema
+
+    return make_schema(EffectorFile, "Bozzini end-effector")
+
+
 def _describe_manoeuvre() -> Json:
     from ..io.schema import make_schema
     from ..physics.manoeuvre import Manoeuvre
@@ -119,6 +126,7 @@ SCHEMAS: dict[str, Callable[[], Json]] = {
     "options": _describe_options,
     "robot": _describe_robot,
     "muscle": _describe_muscle,
+    "effector": _describe_effector,
     "head": _describe_head,
     "shapes": _describe_shapes,
     "study": _describe_study,
@@ -140,7 +148,7 @@ def command(file: str, answer: Answer) -> None:
     """Write the JSON Schema of a file, with which an editor checks it as one types.
 
     A plan is an archive: its schema is that of the text 'meta' in it. "options" is the file of
-    'bozzini plan --options'; the name of a task, as 'bozzini new task' takes it, stands for the
+    'bozzini plan --options'; the name of a task, as 'bozzini new' takes it, stands for the
     file of its options.
     """
     from ..io.files import write_text

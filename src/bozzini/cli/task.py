@@ -9,6 +9,7 @@ from collections.abc import Callable
 
 import click
 
+from ..checks import spell_option
 from ..errors import InputError
 from ..task import Task, has_converged, is_argument
 from .common import (
@@ -19,6 +20,7 @@ from .common import (
     CheckedCommand,
     Command,
     answer_options,
+    description,
     gather,
     make_option,
     options_file,
@@ -39,8 +41,10 @@ def make_command(kind: type[Task]) -> click.Command:
         help = f"{help.removesuffix('.')}; or {', '.join(kind.formats)}."
 
     @click.command(kind.name, cls=CheckedCommand, help=inspect.getdoc(kind))
-    @gather("task", lambda **given: kind.from_inputs(given), *map(_make, fields))
-    @options_file(kind.list_fields(), f"bozzini new task {kind.key}")
+    @gather(
+        "task", lambda **given: kind.from_inputs(given), *(_make(kind, item) for item in fields)
+    )
+    @options_file(kind.list_fields(), f"bozzini new {kind.key}")
     @answer_options(*formats, help=help)
     def command(task: Task, answer: Answer) -> None:
         if kind.streamed and str(getattr(task, kind.streamed)) == "-":
@@ -72,7 +76,10 @@ def make_command(kind: type[Task]) -> click.Command:
     return command
 
 
-def _make(item: dataclasses.Field[object]) -> Callable[[Command], Command]:
+def _make(kind: type[Task], item: dataclasses.Field[object]) -> Callable[[Command], Command]:
+    if item.name == kind.group:  # the file of what the command is about
+        known = item.metadata["quantity"]
+        return description(item.name, spell_option(item), about=known.help, kind=INPUT)
     if is_argument(item):
         return click.argument(item.name, metavar=item.name.upper(), type=INPUT)
     return make_option(item)

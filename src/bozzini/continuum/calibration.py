@@ -12,6 +12,7 @@ import numpy as np
 from ..checks import check_fields, check_word, quantity
 from ..errors import InputError
 from ..numeric.arrays import Floats
+from ..results import Shown
 from .checks import check_items, check_name, check_values
 from .prediction_band import PredictionBand
 
@@ -20,7 +21,7 @@ Command = Literal["displacement", "tension"]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Marker:
+class Marker(Shown):
     """A point that is seen, fixed to a cross-section of the body.
 
     Parameters
@@ -54,7 +55,7 @@ class Marker:
 
 
 @dataclass(frozen=True, kw_only=True)
-class RobotCalibration:
+class RobotCalibration(Shown):
     """How a robot's commands reach its tendons, by which model it was fitted, and how well.
 
     Parameters

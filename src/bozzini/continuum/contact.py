@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from ..checks import check_array, check_kind, show_apart
 from ..errors import InputError
 from ..numeric.arrays import Floats
-from ..results import Json, Result, measured, tabulated, take_axes, to_plain
+from ..results import Json, Result, Shown, measured, tabulated, take_axes, to_plain
 from .contact_solver import (
     DEEP,
     WARM,
@@ -241,7 +241,7 @@ class ContactCommand(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class ContactModel:
+class ContactModel(Shown):
     """A tendon robot that touches walls: the shape of least energy outside them.
 
     The rod is cut into arcs with tendons in smooth channels (as `EnergyModel`'s ``"channel"``), and

@@ -27,6 +27,7 @@ from ..errors import GeometryError, InputError
 from ..numeric.arrays import Floats
 from ..numeric.knots import Knots
 from ..numeric.limited import solve_limited
+from ..results import Shown
 from .dynamics import DEFAULT_OPTIONS, DynamicsOptions, LinearDynamics, MovingRod, linearise
 from .equilibrium import Equilibrium
 from .robot import RobotDesign, check_robot
@@ -104,7 +105,7 @@ class TendonChoice(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True)
-class TendonController(ABC):
+class TendonController(Shown, ABC):
     """Tensions, within limits of their size and rate, that lead the tip of a tendon robot.
 
     One of your own has `choose`, and `remember` and `remember_command` if it remembers more than
@@ -385,7 +386,7 @@ class ProportionalIntegral(TendonController):
 
 
 @dataclass(frozen=True)
-class AimedTip:
+class AimedTip(Shown):
     """How the tip moves after an aim, from sample to sample: x' = A x + B aim, tip = C x.
 
     The state is the modes and their rates, what the other modes yield at once, and an offset that

@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..checks import check_array, check_number, take_named
 from ..errors import GeometryError, InputError
 from ..numeric.arrays import Floats
+from ..results import Shown
 from .model import (
     BendMeasure,
     ContinuumModel,
@@ -37,7 +38,7 @@ RANK_RATIO = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class BendSolution:
+class BendSolution(Shown):
     """Bends of the sections under tendon displacements.
 
     Attributes

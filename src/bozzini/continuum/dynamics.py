@@ -32,7 +32,7 @@ from ..checks import (
 )
 from ..errors import GeometryError, InputError
 from ..numeric.arrays import Floats
-from ..results import ClosedForm, Json, Result, list_coordinates, tabulated, take_axes
+from ..results import ClosedForm, Json, Result, Shown, list_coordinates, tabulated, take_axes
 from .checks import check_frame, check_values
 from .contact_solver import measure_radii
 from .coupling import check_displacements
@@ -97,7 +97,7 @@ PRESLIDING = 1e-5
 
 
 @dataclass(frozen=True, kw_only=True)
-class DynamicsOptions:
+class DynamicsOptions(Shown):
     """What the motion of a robot depends on, besides the robot itself.
 
     Parameters
@@ -132,9 +132,15 @@ class DynamicsOptions:
         "time", "Stress of the backbone by the rate of its strain, by E.", low=0.0, default=0.0
     )
     drag: float = quantity(
-        "line damping", "Force against the motion by length and velocity.", low=0.0, default=0.0
+        "line damping",
+        "Force against the motion by length and velocity.",
+        low=0.0,
+        default=0.0,
+        by_name=True,
     )
-    tip_weight: float = quantity("force", "Weight of what the tip carries.", low=0.0, default=0.0)
+    tip_weight: float = quantity(
+        "force", "Weight of what the tip carries.", low=0.0, default=0.0, by_name=True
+    )
     gravity: Vector = (0.0, 0.0, -GRAVITY)
     between: int = quantity(
         help="Further cross-sections between two discs.",
@@ -157,10 +163,13 @@ class DynamicsOptions:
         low_open=True,
         default=None,
     )
-    max_step: float = quantity("time", "Largest step.", low=0.0, low_open=True, default=1e-3)
+    max_step: float = quantity(
+        "time", "Largest step.", low=0.0, low_open=True, default=1e-3, by_name=True
+    )
     step_tolerance: float | None = quantity(
         "length", "Error of places in a step, which it is made small for.",
         low=0.0, low_open=True, default=None,
+        by_name=True,
     )  # fmt: skip
     spectral_radius: float = quantity(
         "dimensionless",
@@ -168,6 +177,7 @@ class DynamicsOptions:
         low=0.0,
         high=1.0,
         default=0.8,
+        by_name=True,
     )
 
     def __post_init__(self) -> None:
@@ -214,7 +224,7 @@ class RodMotion(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class EnergyBalance:
+class EnergyBalance(Shown):
     """Energies of a motion and what changed them [N mm], each (k,).
 
     Attributes

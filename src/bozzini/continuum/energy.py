@@ -375,6 +375,7 @@ class EnergyModel(ElasticModel):
         whole=True,
         default=0,
         kw_only=True,
+        by_name=True,
     )
     segment: Segment = quantity(
         "text",
@@ -383,6 +384,7 @@ class EnergyModel(ElasticModel):
         default="chord",
         kw_only=True,
         option="segment_kind",
+        by_name=True,
     )
     name = "energy"
 

@@ -16,7 +16,7 @@ from ..errors import InputError
 from ..numeric.arrays import Floats
 from ..numeric.estimation import find_conformal_limit
 from ..progress import Progress, no_progress
-from ..results import Json, Result, take_axes
+from ..results import Json, Result, Shown, take_axes
 from .estimation import ShapeEstimator
 from .model_error import ModelError
 from .shape_estimate import LIMIT, EstimatorState, ShapeEstimate
@@ -37,7 +37,7 @@ APART = 1e6
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class SensorRecord:
+class SensorRecord(Shown):
     """Commands and readings in the order of time.
 
     Parameters
@@ -97,7 +97,7 @@ class SensorRecord:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class AheadPrediction:
+class AheadPrediction(Shown):
     """What was predicted some rows ahead, against what was read there.
 
     Parameters

@@ -31,6 +31,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..checks import check_array, check_kind, check_number, check_word
 from ..errors import GeometryError, InputError
 from ..numeric.arrays import Floats
+from ..results import Shown
 from .calibration import Command
 from .checks import check_items
 from .coupling import check_displacements
@@ -142,7 +143,7 @@ class _Fit(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ShapeEstimator:
+class ShapeEstimator(Shown):
     """Finds the shape of a robot, and what acts on it, from commands and sensors.
 
     Parameters

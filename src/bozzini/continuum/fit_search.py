@@ -14,6 +14,7 @@ from ..checks import check_integer, check_kind, check_word
 from ..errors import InputError
 from ..numeric.arrays import Floats
 from ..numeric.least_squares import ROBUST, LeastSquares, Loss, measure_scatter, weigh
+from ..results import Shown
 from .dynamics import DynamicsOptions
 from .observation import Observation, Observed
 from .robot_prediction import fill_gaps
@@ -35,7 +36,7 @@ HALF = 0.5
 
 
 @dataclass(frozen=True, kw_only=True)
-class RobotFitOptions:
+class RobotFitOptions(Shown):
     """How a robot is fitted, and validated.
 
     Parameters

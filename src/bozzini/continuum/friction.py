@@ -38,12 +38,13 @@ from numpy.typing import NDArray
 
 from ..numeric.arrays import Floats
 from ..numeric.kernels.linear_algebra import solve_bounded, solve_complementary
+from ..results import Shown
 from .kernels.friction import measure_tendons, move_tensions, reduce_slip
 from .rod_grid import measure_rest_rates
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class FrictionState:
+class FrictionState(Shown):
     """What tendons with friction remember, for ``initial=`` of the next command.
 
     ``...`` is the batch, ``n`` counts the rod's steps, of each of which there are start, middle and

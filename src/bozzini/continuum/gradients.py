@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from ..numeric.arrays import Floats
-from ..results import show_briefly
+from ..results import Shown
 
 Held = Literal["displacements", "tensions"]
 """What of the tendons stays while a load, a stiffness, the routing or the base changes."""
@@ -22,7 +22,7 @@ def move_rigidly(points: Floats) -> Floats:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class ShapeJacobian:
+class ShapeJacobian(Shown):
     """Derivatives of the frames of shapes at their stations.
 
     Rows of a derivative are the rotation [rad] and the motion of the point [mm] of a station, in
@@ -53,8 +53,6 @@ class ShapeJacobian:
     tensions_by_displacement : (..., t, t) ndarray
         Tensions by displacements [N/mm].
     """
-
-    __repr__ = show_briefly
 
     arc_length: Floats
     held: Held

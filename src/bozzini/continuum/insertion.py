@@ -31,7 +31,7 @@ from ..io.sheets import read_sheet, take_numbers
 from ..numeric.arrays import Floats
 from ..numeric.polylines import carry_frames, interpolate_polyline, measure_arc_length
 from ..progress import Progress, no_progress
-from ..results import Json, Result, measured, take_axes, to_plain
+from ..results import Json, Result, Shown, measured, take_axes, to_plain
 from .checks import check_frame, check_values
 from .contact import ContactModel, ContactShape, draw_shapes
 from .robot import RobotDesign
@@ -68,7 +68,7 @@ SHOWN_SHAPES = 12
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class DriveTable:
+class DriveTable(Shown):
     """Commands of an insertion: how far the base is in, and the tendons, one row after another.
 
     Parameters

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from ..numeric.arrays import Floats
 from ..numeric.processes import open_processes
+from ..results import Shown
 from .command_baselines import predict_by_commands
 from .fit_search import FitSearch, FoundChanges, RobotFitOptions, frees_base
 from .kinematics import ContinuumRobot
@@ -30,7 +31,7 @@ Folds = tuple[NDArray[np.int64], ...]
 
 
 @dataclass(frozen=True)
-class Validation:
+class Validation(Shown):
     """Blocks of rows left out in turn, and predicted by the fit to the others.
 
     Parameters

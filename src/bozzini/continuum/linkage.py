@@ -66,6 +66,7 @@ class LinkageModel(ParallelModel):
         whole=True,
         default=None,
         kw_only=True,
+        by_name=True,
     )
 
     def __post_init__(self) -> None:

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..checks import check_array, check_fields, check_word, quantity, show_apart, show_value
 from ..errors import InputError
 from ..numeric.arrays import Floats
+from ..results import Shown
 from .checks import check_values, take_items
 from .profile import ROUND_OFF_MM
 from .robot import ZERO, RobotDesign, Vector
@@ -24,7 +25,7 @@ DEAD, BODY = 0, 1
 
 
 @dataclass(frozen=True, kw_only=True)
-class PointLoad:
+class PointLoad(Shown):
     """A force and a moment on one cross-section.
 
     Parameters
@@ -58,7 +59,7 @@ class PointLoad:
 
 
 @dataclass(frozen=True, kw_only=True)
-class LineLoad:
+class LineLoad(Shown):
     """A force per length along a part of the backbone.
 
     Parameters

@@ -18,7 +18,7 @@ from ..checks import check_array, check_path, check_word
 from ..errors import FileFormatError, InputError, UnitError
 from ..io.sheets import Sheet, read_sheet, show_cell, split_title, take_frame, take_numbers
 from ..numeric.arrays import Floats
-from ..results import show_briefly
+from ..results import Shown
 from ..units import parse_unit
 from .calibration import Command, Marker
 from .checks import check_items
@@ -47,7 +47,7 @@ _AXIS = re.compile(r"(.+?)[\s_]+([xyz])")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class RobotMeasurements:
+class RobotMeasurements(Shown):
     """Commands of a robot's tendons, and where points of its body were seen.
 
     Rows are in the order of time where that matters. A row without a point is not compared with
@@ -79,8 +79,6 @@ class RobotMeasurements:
     InputError
         If the arrays do not go together, or nothing was seen.
     """
-
-    __repr__ = show_briefly
 
     command: Command
     tendons: tuple[str, ...]

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..checks import check_array, check_fields, quantity
 from ..errors import GeometryError, InputError
 from ..numeric.arrays import Floats
+from ..results import Shown
 from .robot import RobotDesign, check_robot
 from .shape import Shape
 
@@ -44,7 +45,7 @@ ROUND_OFF_LENGTH_SHARE = 1e-11
 
 
 @dataclass(frozen=True)
-class ContinuumModel(ABC):
+class ContinuumModel(Shown, ABC):
     """A model that turns tendon displacements into shapes.
 
     A model is a frozen dataclass: its fields are its options, and `bozzini.checks.quantity` states

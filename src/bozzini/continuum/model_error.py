@@ -9,10 +9,11 @@ import numpy as np
 from ..checks import check_fields, quantity
 from ..errors import InputError
 from ..numeric.arrays import Floats
+from ..results import Shown
 
 
 @dataclass(frozen=True, kw_only=True)
-class ModelError:
+class ModelError(Shown):
     """How far the elastic model may be wrong, as standard deviations, and how long it is.
 
     Parameters
@@ -38,25 +39,36 @@ class ModelError:
         How far constants move in a second, by their standard deviation.
     """
 
-    curvature: float = quantity("curvature", "Unknown curvature.", low=0.0, default=5e-4)
-    twist: float = quantity("curvature", "Unknown twist.", low=0.0, default=1e-4)
-    reach: float = quantity(
-        "length", "Over which it is alike; a segment at least.", low=1e-3, default=50.0
+    curvature: float = quantity(
+        "curvature", "Unknown curvature.", low=0.0, default=5e-4, by_name=True
     )
-    stiffness: float = quantity(help="Of a section, as a share.", low=0.0, default=0.05, high=2.0)
-    zero: float = quantity("length", "Of a tendon's zero.", low=0.0, default=0.2)
-    pull: float = quantity("force", "Of a commanded tension.", low=0.0, default=0.1)
-    coupling: float = quantity(help="Of a tendon on another.", low=0.0, default=0.0)
-    position: float = quantity("length", "Of the base.", low=0.0, default=0.0)
-    rotation: float = quantity("angle", "Of the base.", low=0.0, default=0.0)
+    twist: float = quantity("curvature", "Unknown twist.", low=0.0, default=1e-4, by_name=True)
+    reach: float = quantity(
+        "length",
+        "Over which it is alike; a segment at least.",
+        low=1e-3,
+        default=50.0,
+        by_name=True,
+    )
+    stiffness: float = quantity(
+        help="Of a section, as a share.", low=0.0, default=0.05, high=2.0, by_name=True
+    )
+    zero: float = quantity("length", "Of a tendon's zero.", low=0.0, default=0.2, by_name=True)
+    pull: float = quantity("force", "Of a commanded tension.", low=0.0, default=0.1, by_name=True)
+    coupling: float = quantity(help="Of a tendon on another.", low=0.0, default=0.0, by_name=True)
+    position: float = quantity("length", "Of the base.", low=0.0, default=0.0, by_name=True)
+    rotation: float = quantity("angle", "Of the base.", low=0.0, default=0.0, by_name=True)
     memory: float | None = quantity(
         "time",
         "After which errors are forgotten (default: never).",
         low=0.0,
         low_open=True,
         default=None,
+        by_name=True,
     )
-    drift: float = quantity(help="Of constants, in a second.", low=0.0, high=1e3, default=0.0)
+    drift: float = quantity(
+        help="Of constants, in a second.", low=0.0, high=1e3, default=0.0, by_name=True
+    )
 
     def __post_init__(self) -> None:
         check_fields(self, "model error ")

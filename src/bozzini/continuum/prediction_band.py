@@ -12,7 +12,7 @@ from ..checks import check_number
 from ..errors import InputError
 from ..numeric.arrays import Floats
 from ..numeric.estimation import find_conformal_limit
-from ..results import Json
+from ..results import Json, Shown
 
 MOVES = 0.2
 """Share of the largest bend of a section from which on it counts as moved."""
@@ -56,7 +56,7 @@ def _find_moved(bends: Floats, largest: Floats) -> NDArray[np.bool_]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class PredictionBand:
+class PredictionBand(Shown):
     """Distances that predictions stay within, by kind of motion and marker.
 
     A radius is the quantile of the distances of rows that were left out of the fit (split

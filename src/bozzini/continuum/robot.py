@@ -19,7 +19,7 @@ from ..checks import broadcast, check_array, check_integer, quantity, show_apart
 from ..errors import InputError
 from ..io.records import load_record, read_record, save_record, write_record
 from ..numeric.arrays import Floats
-from ..results import Json
+from ..results import Json, Shown
 from .checks import check_items, check_text, check_turn, check_values
 from .profile import ROUND_OFF_MM
 from .section import Helix, Section, Tendon
@@ -30,7 +30,7 @@ ZERO: Vector = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
-class RobotDesign:
+class RobotDesign(Shown):
     """Sections in series, base first: what all models take.
 
     Its base's frame stands somewhere in the world, whose weight acts along -z. In that frame the

@@ -25,7 +25,7 @@ from ..numeric.estimation import (
 )
 from ..numeric.least_squares import describe_bounds, explain_end, weigh
 from ..progress import Progress, no_progress
-from ..results import Json, Result, rows_of, tabulated, to_plain
+from ..results import Json, Result, Shown, rows_of, tabulated, to_plain
 from .calibration import RobotCalibration
 from .command_baselines import predict_by_commands
 from .fit_search import (
@@ -79,7 +79,7 @@ AT_BOUND = 1e-6
 
 
 @dataclass(frozen=True)
-class Estimate:
+class Estimate(Shown):
     """A fitted number.
 
     Parameters

@@ -121,6 +121,7 @@ class RodModel(ElasticModel):
         whole=True,
         default=0,
         kw_only=True,
+        by_name=True,
     )
     steps: int = quantity(
         help="Least number of steps along the robot.",
@@ -129,6 +130,7 @@ class RodModel(ElasticModel):
         whole=True,
         default=200,
         kw_only=True,
+        by_name=True,
     )
 
     name = "rod"

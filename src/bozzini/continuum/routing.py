@@ -68,6 +68,7 @@ class RoutingLimits:
         low=0.01,
         high=1e3,
         default=2.0,
+        by_name=True,
     )
     core_radius: float = quantity(
         "length",
@@ -75,9 +76,16 @@ class RoutingLimits:
         low=0.0,
         high=lambda limits: limits.offset_max,
         default=0.0,
+        by_name=True,
     )
     slope_max: float = quantity(
-        "dimensionless", "Largest slope.", low=0.0, high=3.0, low_open=True, default=0.4
+        "dimensionless",
+        "Largest slope.",
+        low=0.0,
+        high=3.0,
+        low_open=True,
+        default=0.4,
+        by_name=True,
     )
     gap_min: float = quantity(
         "length",
@@ -85,6 +93,7 @@ class RoutingLimits:
         low=0.0,
         high=lambda limits: 2.0 * limits.offset_max,
         default=1.2,
+        by_name=True,
     )
     error_max: float = quantity(
         "length",
@@ -93,6 +102,7 @@ class RoutingLimits:
         high=1e3,
         low_open=True,
         default=1.0,
+        by_name=True,
     )
 
     def __post_init__(self) -> None:

@@ -24,7 +24,7 @@ from ..checks import (
 )
 from ..errors import InputError
 from ..numeric.arrays import Floats
-from ..results import show_briefly
+from ..results import Shown
 from .checks import check_items, check_name, check_text, check_travel, take_items
 from .profile import (
     ROUND_OFF_MM,
@@ -79,7 +79,7 @@ LEAST_LEVER = 0.1
 
 
 @dataclass(frozen=True, kw_only=True)
-class Tendon:
+class Tendon(Shown):
     """A tendon that runs through holes in the guide discs (thesis 5.2; Rucker and Webster 2011).
 
     Arc length is measured along the backbone from the robot's base, whatever section the tendon
@@ -151,7 +151,6 @@ class Tendon:
     tension_limit: float = quantity(
         "force", "Largest tension.", low=0.0, low_open=True, default=math.inf
     )
-    __repr__ = show_briefly
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "name", check_name("tendon", self.name))
@@ -364,7 +363,7 @@ RADIUS_SLACK = 1e-12
 
 
 @dataclass(frozen=True, kw_only=True)
-class Section:
+class Section(Shown):
     """One section of a continuum robot, straight at rest unless it has a curvature of its own.
 
     Profiles are knots of arc length from the section's start and value, linear between; they
@@ -441,7 +440,6 @@ class Section:
     )
     line_weight: float = quantity("line force", "Weight per length.", low=0.0, default=0.0)
     disc_weight: float = quantity("force", "Weight of each disc.", low=0.0, default=0.0)
-    __repr__ = show_briefly
 
     def __post_init__(self) -> None:
         check_fields(self, "section ", skip=("disc_positions", "curvature", *STIFFNESSES))

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..numeric.arrays import Floats
+from ..results import Shown
 from .command_baselines import list_monomials
 from .kinematics import ContinuumRobot
 from .observation import interpolate_frames
@@ -115,7 +116,7 @@ class SectionStates:
 
 
 @dataclass(frozen=True)
-class SectionResidual:
+class SectionResidual(Shown):
     """Small motions of sections that are added to what a model predicts.
 
     Each section turns and stretches by a polynomial of its own state as the model predicts it,

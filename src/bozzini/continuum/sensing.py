@@ -15,7 +15,7 @@ from ..checks import check_integer, check_word, quantity
 from ..errors import InputError
 from ..numeric.arrays import Floats
 from ..progress import Progress, no_progress
-from ..results import ReasonedResult, format_rows, rows_of, tabulated, take_axes
+from ..results import ReasonedResult, Shown, format_rows, rows_of, tabulated, take_axes
 from ..task import Task
 from .energy import EnergyModel
 from .estimation import ShapeEstimator
@@ -36,7 +36,7 @@ MOST_SETS = 20_000
 
 
 @dataclass(frozen=True)
-class SensorChoice:
+class SensorChoice(Shown):
     """So many sensors, where they are best.
 
     Parameters
@@ -219,12 +219,18 @@ class SensorPlanning(Task):
         "text", "What is sensed.", words=get_args(SensorKind), default="place", option="kind"
     )
     aim: str = quantity(
-        "text", "What is to be known best.", words=get_args(SensorAim), default="tip", option="aim"
+        "text",
+        "What is to be known best.",
+        words=get_args(SensorAim),
+        default="tip",
+        option="aim",
+        by_name=True,
     )
     count: int = quantity(help="Most sensors.", default=3, low=1, high=50, whole=True)
     candidates: int = quantity(
         help="Places that are tried, evenly along the robot.", default=12, low=1, high=200,
         whole=True,
+        by_name=True,
     )  # fmt: skip
     noise: SensorNoise = SensorNoise()
     error: ModelError = ModelError()

@@ -14,6 +14,7 @@ from ..checks import check_fields, check_path, quantity
 from ..errors import FileFormatError, InputError
 from ..io.sheets import Sheet, read_sheet, split_title, take_numbers
 from ..numeric.arrays import Floats
+from ..results import Shown
 from .calibration import Command, Marker
 from .error_fit import SensorRecord
 from .kinematics import ContinuumRobot
@@ -55,7 +56,7 @@ FORM_HELP = "write 'curvature at 50 mm x [rad/m]' or 'strain at 50 mm beside 0.5
 
 
 @dataclass(frozen=True, kw_only=True)
-class SensorNoise:
+class SensorNoise(Shown):
     """Standard deviations of what sensors of a table read.
 
     Parameters
@@ -72,21 +73,27 @@ class SensorNoise:
         Of the direction of a ray [rad].
     """
 
-    place: float = quantity("length", "Noise of places.", low=1e-4, default=0.5)
-    angle: float = quantity("angle", "Noise of rotations.", low=1e-6, default=0.01)
-    bend: float = quantity("curvature", "Noise of curvatures.", low=1e-9, default=1e-5)
-    bend_share: float = quantity(help="Noise by the curvature.", low=0.0, default=0.01)
-    tension: float = quantity("force", "Noise of tensions.", low=1e-6, default=0.1)
-    strain: float = quantity(help="Noise of strains.", low=1e-9, default=1e-6)
-    strain_bias: float = quantity(help="Constant error of each strain.", low=0.0, default=0.0)
-    sight: float = quantity("angle", "Noise of rays.", low=1e-6, default=1e-3)
+    place: float = quantity("length", "Noise of places.", low=1e-4, default=0.5, by_name=True)
+    angle: float = quantity("angle", "Noise of rotations.", low=1e-6, default=0.01, by_name=True)
+    bend: float = quantity(
+        "curvature", "Noise of curvatures.", low=1e-9, default=1e-5, by_name=True
+    )
+    bend_share: float = quantity(
+        help="Noise by the curvature.", low=0.0, default=0.01, by_name=True
+    )
+    tension: float = quantity("force", "Noise of tensions.", low=1e-6, default=0.1, by_name=True)
+    strain: float = quantity(help="Noise of strains.", low=1e-9, default=1e-6, by_name=True)
+    strain_bias: float = quantity(
+        help="Constant error of each strain.", low=0.0, default=0.0, by_name=True
+    )
+    sight: float = quantity("angle", "Noise of rays.", low=1e-6, default=1e-3, by_name=True)
 
     def __post_init__(self) -> None:
         check_fields(self)
 
 
 @dataclass(frozen=True, kw_only=True)
-class SensorTable:
+class SensorTable(Shown):
     """What a table holds for a robot.
 
     Parameters

@@ -11,6 +11,7 @@ import numpy as np
 from ..checks import check_fields, quantity
 from ..errors import InputError
 from ..numeric.arrays import Floats
+from ..results import Shown
 from .checks import check_name, check_values
 from .observation import solve_screw
 
@@ -67,7 +68,7 @@ class Miss(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True)
-class BodySensor(ABC):
+class BodySensor(Shown, ABC):
     """A sensor at a place of the body.
 
     Parameters

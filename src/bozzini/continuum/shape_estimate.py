@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..numeric.arrays import Floats
-from ..results import Json, Result, list_row, rows_of, tabulated, take_axes, to_plain
+from ..results import Json, Result, Shown, list_row, rows_of, tabulated, take_axes, to_plain
 from .estimate_walls import WallPush
 from .robot import RobotDesign
 
@@ -27,7 +27,7 @@ HIDDEN = ("curvature", "coupling")
 
 
 @dataclass(frozen=True, eq=False)
-class EstimatorState:
+class EstimatorState(Shown):
     """What is known of all that the model does not know.
 
     Parameters
@@ -48,7 +48,7 @@ class EstimatorState:
 
 
 @dataclass(frozen=True)
-class EstimatedLoad:
+class EstimatedLoad(Shown):
     """A load that was found.
 
     Parameters
@@ -76,7 +76,7 @@ class EstimatedLoad:
 
 
 @dataclass(frozen=True, eq=False)
-class EstimatedContact:
+class EstimatedContact(Shown):
     """How walls press the body at its stations, in the world.
 
     Parameters

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from ..errors import InputError
 from ..progress import Progress, no_progress
-from ..results import Json, Result, format_rows, rows_of, tabulated
+from ..results import Json, Result, Shown, format_rows, rows_of, tabulated
 from .fit_search import DEFAULT_OPTIONS, RobotFitOptions
 from .kinematics import ContinuumRobot
 from .measured import RobotMeasurements
@@ -20,7 +20,7 @@ GAIN = 0.02
 
 
 @dataclass(frozen=True)
-class FitStage:
+class FitStage(Shown):
     """A stage of a fit.
 
     Parameters

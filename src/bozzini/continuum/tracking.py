@@ -13,7 +13,7 @@ import numpy as np
 from ..checks import check_kind, check_number, quantity
 from ..numeric.arrays import Floats
 from ..progress import Progress, no_progress
-from ..results import tabulated
+from ..results import Shown, tabulated
 from ..task import Task
 from ..tracking import TrackedPaths, find_rms, measure_distances, trace_places
 from .control import (
@@ -131,7 +131,7 @@ def _move(
 
 
 @dataclass(frozen=True)
-class TendonTrackedBy:
+class TendonTrackedBy(Shown):
     """How a controller did.
 
     Parameters
@@ -198,16 +198,27 @@ class ContinuumTracking(Task):
     radius: float = quantity("length", "Of the circle.", low=0.0, low_open=True, high=1e5)
     frequency: float = quantity("frequency", "Turns per second.", default=1.0, low=1e-3, high=100.0)
     softer: float = quantity(
-        help="By which share the robot is softer than believed.", default=0.2, low=-10.0, high=0.9
+        help="By which share the robot is softer than believed.",
+        default=0.2,
+        low=-10.0,
+        high=0.9,
+        by_name=True,
     )
     period: float = quantity("time", "Between commands.", default=0.01, low=1e-4, high=1.0)
     delay: int = quantity(
-        help="Periods after which a command acts.", default=1, low=0, high=100, whole=True
+        help="Periods after which a command acts.",
+        default=1,
+        low=0,
+        high=100,
+        whole=True,
+        by_name=True,
     )
     noise: float = quantity(
-        "length", "Standard deviation of places seen.", default=0.1, low=0.0, high=1e3
+        "length", "Standard deviation of places seen.", default=0.1, low=0.0, high=1e3, by_name=True
     )
-    highest: float = quantity("force", "Largest tension.", default=20.0, low=1e-6, high=1e6)
+    highest: float = quantity(
+        "force", "Largest tension.", default=20.0, low=1e-6, high=1e6, by_name=True
+    )
     rate: float = quantity(
         help="Largest change of a tension [N/s].", default=200.0, low=1e-3, high=1e9
     )

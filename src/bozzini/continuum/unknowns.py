@@ -12,7 +12,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..numeric.arrays import Floats
-from ..results import Json
+from ..results import Json, Shown
 from .calibration import Marker, RobotCalibration, convert_commands
 from .dynamics import DynamicsOptions
 from .kinematics import ContinuumRobot
@@ -103,7 +103,7 @@ POSES = ("position", "rotation")
 
 
 @dataclass(frozen=True)
-class RobotSetup:
+class RobotSetup(Shown):
     """A robot, how it is commanded, and what is seen of it.
 
     Parameters
@@ -142,7 +142,7 @@ class RobotSetup:
 
 
 @dataclass(frozen=True)
-class Unknown:
+class Unknown(Shown):
     """One number of a fit: a change of the same field of some items.
 
     Parameters

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..checks import check_fields, quantity, show_value
 from ..errors import InputError
 from ..numeric.arrays import Floats
+from ..results import Shown
 from .kernels import contact as kernels
 
 FINEST_STEP = 0.02
@@ -26,7 +27,7 @@ STEEPEST = math.sqrt(3.0)
 
 
 @dataclass(frozen=True, kw_only=True)
-class ContactOptions:
+class ContactOptions(Shown):
     """How a robot touches walls.
 
     Parameters
@@ -68,12 +69,14 @@ class ContactOptions:
         low=1e-6,
         high=10.0,
         default=0.01,
+        by_name=True,
     )
     segment_length: float | None = quantity(
         "length",
         "Largest segment (default: the body's radius, or a 60th of its length).",
         low=1e-3,
         default=None,
+        by_name=True,
     )
     smoothing: float | None = quantity(
         "length",
@@ -81,9 +84,15 @@ class ContactOptions:
         low=1e-4,
         high=100.0,
         default=None,
+        by_name=True,
     )
     tolerance: float = quantity(
-        "length", "How deep the body may be in the wall.", low=1e-9, high=0.1, default=1e-6
+        "length",
+        "How deep the body may be in the wall.",
+        low=1e-9,
+        high=0.1,
+        default=1e-6,
+        by_name=True,
     )
 
     def __post_init__(self) -> None:

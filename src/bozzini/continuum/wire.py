@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from ..checks import check_array, check_fields, list_quantities, quantity, show_apart
 from ..errors import InputError
 from ..numeric.arrays import Floats
+from ..results import Shown
 from .profile import Profile, check_profile, evaluate_profile, smallest_of
 
 GRAVITY = 9.80665
@@ -22,7 +23,7 @@ CUBIC_METRE = 1e9
 
 
 @dataclass(frozen=True, kw_only=True)
-class Wire:
+class Wire(Shown):
     """A round wire, or a tube, of one material.
 
     With ``A = pi/4 (D^2 - d^2)`` and ``I = pi/64 (D^4 - d^4)`` it has ``EI = E I``,

@@ -17,6 +17,7 @@ from ..results import (
     ClosedForm,
     Json,
     Result,
+    Shown,
     list_coordinates,
     measured,
     tabulated,
@@ -114,7 +115,7 @@ class WorkspaceVolume(ClosedForm):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class TendonTravel:
+class TendonTravel(Shown):
     """Displacements that tendons need over a set of bends.
 
     Parameters
@@ -282,7 +283,7 @@ SINGULAR_VALUE_RATIO = 1e-12
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Manipulability:
+class Manipulability(Shown):
     """How a change of the bends moves the tip.
 
     Parameters
@@ -313,7 +314,7 @@ class Manipulability:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Dexterity:
+class Dexterity(Shown):
     """Directions in which the tip can look from one place.
 
     Parameters

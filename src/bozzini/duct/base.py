@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..checks import check_array, check_fields, check_number, check_points, show_apart
 from ..errors import GeometryError, InputError
 from ..numeric.arrays import Floats
-from ..results import show_briefly, take_axes
+from ..results import Shown, show_briefly, take_axes
 from .checks import (
     check_counts,
     check_places,
@@ -54,7 +54,7 @@ PLOT_CELLS = 160, 72
 """Cells along the longest side of a picture: of a planar duct, and of one in space."""
 
 
-class Duct(ABC):
+class Duct(Shown, ABC):
     """A lumen, as planners see it: a signed distance to its wall, negative inside [mm].
 
     A shape of one's own derives from this class, or from `DuctShape`, as a frozen dataclass, and

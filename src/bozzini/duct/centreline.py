@@ -15,7 +15,7 @@ from ..checks import check_number, check_points, check_range, floor_mm, show_val
 from ..errors import GeometryError, InputError
 from ..numeric.polylines import interpolate_polyline, measure_arc_length, resample_polyline
 from ..progress import Progress, no_progress
-from ..results import show_briefly, take_axes
+from ..results import Shown, take_axes
 from .base import Duct, SampledField
 from .shapes.cones import RoundCones
 from .shapes.cylinders import ConnectedCylinders
@@ -441,7 +441,7 @@ class OtherEnd:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Centreline:
+class Centreline(Shown):
     """An ordered curve inside a lumen.
 
     Parameters
@@ -455,8 +455,6 @@ class Centreline:
     other_ends : tuple of OtherEnd
         Where else an end that was found, not given, could be.
     """
-
-    __repr__ = show_briefly
 
     points: NDArray[np.float64]
     arc_length: NDArray[np.float64]

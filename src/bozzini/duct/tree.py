@@ -17,7 +17,7 @@ from ..errors import BozziniError, GeometryError, InputError
 from ..numeric.arrays import Floats
 from ..numeric.polylines import interpolate_polyline, measure_arc_length, resample_polyline
 from ..progress import Progress, no_progress
-from ..results import ClosedForm, Json, take_axes, to_plain
+from ..results import ClosedForm, Json, Shown, take_axes, to_plain
 from .base import SampledField
 from .centreline import (
     SPACING,
@@ -66,7 +66,7 @@ LEAK = 1.5
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Branch:
+class Branch(Shown):
     """A piece of a tree between two places where it branches, or from there to an end.
 
     Parameters

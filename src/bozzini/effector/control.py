@@ -19,6 +19,7 @@ from ..muscle.hysteresis import HysteresisState
 from ..numeric.arrays import Floats
 from ..numeric.knots import Knots
 from ..numeric.limited import solve_limited
+from ..results import Shown
 from .effector import Effector
 from .motion import MotionState
 from .section import find_bends
@@ -43,7 +44,7 @@ _SHARES = (0.0, 0.25, 0.5, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
-class ControlState:
+class ControlState(Shown):
     """What a controller knows.
 
     Parameters
@@ -68,7 +69,7 @@ class ControlState:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Controller(ABC):
+class Controller(Shown, ABC):
     """Commands, within limits of pressure and rate, for an end-effector.
 
     Parameters

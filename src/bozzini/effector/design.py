@@ -24,7 +24,7 @@ from ..checks import (
 from ..errors import GeometryError, InputError
 from ..muscle import Muscle
 from ..muscle import preset as muscle_preset
-from ..results import Json
+from ..results import Json, Shown
 
 BEAM_FACTORS = (2.0, 3.0)
 """``k`` of the tip's deflection ``M L**2 / (k EI)`` under an end moment: derived, as printed."""
@@ -33,7 +33,7 @@ _SAME_ANGLE_RAD = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True)
-class PlacedMuscle:
+class PlacedMuscle(Shown):
     """A muscle and where it sits round the backbone.
 
     Parameters
@@ -70,7 +70,7 @@ class PlacedMuscle:
 
 
 @dataclass(frozen=True, kw_only=True)
-class EffectorDesign:
+class EffectorDesign(Shown):
     """A bending section: muscles at a fixed distance round a backbone (thesis 4.2-4.4).
 
     The base is the plane z = 0 and the straight backbone the z axis. The defaults are the numbers
@@ -119,6 +119,7 @@ class EffectorDesign:
         default=4.0,
         low=1e-3,
         high=1e3,
+        by_name=True,
     )
     backbone_length: float = quantity(
         "length",
@@ -126,6 +127,7 @@ class EffectorDesign:
         default=45.0,
         low=1e-2,
         high=1e4,
+        by_name=True,
     )
     segments: int = quantity(
         help="Turns of the outer spring: part of the design, no mesh (measured: 15).",
@@ -133,6 +135,7 @@ class EffectorDesign:
         low=1,
         high=1000,
         whole=True,
+        by_name=True,
     )
     flexural_rigidity: float = quantity(
         "rigidity",
@@ -140,6 +143,7 @@ class EffectorDesign:
         default=200.0,
         low=1e-6,
         high=1e12,
+        by_name=True,
     )
     catheter_rigidity: float = quantity(
         "rigidity",
@@ -147,6 +151,7 @@ class EffectorDesign:
         default=0.0,
         low=0.0,
         high=1e12,
+        by_name=True,
     )
     holder_length: float = quantity(
         "length",
@@ -154,6 +159,7 @@ class EffectorDesign:
         default=10.0,
         low=0.0,
         high=1e4,
+        by_name=True,
     )
     pressure_limit: float = quantity(
         "pressure",
@@ -161,19 +167,46 @@ class EffectorDesign:
         default=0.827,
         low=1e-6,
         high=10.0,
+        by_name=True,
     )
-    beam_factor: float = quantity(default=3.0, low=2.0, high=3.0)
+    beam_factor: float = quantity(
+        help="Of the formula M L^2 / (factor E I): 3 as printed, 2 as derived (measured: 2).",
+        default=3.0,
+        low=2.0,
+        high=3.0,
+        by_name=True,
+    )
     holder_diameter: float = quantity(
-        "length", "Diameter of the holders (measured: 9 mm).", default=9.0, low=1e-3, high=1e4
+        "length",
+        "Diameter of the holders (measured: 9 mm).",
+        default=9.0,
+        low=1e-3,
+        high=1e4,
+        by_name=True,
     )
     bore_diameter: float = quantity(
-        "length", "Catheter's hole in them (measured: 3.5 mm).", default=3.5, low=0.0, high=1e4
+        "length",
+        "Catheter's hole in them (measured: 3.5 mm).",
+        default=3.5,
+        low=0.0,
+        high=1e4,
+        by_name=True,
     )
     hole_diameter: float = quantity(
-        "length", "A muscle's hole in them (measured: 2 mm).", default=2.0, low=0.0, high=1e4
+        "length",
+        "A muscle's hole in them (measured: 2 mm).",
+        default=2.0,
+        low=0.0,
+        high=1e4,
+        by_name=True,
     )
     coil_diameter: float = quantity(
-        "length", "Coil in the middle (measured: 4 mm).", default=4.0, low=0.0, high=1e4
+        "length",
+        "Coil in the middle (measured: 4 mm).",
+        default=4.0,
+        low=0.0,
+        high=1e4,
+        by_name=True,
     )
 
     def __post_init__(self) -> None:

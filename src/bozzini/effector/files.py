@@ -13,6 +13,7 @@ from typing import Literal
 from ..checks import check_kind, choose, quantity
 from ..io.records import load_record, save_record
 from ..muscle import MODELS
+from ..results import Shown
 from .design import EffectorDesign, PlacedMuscle
 from .effector import Effector
 from .fit import EffectorFit
@@ -23,7 +24,7 @@ from .view import TipView
 
 
 @dataclass(frozen=True, kw_only=True)
-class EffectorFile:
+class EffectorFile(Shown):
     """What the file of an end-effector holds.
 
     Parameters

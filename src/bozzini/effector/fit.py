@@ -14,7 +14,7 @@ from ..errors import InputError
 from ..numeric.arrays import Floats
 from ..numeric.estimate import EstimateOptions, Estimation, estimate
 from ..progress import Progress, no_progress
-from ..results import Json, Result, format_rows, rows_of, tabulated, take_axes, to_plain
+from ..results import Json, Result, Shown, format_rows, rows_of, tabulated, take_axes, to_plain
 from .linkage import lateral_deflection
 from .measured import EffectorMeasurements
 from .model import EffectorModel
@@ -41,7 +41,7 @@ _APART = 1e9
 
 
 @dataclass(frozen=True, kw_only=True)
-class EffectorFitOptions:
+class EffectorFitOptions(Shown):
     """How an end-effector is fitted, and checked.
 
     Parameters
@@ -60,7 +60,7 @@ class EffectorFitOptions:
 
 
 @dataclass(frozen=True)
-class FittedNumber:
+class FittedNumber(Shown):
     """A fitted number.
 
     Parameters

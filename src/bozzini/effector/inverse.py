@@ -15,7 +15,7 @@ from ..errors import InputError
 from ..muscle import MuscleModel
 from ..numeric.arrays import Floats
 from ..numeric.roots import polish
-from ..results import Json, Result, list_coordinates, measured, take_axes, to_plain
+from ..results import Json, Result, Shown, list_coordinates, measured, take_axes, to_plain
 from .design import EffectorDesign
 from .equilibrium import list_muscles, settle_muscles
 from .kernels import inverse as kernels
@@ -32,7 +32,7 @@ UNCOVERED_GAP_RAD = math.pi - 1e-9
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Sectors:
+class Sectors(Shown):
     """The sectors between neighbouring muscles, in the order of their angles.
 
     Attributes
@@ -94,7 +94,7 @@ TARGET_LIMIT_MM = 1e9
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class ProjectedInverse:
+class ProjectedInverse(Shown):
     """Displacements of the two muscles on either side of a target (thesis 4.10-4.16).
 
     Attributes
@@ -232,7 +232,7 @@ def split(
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Reach:
+class Reach(Shown):
     """What the muscles of an end-effector can do, each alone.
 
     Attributes

@@ -14,6 +14,7 @@ from ..errors import GeometryError, InputError
 from ..muscle import Muscle
 from ..muscle.design import LOCKING_ANGLE
 from ..numeric.arrays import Floats
+from ..results import Shown
 from .design import EffectorDesign
 from .kernels import linkage as kernels
 
@@ -21,7 +22,7 @@ Linkage = tuple[float, float, int]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class LinkageBend:
+class LinkageBend(Shown):
     """The section bent by one muscle, in the plane of backbone and muscle.
 
     Points are (lateral, axial) [mm]: lateral from the straight backbone towards the muscle.

@@ -18,7 +18,7 @@ from ..checks import check_array, check_number, check_path
 from ..errors import FileFormatError, InputError, UnitError
 from ..io.sheets import read_sheet, split_title, take_frame, take_numbers
 from ..numeric.arrays import Floats
-from ..results import show_briefly
+from ..results import Shown
 from ..units import is_unit, parse_unit
 from .view import ANGLES, LATERAL
 
@@ -39,7 +39,7 @@ _SPOT_WORDS = ("spot", "dot")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class EffectorMeasurements:
+class EffectorMeasurements(Shown):
     """What was commanded of an end-effector, and what was seen.
 
     Parameters
@@ -68,8 +68,6 @@ class EffectorMeasurements:
     InputError
         If the arrays do not go together, times run backwards, or nothing was seen.
     """
-
-    __repr__ = show_briefly
 
     muscles: tuple[str, ...]
     commands: Floats

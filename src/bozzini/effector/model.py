@@ -13,6 +13,7 @@ from ..checks import check_array, check_range, show_value, take_named
 from ..errors import InputError
 from ..muscle import EnergyMuscle, Muscle, MuscleModel
 from ..muscle.model import NUMBERS_LIMIT
+from ..results import Shown
 from .design import EffectorDesign
 from .linkage import Peak, find_peak, take_linkage
 
@@ -62,7 +63,7 @@ def pack_effector(design: EffectorDesign, models: tuple[MuscleModel, ...]) -> Pa
 
 
 @dataclass(frozen=True)
-class EffectorModel:
+class EffectorModel(Shown):
     """A design with a model of its muscles: what all functions of an end-effector take.
 
     `Effector` is the same with forward and inverse kinematics.

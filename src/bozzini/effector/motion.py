@@ -16,13 +16,14 @@ from ..checks import check_fields, quantity
 from ..errors import InputError
 from ..muscle.hysteresis import HysteresisState, PrandtlIshlinskii
 from ..numeric.arrays import Floats
+from ..results import Shown
 from .kernels import motion as kernels
 
 LAGS = {"scale": 0.1, "low": 0.0, "high": 1e4}
 
 
 @dataclass(frozen=True, kw_only=True)
-class EffectorMotion:
+class EffectorMotion(Shown):
     """How an end-effector follows its commands in time; by default at once.
 
     Parameters
@@ -121,7 +122,7 @@ class EffectorMotion:
 
 
 @dataclass(frozen=True, eq=False)
-class MotionState:
+class MotionState(Shown):
     """What b end-effectors remember at a time.
 
     Parameters

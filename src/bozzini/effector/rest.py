@@ -14,6 +14,7 @@ from ..checks import check_array, check_integer
 from ..errors import InputError
 from ..numeric.arrays import Floats
 from ..registry import Registry
+from ..results import Shown
 from .kernels import motion as kernels
 
 RIDGES = (0.1, 1.0, 10.0, 100.0, 1000.0)
@@ -22,7 +23,7 @@ _LIMIT = 10.0
 """Size, in ranges of the data, within which a polynomial of past samples is kept."""
 
 
-class Rest(ABC):
+class Rest(Shown, ABC):
     """A rule that is learned from what a model leaves over, on top of it.
 
     Another package adds one by an entry point of the group ``bozzini.rests``.

@@ -21,7 +21,7 @@ from ..checks import (
     quantity,
 )
 from ..errors import InputError
-from ..results import Json, Result, tabulated, take_axes, to_plain
+from ..results import Json, Result, Shown, tabulated, take_axes, to_plain
 from .equilibrium import balance
 from .inverse import (
     MISS_TOLERANCE_MM,
@@ -44,7 +44,7 @@ MOST_SAMPLES = 1_000_000
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class CubicFit:
+class CubicFit(Shown):
     """A cubic of pressure for the deflection by one muscle, and how far it is off.
 
     The thesis does not print its cubic, nor where it was fitted. The model's curve is flat

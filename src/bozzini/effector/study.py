@@ -16,7 +16,7 @@ from ..checks import Quantity, check_integer, check_number, list_quantities, sho
 from ..errors import BozziniError, InputError
 from ..muscle import Muscle
 from ..progress import Progress, no_progress
-from ..results import Json, Result, measured, take_axes, to_plain
+from ..results import Json, Result, Shown, measured, take_axes, to_plain
 from ..units import add_unit
 from .batch import HIGHEST_PRESSURE_MPA, can_batch, measure_designs
 from .design import EffectorDesign, PlacedMuscle
@@ -105,7 +105,7 @@ MOST_DESIGNS = 1_000_000
 
 
 @dataclass(frozen=True, kw_only=True)
-class SweepRow:
+class SweepRow(Shown):
     """One design of a sweep; numbers are 0 where the design cannot be built.
 
     Attributes

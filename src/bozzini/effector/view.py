@@ -12,6 +12,7 @@ import numpy as np
 from ..checks import check_fields, check_number, quantity
 from ..errors import InputError
 from ..numeric.arrays import Floats
+from ..results import Shown
 from .section import shape_sections
 
 if TYPE_CHECKING:
@@ -28,7 +29,7 @@ _TURN = {"default": 0.0, "low": -math.pi, "high": math.pi, "scale": 0.05}
 
 
 @dataclass(frozen=True, kw_only=True)
-class TipView:
+class TipView(Shown):
     """Where the base stands, and what a pointer at the tip throws its spot on.
 
     Angles and places are in the frame of whoever looks: places of the tip are turned and moved with

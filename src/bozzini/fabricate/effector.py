@@ -12,6 +12,7 @@ import numpy as np
 from ..checks import check_fields, quantity, show_apart
 from ..errors import GeometryError, InputError
 from ..numeric.arrays import Floats
+from ..results import Shown
 from .part import Channel, Part, drill
 
 if TYPE_CHECKING:
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class HolderOptions:
+class HolderOptions(Shown):
     """How the holders and fittings of an end-effector are made (thesis 4.2 and 3.2).
 
     The holes' places and diameters, the holder's diameter and the length of the distal holder are
@@ -55,6 +56,7 @@ class HolderOptions:
         low=0.5,
         high=1e3,
         source="a choice, half the distal holder: 30 mm^2 of glue on a 2 mm fitting",
+        by_name=True,
     )
     seat_depth: float = quantity(
         "length",
@@ -63,6 +65,7 @@ class HolderOptions:
         low=0.0,
         high=100.0,
         source="a choice, half the diameter of the thesis's coil",
+        by_name=True,
     )
     nozzle_diameter: float = quantity(
         "length",
@@ -71,6 +74,7 @@ class HolderOptions:
         low=0.1,
         high=100.0,
         source="fits in air tubes of 1 mm bore; stretches the thesis's silicone tube of 0.5 mm",
+        by_name=True,
     )
     nozzle_length: float = quantity(
         "length",
@@ -79,6 +83,7 @@ class HolderOptions:
         low=0.5,
         high=100.0,
         source="a choice: less than half the 11.7 mm at a muscle's ends that do not contract",
+        by_name=True,
     )
     air_bore: float = quantity(
         "length",
@@ -87,6 +92,7 @@ class HolderOptions:
         low=0.05,
         high=100.0,
         source="a choice: what a wall of 0.3 mm leaves of a nozzle of 1 mm",
+        by_name=True,
     )
     clearance: float = quantity(
         "length",
@@ -95,6 +101,7 @@ class HolderOptions:
         low=0.0,
         high=10.0,
         source="a choice: 0.05 mm of glue all round",
+        by_name=True,
     )
     wall: float = quantity(
         "length",
@@ -103,6 +110,7 @@ class HolderOptions:
         low=0.05,
         high=100.0,
         source="a choice for turned or resin-printed parts; filament printers need 0.4 mm or more",
+        by_name=True,
     )
 
     def __post_init__(self) -> None:

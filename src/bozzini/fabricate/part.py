@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..errors import GeometryError
 from ..numeric.arrays import Floats
-from ..results import Json
+from ..results import Json, Shown
 
 if TYPE_CHECKING:
     import trimesh
@@ -31,7 +31,7 @@ SAMPLES = 5
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Channel:
+class Channel(Shown):
     """A round hole through a part, or into it.
 
     Parameters
@@ -74,7 +74,7 @@ def drill(name: str, diameter: float, low: Floats, high: Floats) -> Channel:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Part:
+class Part(Shown):
     """A solid to be made: a body of revolution about z, less its channels.
 
     Parameters

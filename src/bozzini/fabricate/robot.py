@@ -12,7 +12,7 @@ import numpy as np
 from ..checks import check_fields, check_number, quantity, show_apart
 from ..errors import GeometryError
 from ..numeric.arrays import Floats
-from ..results import ClosedForm, Json, take_axes
+from ..results import ClosedForm, Json, Shown, take_axes
 from .part import Channel, Part, drill, gather_copies
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ of 6.3 mm radius, which is tighter than any channel of an endoscope."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class BodyOptions:
+class BodyOptions(Shown):
     """How the body of a tendon robot is made.
 
     Parameters
@@ -81,6 +81,7 @@ class BodyOptions:
         low=0.0,
         high=10.0,
         source="a choice: a wire of 0.25 mm slides; test it on the machine that makes the part",
+        by_name=True,
     )
     thickness: float = quantity(
         "length",
@@ -89,6 +90,7 @@ class BodyOptions:
         low=0.1,
         high=1e3,
         source="a choice: a hole of 0.35 mm in it guides its wire within 3 degrees",
+        by_name=True,
     )
     wall: float = quantity(
         "length",
@@ -97,6 +99,7 @@ class BodyOptions:
         low=0.05,
         high=100.0,
         source="one line of the usual 0.4 mm nozzle of filament printers",
+        by_name=True,
     )
 
     def __post_init__(self) -> None:

@@ -29,7 +29,7 @@ from ..numeric.arrays import Floats
 from ..numeric.level_sets import find_level_set
 from ..numeric.polylines import carry_frames
 from ..progress import Progress, no_progress
-from ..results import Json, ReasonedResult, measured, rows_of, tabulated, take_axes
+from ..results import Json, ReasonedResult, Shown, measured, rows_of, tabulated, take_axes
 from ..task import Task
 from ..units import parse_vector
 from .check import ResultOfRows, head_field
@@ -48,7 +48,7 @@ OUT_OF_REACH, BLOCKED, REACHED = 0, 1, 2
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Stand:
+class Stand(Shown):
     """Where the face of a head stands in the world.
 
     Attributes
@@ -183,7 +183,7 @@ class _Lines:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ReachedFrom:
+class ReachedFrom(Shown):
     """What became of a place that is to be reached, from one insertion.
 
     Parameters
@@ -415,7 +415,7 @@ def _check_size(head: Head, options: ReachOptions) -> None:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Touches:
+class Touches(Shown):
     """Places (n) at which an instrument's tip meets the wall, with nothing in the way.
 
     Attributes

@@ -28,6 +28,7 @@ from ..effector.study import change_design
 from ..errors import InputError
 from ..io.records import load_record, save_record
 from ..numeric.arrays import Floats
+from ..results import Shown
 from ..vision.camera import Camera, aim_camera
 
 if TYPE_CHECKING:
@@ -89,7 +90,7 @@ class Instrument:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class SectionPoses:
+class SectionPoses(Shown):
     """Poses (n) of one end-effector with its instrument, in the head's frame [mm].
 
     Attributes
@@ -116,7 +117,7 @@ class SectionPoses:
 
 
 @dataclass(frozen=True, kw_only=True)
-class PlacedEffector:
+class PlacedEffector(Shown):
     """An end-effector in a head, with its instrument.
 
     Parameters
@@ -276,7 +277,7 @@ def _bend_line(line: Floats, tip: Floats, force: Floats, rigidity: float) -> Flo
 
 
 @dataclass(frozen=True, kw_only=True)
-class HeadCamera:
+class HeadCamera(Shown):
     """A camera with its light on an arm that is bent beforehand, so that it looks down when free.
 
     The arm lies straight under the cap. Free, its first part bends outwards and its second back,
@@ -396,7 +397,7 @@ class EndCap:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Head:
+class Head(Shown):
     """The distal head of an endoscope, its face in the plane z = 0, its axis along z.
 
     Parameters

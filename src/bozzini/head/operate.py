@@ -17,7 +17,7 @@ from ..effector.section import find_bends
 from ..motion.plan import Plan
 from ..numeric.arrays import Floats
 from ..progress import Progress, no_progress
-from ..results import ReasonedResult, format_rows, measured, rows_of, tabulated, take_axes
+from ..results import ReasonedResult, Shown, format_rows, measured, rows_of, tabulated, take_axes
 from ..task import Task
 from ..vision.camera import Camera, aim_camera
 from .anchor import Stand, Touches, list_insertions, list_touches, read_lumen, stand_head
@@ -191,7 +191,7 @@ def find_up(head: Head, way: Floats) -> Floats:
 
 
 @dataclass(frozen=True, kw_only=True)
-class CameraRow:
+class CameraRow(Shown):
     """What a camera's picture did while a scripted operator touched targets.
 
     Parameters

@@ -28,7 +28,16 @@ from ..io.sheets import split_title
 from ..numeric.arrays import Floats
 from ..numeric.estimation import find_conformal_limit
 from ..progress import Progress, no_progress
-from ..results import Json, ReasonedResult, format_rows, rows_of, tabulated, take_axes, to_plain
+from ..results import (
+    Json,
+    ReasonedResult,
+    Shown,
+    format_rows,
+    rows_of,
+    tabulated,
+    take_axes,
+    to_plain,
+)
 from .constants import Constant, identify_tendon, judge_constants
 from .fitting import (
     Fitted,
@@ -74,7 +83,7 @@ _TURN = 0.05
 
 
 @dataclass(frozen=True, kw_only=True)
-class LoopRow:
+class LoopRow(Shown):
     """How a law does; root mean squares in the unit of the output.
 
     Parameters

@@ -18,7 +18,7 @@ from ..io.records import format_yaml, load_data, read_record, write_record
 from ..io.sheets import split_title
 from ..muscle.hysteresis.operator import number, take_fields
 from ..numeric.arrays import Floats
-from ..results import Json, ReasonedResult, take_axes, to_plain
+from ..results import Json, ReasonedResult, Shown, take_axes, to_plain
 from .comparison import LAWS, LoopComparison, count_lead
 from .fitting import Fitted, Mask, Samples, settle_starts
 from .law import LoopLaw, LoopState
@@ -32,7 +32,7 @@ VERSION = 1
 
 
 @dataclass(frozen=True, kw_only=True)
-class LoopFile:
+class LoopFile(Shown):
     """A fitted law with what is known of it.
 
     Parameters

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ..muscle.hysteresis.operator import fit_linear
 from ..numeric.arrays import Floats
 from ..numeric.least_squares import LeastSquares
+from ..results import Shown
 from .law import PARALLEL, Fan, LoopLaw, trace_plays, trace_state
 
 STILL = 0.05
@@ -81,7 +82,7 @@ class PlayForm(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Fitted:
+class Fitted(Shown):
     """A law, the start of each run, the factors of the terms, and half widths left out."""
 
     law: LoopLaw

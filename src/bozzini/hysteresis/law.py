@@ -11,6 +11,7 @@ from ..errors import InputError
 from ..muscle.hysteresis.operator import number, numbers, take_fields
 from ..muscle.kernels import hysteresis as kernels
 from ..numeric.arrays import Floats
+from ..results import Shown
 
 Fan = tuple[float, float]
 """Share by which plays widen from an apex, and that [input]."""
@@ -21,7 +22,7 @@ WHOLE = 2.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class LoopState:
+class LoopState(Shown):
     """What a law remembers: the last input, its plays, the Bouc-Wen state over its bound."""
 
     last: float = number()
@@ -33,7 +34,7 @@ class LoopState:
 
 
 @dataclass(frozen=True, kw_only=True)
-class LoopLaw:
+class LoopLaw(Shown):
     """A curve of a sum of plays of the input, plus a Bouc-Wen state.
 
     With plays ``H_j`` of half widths r_j (see `PrandtlIshlinskii`) and the state h of a `BoucWen`

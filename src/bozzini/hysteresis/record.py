@@ -25,6 +25,7 @@ from ..io.sheets import (
 from ..muscle.hysteresis.operator import LIMIT
 from ..muscle.loops.record import find_bins, smooth_input
 from ..numeric.arrays import Floats
+from ..results import Shown
 
 FEWEST = 20
 """Rows that a table of loops must have."""
@@ -47,7 +48,7 @@ class LoopTitles:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class LoopRuns:
+class LoopRuns(Shown):
     """Rows of inputs and outputs in the order of time, run after run.
 
     Parameters

@@ -10,6 +10,7 @@ from ..checks import quantity
 from ..errors import InputError
 from ..io.sheets import parse_columns
 from ..progress import Progress, no_progress
+from ..results import Shown
 from ..task import Task
 from .comparison import DRIFTS, LAWS, LoopComparison, compare_laws
 from .files import LoopPrediction, predict_loops, read_law, write_law
@@ -17,7 +18,7 @@ from .record import LoopRuns, LoopTitles, read_loops
 
 
 @dataclass(frozen=True, kw_only=True)
-class LoopTable:
+class LoopTable(Shown):
     """How a table of loops is read."""
 
     input: str | None = quantity(

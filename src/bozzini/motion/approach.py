@@ -13,7 +13,7 @@ from ..checks import check_number, check_points
 from ..duct.tree import Branch, LumenTree
 from ..numeric.arrays import Floats
 from ..numeric.polylines import carry_frames, interpolate_polyline, measure_arc_length
-from ..results import tabulated
+from ..results import Shown, tabulated
 
 if TYPE_CHECKING:
     from .branches import TreeReach
@@ -29,7 +29,7 @@ DIRECTIONS = (
 
 
 @dataclass(frozen=True, kw_only=True)
-class Approach:
+class Approach(Shown):
     """A way to a target from one branch.
 
     Parameters

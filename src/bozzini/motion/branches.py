@@ -22,6 +22,7 @@ from ..progress import Progress, no_progress
 from ..results import (
     Json,
     ReasonedResult,
+    Shown,
     list_row,
     measured,
     rows_of,
@@ -82,7 +83,7 @@ PLACES = 20_000
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class TreeReachOptions:
+class TreeReachOptions(Shown):
     """How scopes are tried in a tree.
 
     Parameters

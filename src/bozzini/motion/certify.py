@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..checks import check_array, check_number, quantity
 from ..duct.base import Duct
 from ..errors import InputError
+from ..results import Shown
 from .space import FreeSpace
 
 TOLERANCE_MM = 0.1
@@ -33,7 +34,7 @@ BUDGET = 100_000_000
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Certificate:
+class Certificate(Shown):
     """What is proved about a motion.
 
     Parameters

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..checks import check_number, check_points, check_range, check_word
 from ..duct.base import Duct, check_duct
 from ..errors import InputError
+from ..results import Shown
 from .space import FreeSpace
 
 STATUSES = ("free", "wall", "searched", "infeasible")
@@ -33,7 +34,7 @@ COORDINATE_MAX_MM = 1e6
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class LinkPlacement:
+class LinkPlacement(Shown):
     """Where the tail of one link goes.
 
     Parameters

@@ -30,7 +30,7 @@ from ..duct.deformation import Displacement, carry_tissue
 from ..duct.moving import MovedField, MovingField
 from ..errors import DeformationError, InputError
 from ..numeric.arrays import Floats
-from ..results import Json, Result, rows_of, tabulated, take_axes
+from ..results import Json, Result, Shown, rows_of, tabulated, take_axes
 from .certify import certify_motion, find_waiting
 from .moving import ReplanOptions, cut_ahead, replan
 from .plan import Plan
@@ -71,10 +71,15 @@ class LiveOptions:
         "time", "How long.  [default: one period of the motion]", low=1e-3, high=1e5, default=None
     )
     horizon: float = quantity(
-        "length", "Next stretch, certified in every frame.", low=0.0, high=1e4, default=30.0
+        "length",
+        "Next stretch, certified in every frame.",
+        low=0.0,
+        high=1e4,
+        default=30.0,
+        by_name=True,
     )
     advance: float = quantity(
-        "speed", "How fast the head moves on.", low=0.0, high=1e3, default=5.0
+        "speed", "How fast the head moves on.", low=0.0, high=1e3, default=5.0, by_name=True
     )
     inserted: float = quantity(
         help="Share of the way at which the head begins.", low=0.0, high=1.0, default=0.5
@@ -85,7 +90,7 @@ class LiveOptions:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class LiveFrame:
+class LiveFrame(Shown):
     """What came of one frame.
 
     Parameters

@@ -18,6 +18,7 @@ from ..duct.centreline import Centreline
 from ..errors import InputError, PluginError
 from ..numeric.polylines import measure_arc_length
 from ..progress import Progress, no_progress
+from ..results import Shown
 from .certify import Certificate, certify_motion
 from .measures import measure_motion, summarise_field
 from .plan import CandidateMotion, Plan
@@ -34,7 +35,7 @@ POSITIONS_MAX = 10_000_000
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Motion:
+class Motion(Shown):
     """What a planner finds: the steps, and why they end before the goal.
 
     Lists become arrays.

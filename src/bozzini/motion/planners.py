@@ -16,6 +16,7 @@ from importlib.metadata import EntryPoint
 from ..checks import check_fields, check_kind, check_number, quantity, show_value
 from ..errors import InputError
 from ..registry import Registry
+from ..results import Shown
 
 GROUP = "bozzini.planners"
 
@@ -59,7 +60,7 @@ PLANNERS: Registry[object] = Registry(
 
 
 @dataclass(frozen=True, kw_only=True)
-class PlannerOptions:
+class PlannerOptions(Shown):
     """Options that all planners share.
 
     Parameters

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, field, replace
 
 from ..checks import ceil_mm, floor_mm, quantity, show_apart
+from ..results import Shown
 from .scope import Scope
 
 REASON_CODES = {
@@ -58,7 +59,7 @@ class Bind:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Refusal:
+class Refusal(Shown):
     """Why a motion ends before the goal.
 
     Parameters

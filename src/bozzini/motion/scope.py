@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ..checks import Quantity, check_fields, quantity
 from ..duct.base import Duct
 from ..duct.centreline import Centreline
+from ..results import Shown
 
 SIZE_MIN_MM = 0.1
 """Smallest diameter of a scope, and shortest link: less than any that was made."""
@@ -84,7 +85,7 @@ class Scope:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Introducer:
+class Introducer(Shown):
     """A straight round tube that ends in the lumen at the entry.
 
     Its free space is everything within `bore` of the ray from `entry` along `outward`; the round

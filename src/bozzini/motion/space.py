@@ -32,11 +32,12 @@ from ..duct.checks import set_fields
 from ..duct.field import SampledField
 from ..duct.packed import Packed, SpaceData
 from ..errors import InputError
+from ..results import Shown
 from .scope import Introducer
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Passage:
+class Passage(Shown):
     """The widest way between two points.
 
     Parameters
@@ -255,7 +256,7 @@ class Passages:
 
 
 @dataclass(frozen=True, eq=False)
-class FreeSpace:
+class FreeSpace(Shown):
     """Where a scope may be: the lumen of a duct and the bore of an introducer.
 
     Planners, certificate and checks share it: duct and introducer are packed once for compiled

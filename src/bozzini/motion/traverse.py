@@ -42,7 +42,7 @@ from ..duct.field import SampledField
 from ..errors import InputError
 from ..numeric.polylines import measure_arc_length, resample_polyline
 from ..progress import Progress, no_progress
-from ..results import Json
+from ..results import Json, Shown
 from .space import find_passage
 
 Reals = NDArray[np.floating[Any]]
@@ -508,7 +508,7 @@ def _cover_section(
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class LinkLimits:
+class LinkLimits(Shown):
     """What bounds the length of a link of one diameter along a duct.
 
     Parameters

@@ -22,7 +22,7 @@ from ..duct.shape_tract import open_tract
 from ..errors import InputError
 from ..numeric.polylines import measure_arc_length
 from ..progress import Progress, no_progress
-from ..results import to_plain
+from ..results import Shown, to_plain
 from .certify import BUDGET, TOLERANCE_MM, Certificate, certify_motion
 from .measures import measure_angles, measure_body
 from .plan import LENGTH_ROUND_OFF_MM, ROUND_OFF_MM, Plan, TractInput, write_record
@@ -154,7 +154,7 @@ class Reading:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Verification:
+class Verification(Shown):
     """What became of a plan's claim.
 
     Parameters

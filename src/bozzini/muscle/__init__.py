@@ -9,6 +9,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from ..errors import ConvergenceError
     from .compose import AntagonisticJoint, Bundle
     from .data import Measurements, RepeatStatistics
     from .design import LOCKING_ANGLE, PRESETS, Braid, Muscle, Tube, preset
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
     from .export import export_muscle
     from .files import FitSummary, MuscleFile, read_muscle, write_muscle
     from .hysteresis import Hysteresis
-    from .model import CompiledMuscle, ConvergenceError, MuscleModel, MuscleState
+    from .model import CompiledMuscle, MuscleModel, MuscleState
     from .models import MODELS, CatalogueModel
     from .models.energy import EnergyMuscle
     from .models.thesis import ThesisMuscle
@@ -86,6 +87,7 @@ __all__ = [
 ]
 
 _MODULES = {
+    "..errors": ("ConvergenceError",),
     ".compose": ("AntagonisticJoint", "Bundle"),
     ".data": ("Measurements", "RepeatStatistics"),
     ".design": ("LOCKING_ANGLE", "PRESETS", "Braid", "Muscle", "Tube", "preset"),
@@ -94,7 +96,7 @@ _MODULES = {
     ".files": ("FitSummary", "MuscleFile", "read_muscle", "write_muscle"),
     ".muscle_fit": ("Calibration", "FitOptions", "calibrate"),
     ".hysteresis": ("Hysteresis",),
-    ".model": ("CompiledMuscle", "ConvergenceError", "MuscleModel", "MuscleState"),
+    ".model": ("CompiledMuscle", "MuscleModel", "MuscleState"),
     ".models": ("MODELS", "CatalogueModel"),
     ".models.energy": ("EnergyMuscle",),
     ".models.thesis": ("ThesisMuscle",),

@@ -24,6 +24,7 @@ from ..checks import (
 from ..errors import InputError
 from ..numeric.arrays import Floats
 from ..numeric.roots import find_between
+from ..results import Shown
 from .design import LOCKING_ANGLE, Muscle
 from .model import MuscleModel
 
@@ -148,7 +149,7 @@ class Bundle(MuscleModel):
 
 
 @dataclass(frozen=True)
-class AntagonisticJoint:
+class AntagonisticJoint(Shown):
     """A joint turned by two muscles on a pulley, one each way.
 
     At an angle the agonist is shorter by ``radius * angle`` than at rest of the joint, and the

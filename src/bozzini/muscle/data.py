@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_array, check_number, check_word, list_quantities, show_apart
 from ..errors import InputError
-from ..results import Json, make_frame, show_briefly, take_axes
+from ..results import Json, Shown, make_frame, take_axes
 from ..units import parse_quantity
 from .design import PRESSURE_LIMIT, Muscle
 
@@ -48,7 +48,7 @@ _RANGES = {
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Measurements:
+class Measurements(Shown):
     """Measured states of one kind of muscle, a row each. The arrays are read-only.
 
     A blocked muscle is a row as well: its contraction is 0 and its force is the load.
@@ -93,8 +93,6 @@ class Measurements:
         If there is no row, a value is not finite or outside its range, or the geometry of a
         specimen is not constant; the row is named.
     """
-
-    __repr__ = show_briefly
 
     pressure: NDArray[np.float64]
     contraction: NDArray[np.float64]
@@ -481,7 +479,7 @@ class Measurements:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class RepeatStatistics:
+class RepeatStatistics(Shown):
     """Mean and spread of repeated measurements, an entry for each state.
 
     Parameters

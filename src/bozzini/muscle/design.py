@@ -26,6 +26,7 @@ from ..checks import (
     show_value,
 )
 from ..errors import InputError
+from ..results import Shown
 
 if TYPE_CHECKING:
     from .model import MuscleModel
@@ -345,7 +346,7 @@ def _limit_strand(muscle: Muscle) -> float:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Muscle:
+class Muscle(Shown):
     """A pneumatic muscle at rest (thesis 3.2), in mm, MPa and rad.
 
     Length and outer radius are always there. What else is not known may be left unset: to read it
@@ -389,14 +390,19 @@ class Muscle:
         If a value is outside its `legal_range`; where a field is read that is unset.
     """
 
-    length: float = quantity("length", "Free length between the fittings.", low=1e-3, high=1e4)
-    outer_radius: float = quantity("length", "Outer radius of the tube.", low=1e-3, high=1e3)
+    length: float = quantity(
+        "length", "Free length between the fittings.", low=1e-3, high=1e4, by_name=True
+    )
+    outer_radius: float = quantity(
+        "length", "Outer radius of the tube.", low=1e-3, high=1e3, by_name=True
+    )
     inner_radius: float = quantity(
         "length",
         "Inner radius of the tube.",
         default=_Given(),
         low=lambda muscle: 0.05 * muscle.outer_radius,
         high=lambda muscle: 0.99 * muscle.outer_radius,
+        by_name=True,
     )
     braid_angle: float = quantity(
         "angle",
@@ -405,6 +411,7 @@ class Muscle:
         scale=0.03,
         low=BRAID_ANGLES[0],
         high=EXTENSILE_ANGLE,
+        by_name=True,
     )
     # Across a wider gap the tube would balloon before it meets the braid.
     gap: float = quantity(
@@ -414,12 +421,18 @@ class Muscle:
         scale=0.02,
         low=0.0,
         high=_limit_by_bore,
+        by_name=True,
     )
     strands: int = quantity(
-        help="Number of strands.", default=_Given(), low=2, high=10_000, whole=True
+        help="Number of strands.", default=_Given(), low=2, high=10_000, whole=True, by_name=True
     )
     strand_radius: float = quantity(
-        "length", "Radius of a strand.", default=_Given(), low=1e-6, high=_limit_strand
+        "length",
+        "Radius of a strand.",
+        default=_Given(),
+        low=1e-6,
+        high=_limit_strand,
+        by_name=True,
     )
     end_length: float = quantity(
         "length",
@@ -427,6 +440,7 @@ class Muscle:
         default=0.0,
         low=0.0,
         high=lambda muscle: 0.499 * muscle.length,
+        by_name=True,
     )
     dead_length: float = quantity(
         "length",
@@ -435,6 +449,7 @@ class Muscle:
         scale=2.0,
         low=0.0,
         high=lambda muscle: 0.99 * muscle.length,
+        by_name=True,
     )
     modulus: float = quantity(
         "pressure",
@@ -443,6 +458,7 @@ class Muscle:
         scale=0.1,
         low=1e-9,
         high=1e3,
+        by_name=True,
     )
     poisson_ratio: float = quantity(
         help="Poisson's ratio of the tube (thesis).",
@@ -450,13 +466,24 @@ class Muscle:
         scale=0.01,
         low=0.0,
         high=0.499999,
+        by_name=True,
     )
     strand_modulus: float = quantity(
-        "pressure", "Young's modulus of a strand (thesis).", default=_Given(), low=1e-9, high=1e6
+        "pressure",
+        "Young's modulus of a strand (thesis).",
+        default=_Given(),
+        low=1e-9,
+        high=1e6,
+        by_name=True,
     )
     # Above 0.5 an inflated free tube gets shorter.
     mooney_ratio: float = quantity(
-        help="C01 / (C10 + C01) of the wall (energy).", default=0.0, scale=0.3, low=0.0, high=0.5
+        help="C01 / (C10 + C01) of the wall (energy).",
+        default=0.0,
+        scale=0.3,
+        low=0.0,
+        high=0.5,
+        by_name=True,
     )
     # With more friction a thick tube has several contractions at one load.
     friction_length: float = quantity(
@@ -466,6 +493,7 @@ class Muscle:
         scale=0.02,
         low=0.0,
         high=lambda muscle: np.minimum(0.25 * muscle.braid_radius, _limit_by_bore(muscle)),
+        by_name=True,
     )
 
     def __post_init__(self) -> None:

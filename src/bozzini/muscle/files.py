@@ -19,6 +19,7 @@ from ..checks import (
 )
 from ..errors import InputError
 from ..io.records import load_record, save_record
+from ..results import Shown
 from .design import Muscle
 from .ends import EndEffects
 
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class FitSummary:
+class FitSummary(Shown):
     """How the numbers of a muscle file were fitted; numbers are in mm, N, MPa and rad.
 
     Parameters
@@ -82,7 +83,7 @@ class FitSummary:
 
 
 @dataclass(frozen=True, kw_only=True)
-class MuscleFile:
+class MuscleFile(Shown):
     """What a muscle file holds.
 
     Parameters

@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..checks import broadcast, check_array, check_number, check_range, name_at, show_value
-from ..errors import BozziniError, InputError
+from ..errors import BozziniError, ConvergenceError, InputError
 from ..numeric import roots
 from ..numeric.arrays import Floats
-from ..results import Result, tabulated, take_axes
+from ..results import Result, Shown, tabulated, take_axes
 from .design import PRESSURE_LIMIT, Muscle
 from .hysteresis import Hysteresis
 
@@ -44,10 +44,6 @@ _FORCE_LEFT = 1e-6
 
 LOAD_LIMIT = 1e15
 """Largest legal load [N]: a limit of the arithmetic, above what any legal muscle pulls."""
-
-
-class ConvergenceError(BozziniError, ArithmeticError):
-    """An iteration ran out of steps before it met its tolerance."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,7 +89,7 @@ class MuscleState(Result):
 
 
 @dataclass(frozen=True)
-class CompiledMuscle:
+class CompiledMuscle(Shown):
     """A model's equations as C functions, for loops over batches that run compiled.
 
     `bozzini.muscle.kernels.interface` has their signatures, and makes them of Python functions.
@@ -125,7 +121,7 @@ class CompiledMuscle:
             )
 
 
-class MuscleModel(ABC):
+class MuscleModel(Shown, ABC):
     """A model of a muscle: force from contraction, contraction from load, pressure from both.
 
     A subclass has `muscle` and `name`, and brings `force` and `contraction`. Everything else has a

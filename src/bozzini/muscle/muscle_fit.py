@@ -30,7 +30,7 @@ from ..numeric.least_squares import (
     describe_bounds,
     explain_end,
 )
-from ..results import Json, Result, take_axes, to_plain
+from ..results import Json, Result, Shown, take_axes, to_plain
 from .data import Measurements
 from .design import check_muscle
 from .ends import EndEffects, MountedMuscle
@@ -551,7 +551,7 @@ def _check_names(name: str, words: Sequence[str] | None) -> None:
 
 
 @dataclass(frozen=True, kw_only=True)
-class FitOptions:
+class FitOptions(Shown):
     """What is fitted, from where and for how long.
 
     Parameters

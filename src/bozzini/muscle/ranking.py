@@ -19,7 +19,7 @@ from ..errors import BozziniError, InputError, PluginError
 from ..numeric.least_squares import Clock, OutOfTimeError
 from ..numeric.processes import open_processes
 from ..progress import Progress, no_progress
-from ..results import Json, Result, take_axes, to_plain
+from ..results import Json, Result, Shown, take_axes, to_plain
 from .data import Measurements
 from .design import Muscle, check_muscle, preset
 from .model import MuscleModel
@@ -72,7 +72,7 @@ CRITERIA: tuple[Criterion, ...] = get_args(Criterion)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class ModelScore:
+class ModelScore(Shown):
     """How near one model comes to the measurements.
 
     All in the unit of the response. A row that the model has no answer for counts with the span of
@@ -483,7 +483,7 @@ def cross_validate(
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class RankedModel:
+class RankedModel(Shown):
     """A model fitted to the measurements, with its errors and criteria.
 
     Parameters
@@ -732,7 +732,7 @@ _SAME_CURVE = 1e-7  # of the largest response: curves that differ by less are th
 
 
 @dataclass(frozen=True, kw_only=True)
-class RankOptions:
+class RankOptions(Shown):
     """What is fitted of each model, and what the models are ranked by.
 
     Parameters

@@ -21,7 +21,7 @@ from ..errors import InputError, MissingExtraError
 from ..motion.scope import Introducer, Scope
 from ..numeric.arrays import Floats
 from ..numeric.polylines import follow_way, interpolate_polyline, measure_arc_length
-from ..results import Json
+from ..results import Json, Shown
 from .options import ScopeOptions, WallOptions
 from .robots import PushDrive, find_bends, stand_outside
 from .simulate import Chain, Dynamics, Simulation
@@ -86,7 +86,7 @@ Scene = TypeVar("Scene", bound="gymnasium.Env[Observation, Floats]")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Lumen:
+class Lumen(Shown):
     """A lumen to go into.
 
     Parameters

@@ -10,7 +10,7 @@ from typing import Literal
 from ..checks import check_fields, quantity
 from ..errors import InputError
 from ..io.records import load_record
-from ..results import Json
+from ..results import Json, Shown
 
 MOVES = ("push", "pull", "twist", "bend")
 """What a step may be."""
@@ -25,7 +25,7 @@ LIMITS = (
 
 
 @dataclass(frozen=True, kw_only=True)
-class Step:
+class Step(Shown):
     """One thing that the operator does: exactly one of push, pull, twist and bend.
 
     Parameters
@@ -95,7 +95,7 @@ class Step:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Manoeuvre:
+class Manoeuvre(Shown):
     """What a file of a manoeuvre holds; the tip stands at the entry before the first step.
 
     Parameters
@@ -148,7 +148,7 @@ class Manoeuvre:
 
 
 @dataclass(kw_only=True)
-class StepReport:
+class StepReport(Shown):
     """What came of a step.
 
     Attributes

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 from ..checks import check_fields, quantity
+from ..results import Shown
 
 COLONOSCOPE_RIGIDITY = 26_000.0
 """Least flexural rigidity along a colonoscope (Olympus CF-140S) at room temperature; the largest is
@@ -24,7 +25,7 @@ DRIVES: tuple[DriveName, ...] = get_args(DriveName)
 
 
 @dataclass(frozen=True, kw_only=True)
-class WallOptions:
+class WallOptions(Shown):
     """What the wall of a lumen is in a simulation.
 
     Parameters
@@ -60,18 +61,28 @@ class WallOptions:
     damping: float = quantity(
         "time", "Of the wall, over its stiffness.", default=0.005, low=0.0, high=10.0,
         option="wall-damping",
+        by_name=True,
     )  # fmt: skip
     friction: float = quantity(
         "dimensionless", "Coefficient of friction on the wall.", default=0.1, low=0.0, high=2.0
     )
     faces: int = quantity(
-        help="Triangles of a wall of prisms.", whole=True, default=4000, low=100, high=100_000
+        help="Triangles of a wall of prisms.",
+        whole=True,
+        default=4000,
+        low=100,
+        high=100_000,
+        by_name=True,
     )
     thickness: float = quantity(
-        "length", "Largest thickness of a prism.", default=3.0, low=0.1, high=50.0
+        "length", "Largest thickness of a prism.", default=3.0, low=0.1, high=50.0, by_name=True
     )
     mouth: float = quantity(
-        "length", "Faces this near to the introducer's axis are cut.", default=9.0, low=0.0
+        "length",
+        "Faces this near to the introducer's axis are cut.",
+        default=9.0,
+        low=0.0,
+        by_name=True,
     )
 
     def __post_init__(self) -> None:
@@ -84,7 +95,7 @@ class WallOptions:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ScopeOptions:
+class ScopeOptions(Shown):
     """Gains of the planned chain, and what a pushed scope is; all assumed unless cited.
 
     Parameters
@@ -109,7 +120,7 @@ class ScopeOptions:
     """
 
     servo: float = quantity("moment", "Gain of each joint of the planned chain, per rad.",
-                            default=2000.0, low=1e-3, high=1e6)  # fmt: skip
+                            default=2000.0, low=1e-3, high=1e6, by_name=True)  # fmt: skip
     rigidity: float = quantity(
         "rigidity", "Bending stiffness of the pushed scope's shaft.", default=COLONOSCOPE_RIGIDITY,
         low=1.0, high=1e9,
@@ -119,13 +130,27 @@ class ScopeOptions:
         default=COLONOSCOPE_TORSION, low=1.0, high=1e9,
     )  # fmt: skip
     tip_length: float = quantity(
-        "length", "Length at the tip of the pushed scope that is steered.", default=60.0, low=1.0
+        "length",
+        "Length at the tip of the pushed scope that is steered.",
+        default=60.0,
+        low=1.0,
+        by_name=True,
     )
     tip_bend: float = quantity(
-        "angle", "How far it bends at most.", default=math.radians(180.0), low=0.0, high=6.0
+        "angle",
+        "How far it bends at most.",
+        default=math.radians(180.0),
+        low=0.0,
+        high=6.0,
+        by_name=True,
     )
     tip_rate: float = quantity(
-        "dimensionless", "How fast it bends at most, in rad/s.", default=1.0, low=0.0, high=100.0
+        "dimensionless",
+        "How fast it bends at most, in rad/s.",
+        default=1.0,
+        low=0.0,
+        high=100.0,
+        by_name=True,
     )
 
     def __post_init__(self) -> None:
@@ -133,7 +158,7 @@ class ScopeOptions:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ExecuteOptions:
+class ExecuteOptions(Shown):
     """How a motion is driven.
 
     Parameters

@@ -22,6 +22,7 @@ from ..numeric.polylines import (
     interpolate_polyline,
     measure_arc_length,
 )
+from ..results import Shown
 from .manoeuvre import Manoeuvre, StepReport
 from .options import ScopeOptions
 from .simulate import Chain, Route, Simulation
@@ -109,7 +110,7 @@ def stand_outside(introducer: Introducer, length: float) -> Floats:
 
 
 @dataclass(eq=False)
-class PlanDrive:
+class PlanDrive(Shown):
     """The planned chain: each joint follows the plan by a servo.
 
     Parameters
@@ -226,7 +227,7 @@ def _bend_evenly(count: int, tip: int, turn: Floats) -> Floats:
 
 
 @dataclass(eq=False)
-class PushDrive:
+class PushDrive(Shown):
     """An elastic scope that is pushed from outside, and steered at its tip along a line.
 
     The operator looks `ahead` along the line, and bends the tip towards that place.
@@ -494,7 +495,7 @@ def build_tendon_chain(robot: RobotDesign, frame: Floats, *, most: float = 5.0) 
 
 
 @dataclass(eq=False)
-class TendonDrive:
+class TendonDrive(Shown):
     """A tendon robot that is moved as a planner's time table says.
 
     Parameters

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from ..checks import check_fields, quantity
 from ..errors import InputError, MissingExtraError
 from ..numeric.arrays import Floats
+from ..results import Shown
 from .walls import MARGIN_MM, NEWTON, LumenWall
 
 try:
@@ -38,7 +39,7 @@ _UNUSED_MM = 100.0  # depth from which MuJoCo would make a force itself: never
 
 
 @dataclass(frozen=True, kw_only=True)
-class Dynamics:
+class Dynamics(Shown):
     """Masses, gains and the step of a simulation; masses and gains are assumed.
 
     Parameters
@@ -105,7 +106,7 @@ class Route:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Chain:
+class Chain(Shown):
     """A robot as rigid links on a slide, with a joint of two hinges at the base of each link.
 
     With twists there is a third hinge, about the link's axis, after the two.
@@ -327,7 +328,7 @@ _NONE = Touch(
 
 
 @dataclass(eq=False)
-class Simulation:
+class Simulation(Shown):
     """A chain in a lumen, under way.
 
     Parameters

@@ -26,7 +26,7 @@ from ..motion.scope import Scope
 from ..motion.verify import rebuild_field
 from ..numeric.polylines import interpolate_polyline, measure_arc_length
 from ..progress import Progress, no_progress
-from ..results import Json, Result, tabulated, to_plain
+from ..results import Json, Result, Shown, tabulated, to_plain
 from ..scene import write_scene
 from ..scene.make_view import draw_wall
 from ..scene.page import render_page
@@ -62,7 +62,7 @@ _COLOURS = ("#f3c66b", "#e8862d", "#c0392b")  # of the force map: a third of the
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Scenery:
+class Scenery(Shown):
     """A plan in its tract, ready to be driven.
 
     Parameters

@@ -24,6 +24,7 @@ from ..duct.base import Duct
 from ..errors import GeometryError, InputError
 from ..motion.scope import Introducer
 from ..numeric.arrays import Floats as Floats
+from ..results import Shown
 from ..scene.make_view import draw_wall
 from .options import WallOptions
 
@@ -168,7 +169,7 @@ def _check_closed(vertices: Floats, faces: NDArray[np.int64]) -> None:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class LumenWall:
+class LumenWall(Shown):
     """The wall of a lumen with the introducer before it.
 
     Parameters

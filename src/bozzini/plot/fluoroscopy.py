@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..anatomy.frame import find_axis
 from ..checks import check_number, check_points, check_word
 from ..errors import GeometryError
+from ..results import Shown
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -42,7 +43,7 @@ _SLAB_VOXELS = 500_000
 
 
 @dataclass(frozen=True, kw_only=True)
-class Projection:
+class Projection(Shown):
     """A picture of the lumen and the map from the world onto it.
 
     Parameters

@@ -29,7 +29,7 @@ from ..muscle import Calibration, Muscle, MuscleModel, calibrate, write_muscle
 from ..muscle.data import Measurements
 from ..muscle.muscle_fit import FitOptions, show_estimate
 from ..progress import Progress, no_progress
-from ..results import Json, ReasonedResult, take_axes
+from ..results import Json, ReasonedResult, Shown, take_axes
 from ..vision import Camera, LengthOptions, LengthSeries, RenderedSetup, StripBoard, measure_series
 from ..vision.pictures import import_opencv, read_manifest, write_picture
 from .characterise import Characterisation, PictureSource, characterise_muscle
@@ -137,7 +137,7 @@ OpenRig = Callable[[float, Path], AbstractContextManager[tuple[Host, PictureSour
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class CameraBench:
+class CameraBench(Shown):
     """What a characterisation by a camera does.
 
     Parameters

@@ -25,7 +25,7 @@ from ..io.files import write_text
 from ..io.sheets import format_table, write_table
 from ..muscle.data import Measurements
 from ..progress import Progress, no_progress
-from ..results import Json, ReasonedResult, take_axes, to_plain
+from ..results import Json, ReasonedResult, Shown, take_axes, to_plain
 from .host import Host, describe_faults
 from .plant import MUSCLES, Plant
 from .protocol import SetPoint, State
@@ -73,7 +73,7 @@ class PlantGauge:
         return float(self.plant.contractions[self.muscle - 1] + error)
 
 
-class PictureSource(ABC):
+class PictureSource(Shown, ABC):
     """Takes pictures of the muscle into a folder.
 
     Attributes

@@ -23,7 +23,7 @@ from ..checks import (
 )
 from ..errors import InputError
 from ..numeric.arrays import Floats
-from ..results import ClosedForm, measured, take_axes
+from ..results import ClosedForm, Shown, measured, take_axes
 from .kernels import plant as kernels
 from .pneumatics import ATMOSPHERE, HEAT_RATIO, NOZZLE_RATIO, NOZZLE_SPEED, Orifice
 
@@ -53,7 +53,7 @@ PROVENANCES = ("thesis", "data sheet", "measured", "assumption")
 
 
 @dataclass(frozen=True, kw_only=True)
-class PlantDesign:
+class PlantDesign(Shown):
     """Every constant of the plant, each with the source of its default (`Quantity.source`).
 
     Parameters
@@ -512,7 +512,7 @@ FAULT_KINDS: tuple[FaultKind, ...] = get_args(FaultKind)
 
 
 @dataclass(frozen=True)
-class Fault:
+class Fault(Shown):
     """One fault of the plant.
 
     Parameters

@@ -8,11 +8,12 @@ import numpy as np
 
 from ..checks import check_fields, quantity
 from ..errors import InputError
+from ..results import Shown
 from .protocol import SETPOINT_MAX
 
 
 @dataclass(frozen=True, kw_only=True)
-class Stairs:
+class Stairs(Shown):
     """Pressure in equal steps from none to the highest and back, a few times, each step held.
 
     A step has settled if the pressure measured over the last part of the hold has its mean near
@@ -62,6 +63,7 @@ class Stairs:
         default=0.25,
         low=0.05,
         high=1.0,
+        by_name=True,
     )
     tolerance: float = quantity(
         "pressure",
@@ -70,6 +72,7 @@ class Stairs:
         low=1e-4,
         high=0.1,
         source="steady error of the firmware's controller: 5 kPa at most",
+        by_name=True,
     )
     deviation: float = quantity(
         "pressure",
@@ -78,6 +81,7 @@ class Stairs:
         low=1e-4,
         high=0.1,
         source="controller 1 kPa and transducer 1.5 kPa, doubled",
+        by_name=True,
     )
     muscle: int = quantity(
         help="Which muscle of the rig, 1 to 3.",

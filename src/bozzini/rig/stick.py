@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ..checks import check_array, check_integer, check_number
 from ..effector.steering import Stick
 from ..errors import InputError, MissingExtraError
+from ..results import Shown
 
 
 class StickSource(Protocol):
@@ -34,7 +35,7 @@ class BoardStick:
 
 
 @dataclass(frozen=True, eq=False)
-class ScriptedStick:
+class ScriptedStick(Shown):
     """Readings given beforehand, linear between their times and held after the last.
 
     Parameters

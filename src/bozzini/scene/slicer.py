@@ -26,6 +26,7 @@ from ..anatomy.frame import convert_frame
 from ..checks import check_points
 from ..errors import InputError, MissingExtraError, OutputError
 from ..numeric.arrays import Floats
+from ..results import Shown
 from .gltf import build_tube, choose_keys, compute_bone_rotations, convert_to_matrices
 
 PORT = 18944
@@ -75,7 +76,7 @@ def is_loopback(host: str) -> bool:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class SlicerLink:
+class SlicerLink(Shown):
     """A connection to the module OpenIGTLinkIF of 3D Slicer.
 
     Parameters

@@ -29,7 +29,7 @@ from ..checks import check_number, check_points, check_word
 from ..errors import InputError
 from ..numeric.arrays import Floats
 from ..plot.style import ClearanceScale, list_clearance_colors
-from ..results import Json
+from ..results import Json, Shown
 
 MarkKind = Literal["start", "goal", "tight", "refused", "place"]
 Role = Literal["scope", "line"]
@@ -208,7 +208,7 @@ class Chart:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class View:
+class View(Shown):
     """What a page shows.
 
     Parameters

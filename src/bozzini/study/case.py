@@ -29,7 +29,7 @@ from ..motion.planner import advise_plan
 from ..motion.scope import Scope
 from ..motion.space import FreeSpace, Passage, find_passage
 from ..progress import Progress, announce, no_progress
-from ..results import Json, show_briefly
+from ..results import Json, Shown
 from .ends import (
     TREES,
     OrientedCentreline,
@@ -63,7 +63,7 @@ GRID_CODES = (
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class CasePlan:
+class CasePlan(Shown):
     """A plan of a case, and where it was made.
 
     Attributes
@@ -89,8 +89,6 @@ class CasePlan:
     entries: tuple[Json, ...] = ()
     findings: tuple[Finding, ...] = ()
     final: bool = True
-
-    __repr__ = show_briefly
 
     @property
     def line(self) -> Centreline:
@@ -125,7 +123,7 @@ class CasePlan:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Case:
+class Case(Shown):
     """A tract and how it is planned in; what is computed of it is computed once, when first asked.
 
     Parameters
@@ -163,8 +161,6 @@ class Case:
     progress: Progress = no_progress
     inputs: Mapping[str, object] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict)
-
-    __repr__ = show_briefly
 
     def __post_init__(self) -> None:
         check_tract("tract", self.tract)

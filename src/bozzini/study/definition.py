@@ -22,6 +22,7 @@ from ..checks import Quantity, check_path
 from ..errors import BozziniError, FileFormatError, InputError
 from ..io.inputs import note_input
 from ..io.records import load_record, read_record, write_record
+from ..results import Shown
 from ..units import add_unit, parse_quantity
 from .factors import Axis, Sampling, StudySpec, Value, count_rows, draw_rows, take_value
 from .jobs import ERROR, Columns, Job, Rows, find_function, find_source
@@ -32,7 +33,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False)
-class Study:
+class Study(Shown):
     """A study file, checked and resolved.
 
     Parameters

@@ -71,14 +71,19 @@ class ContinuumEstimating(Task):
     table: str = quantity("file", "Commands and readings.")
     load: bool = quantity("flag", "Look for one unknown force across the body.", default=False)
     load_place: float | None = quantity(
-        "length", "Where it acts (default: unknown).", low=0.0, default=None
+        "length", "Where it acts (default: unknown).", low=0.0, default=None, by_name=True
     )
     load_force: float | None = quantity(
         "force", "Standard deviation of that force along each axis (default: 1 N).", default=None,
         low=1e-9,
+        by_name=True,
     )  # fmt: skip
     load_memory: float | None = quantity(
-        "time", "After which it is forgotten (default: at once).", default=None, low=0.0
+        "time",
+        "After which it is forgotten (default: at once).",
+        default=None,
+        low=0.0,
+        by_name=True,
     )
     shapes: str | None = quantity("file", "A file of shapes that the body is in.", default=None)
     wall_stiffness: float | None = quantity(
@@ -92,7 +97,12 @@ class ContinuumEstimating(Task):
         help="Rows ahead that are predicted and compared.", default=0, low=0, whole=True
     )
     between: int = quantity(
-        help="Further cross-sections between two discs.", default=0, low=0, high=100, whole=True
+        help="Further cross-sections between two discs.",
+        default=0,
+        low=0,
+        high=100,
+        whole=True,
+        by_name=True,
     )
     noise: SensorNoise = SensorNoise()
     error: ModelError = ModelError()

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from ..checks import Quantity, check_fields, quantity, show_value
 from ..errors import InputError
 from ..numeric.arrays import Floats
+from ..results import Shown
 from ..units import parse_quantity
 
 Value = float | str
@@ -25,7 +26,7 @@ _KINDS = ("range", "integers", "normal", "values", "files")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Factor:
+class Factor(Shown):
     """How one input varies: exactly one of range, integers, normal, values and files.
 
     Parameters
@@ -77,7 +78,7 @@ class Factor:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Sampling:
+class Sampling(Shown):
     """Which rows are drawn: row i is the same whatever the chunks and workers.
 
     Parameters
@@ -109,7 +110,7 @@ class Sampling:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Limit:
+class Limit(Shown):
     """What an output must keep for a row to be feasible: at least, at most, or both."""
 
     at_least: Value | None = None
@@ -121,7 +122,7 @@ class Limit:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Search:
+class Search(Shown):
     """A search for the best in place of a sampling; factors are its bounds.
 
     Parameters
@@ -150,7 +151,7 @@ class Search:
 
 
 @dataclass(frozen=True, kw_only=True)
-class StudySpec:
+class StudySpec(Shown):
     """A study file: a job, what is fixed, what varies, and what is kept.
 
     Parameters

@@ -27,6 +27,7 @@ from ..muscle import preset as muscle_preset
 from ..muscle.design import PRESETS, PRESSURE_LIMIT
 from ..numeric.arrays import Floats
 from ..registry import Registry
+from ..results import Shown
 from .factors import FREE, Value
 from .options import INFLATION_MAX, ORGANS, InsertionOptions
 
@@ -39,7 +40,7 @@ ERROR = -1
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Rows:
+class Rows(Shown):
     """What came of n rows.
 
     Attributes

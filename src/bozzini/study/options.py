@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 from ..checks import check_fields, check_number, quantity
 from ..errors import InputError
 from ..motion.planners import PLANNERS, PlannerOptions, check_route
-from ..results import Json
+from ..results import Json, Shown
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -48,7 +48,7 @@ def copy_field(kind: type, name: str) -> Any:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ReadOptions:
+class ReadOptions(Shown):
     """How a file of a tract is read.
 
     Parameters
@@ -86,6 +86,7 @@ class ReadOptions:
         "states).",
         default=None,
         example="RAS",
+        by_name=True,
     )
     repair: bool = quantity("flag", "Mend small faults of a surface, and list them.", default=False)
     organ: str | None = quantity(
@@ -144,7 +145,7 @@ class ReadOptions:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class PathOptions:
+class PathOptions(Shown):
     """The grid of the lumen, and where its centreline runs.
 
     Parameters
@@ -396,7 +397,7 @@ def explain_scale(tract: LabelTract | SurfaceTract) -> Iterator[None]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ContactRiskOptions:
+class ContactRiskOptions(Shown):
     """How far the wall may be from where it is said to be, and what is drawn of it.
 
     Parameters

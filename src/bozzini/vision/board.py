@@ -23,6 +23,7 @@ from ..errors import FileFormatError, InputError
 from ..io.files import write_bytes, write_text
 from ..io.records import load_data, read_record, write_record
 from ..numeric.arrays import Floats
+from ..results import Shown
 from .pictures import Grey, Picture, import_opencv
 
 MARKER_SHARE = 0.65
@@ -47,7 +48,7 @@ _MARKERS = 100
 
 
 @dataclass(frozen=True, eq=False)
-class Detection:
+class Detection(Shown):
     """The corners of a board that were found in a picture.
 
     Attributes
@@ -77,7 +78,7 @@ class Detection:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Board(ABC):
+class Board(Shown, ABC):
     """What all boards share: what was measured of the print, and how corners are refined.
 
     Parameters

@@ -24,6 +24,7 @@ from ..errors import FileFormatError, InputError
 from ..io.records import load_record, save_record
 from ..numeric.arrays import Floats
 from ..numeric.vectors import nearest_rotation
+from ..results import Shown
 
 _UNDISTORT_STEPS = 20
 _UNDISTORT_TOLERANCE = 1e-12
@@ -111,7 +112,7 @@ def _distort_slope(points: Floats, distortion: Floats) -> tuple[Floats, Floats, 
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Camera:
+class Camera(Shown):
     """A calibrated camera.
 
     Parameters
@@ -414,7 +415,7 @@ class _SetRecord:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class CameraSet:
+class CameraSet(Shown):
     """One camera or more in one world, with their uncertainty.
 
     Attributes

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from ..checks import check_fields, quantity, show_apart
 from ..errors import GeometryError, InputError
 from ..numeric.arrays import Floats
-from ..results import Json, Result, take_axes
+from ..results import Json, Result, Shown, take_axes
 from .board import BORDER, Detection, StripBoard
 from .camera import Camera, distort, prepare_pose
 from .pictures import Picture, import_opencv
@@ -78,7 +78,7 @@ of other seeds, are 1.0 times the claimed uncertainty rms.
 
 
 @dataclass(frozen=True, kw_only=True)
-class LengthOptions:
+class LengthOptions(Shown):
     """What is known of the muscle and of where it hangs.
 
     Parameters
@@ -109,7 +109,12 @@ class LengthOptions:
         "length", "Length of a ring along the axis.", low=0.2, high=20.0, example="2 mm"
     )
     height_uncertainty: float = quantity(
-        "length", "Standard uncertainty of the height.", default=0.3, low=0.0, high=10.0
+        "length",
+        "Standard uncertainty of the height.",
+        default=0.3,
+        low=0.0,
+        high=10.0,
+        by_name=True,
     )
     tilt_uncertainty: float = quantity(
         "angle",
@@ -117,6 +122,7 @@ class LengthOptions:
         default=0.0175,
         low=0.0,
         high=0.3,
+        by_name=True,
     )
     distance: float = quantity(
         "length",
@@ -124,9 +130,10 @@ class LengthOptions:
         default=0.0,
         low=10.0,
         high=1e5,
+        by_name=True,
     )
     distance_uncertainty: float = quantity(
-        "length", "Standard uncertainty of that.", default=5.0, low=0.0, high=1e3
+        "length", "Standard uncertainty of that.", default=5.0, low=0.0, high=1e3, by_name=True
     )
 
     def __post_init__(self) -> None:

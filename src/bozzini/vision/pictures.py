@@ -30,7 +30,7 @@ from ..io.inputs import note_input
 from ..io.sheets import Sheet, refuse_untitled, write_table
 from ..numeric.processes import open_processes
 from ..progress import Progress, no_progress
-from ..results import Json, to_plain
+from ..results import Json, Shown, to_plain
 
 Grey = NDArray[np.float32]
 Item = TypeVar("Item")
@@ -44,7 +44,7 @@ _LUMA = np.array([0.299, 0.587, 0.114], dtype=np.float32)
 
 
 @dataclass(frozen=True, eq=False)
-class Picture:
+class Picture(Shown):
     """A grey picture.
 
     Attributes

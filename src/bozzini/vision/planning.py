@@ -24,7 +24,7 @@ from ..errors import BozziniError
 from ..io.files import new_directory, write_text
 from ..numeric.arrays import Floats
 from ..progress import Progress, no_progress
-from ..results import Json, Result, format_rows, measured, take_axes
+from ..results import Json, Result, Shown, format_rows, measured, take_axes
 from ..task import Task
 from .board import StripBoard, load_strips
 from .camera import Camera, CameraSet, aim_camera
@@ -39,7 +39,7 @@ _SEED_STEP = 100_003
 
 
 @dataclass(frozen=True, kw_only=True)
-class LengthSetup:
+class LengthSetup(Shown):
     """A camera in front of a board of strips.
 
     Parameters
@@ -170,7 +170,7 @@ class SetupPlan(Result):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class RenderedSetup:
+class RenderedSetup(Shown):
     """A set-up as it truly is, off by its standard uncertainties: who measures does not know it.
 
     Attributes
@@ -349,7 +349,7 @@ class SetupPlanning(Task):
 
 
 @dataclass(frozen=True, kw_only=True)
-class DemoOptions:
+class DemoOptions(Shown):
     """A series of an inflating muscle.
 
     Parameters
@@ -376,10 +376,15 @@ class DemoOptions:
     pressure: float = quantity("pressure", "The largest.", default=0.5, low=0.01, high=5.0)
     modulus: float = quantity("pressure", "Of the muscle's tube.", default=0.35, low=0.01, high=9.0)
     dead_length: float = quantity(
-        "length", "Of the muscle that does not contract.", default=4.0, low=0.0, high=20.0
+        "length",
+        "Of the muscle that does not contract.",
+        default=4.0,
+        low=0.0,
+        high=20.0,
+        by_name=True,
     )
     scatter: float = quantity(
-        "length", "Between repeats under pressure.", default=0.03, low=0.0, high=1.0
+        "length", "Between repeats under pressure.", default=0.03, low=0.0, high=1.0, by_name=True
     )
     deflation: bool = quantity("flag", "Render the way back, too.", default=False)
     seed: int = quantity(help="Of all that is random.", default=0, low=0, high=9999, whole=True)

@@ -24,6 +24,7 @@ from ..errors import InputError
 from ..numeric.arrays import Floats
 from ..numeric.polylines import measure_arc_length, resample_polyline
 from ..numeric.vectors import nearest_rotation
+from ..results import Shown
 from .board import Board, StripBoard
 from .camera import FISHEYE_TERMS, Camera, aim_camera, undistort_fisheye
 from .pictures import Grey, Picture
@@ -46,7 +47,7 @@ _BLUR_LEVELS = 5
 
 
 @dataclass(frozen=True, kw_only=True)
-class Sensor:
+class Sensor(Shown):
     """What a camera makes of the light that falls on it.
 
     Parameters
@@ -91,7 +92,7 @@ class Sensor:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Light:
+class Light(Shown):
     """A point light.
 
     Parameters
@@ -120,7 +121,7 @@ class Light:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class RenderedTube:
+class RenderedTube(Shown):
     """A tube about a curve, with rounded ends and bands around it.
 
     Parameters
@@ -148,7 +149,7 @@ class RenderedTube:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Scene:
+class Scene(Shown):
     """What stands before a camera.
 
     Parameters
@@ -371,7 +372,7 @@ def _compress(picture: Picture, quality: int) -> Picture:
 
 
 @dataclass(frozen=True, kw_only=True)
-class HungMuscle:
+class HungMuscle(Shown):
     """A straight muscle with two dark rings in front of a board of strips.
 
     Parameters
@@ -499,7 +500,7 @@ def bend_curve(length: float, angle: float, *, plane: float = 0.0, count: int = 
 
 
 @dataclass(frozen=True, kw_only=True)
-class PairLayout:
+class PairLayout(Shown):
     """Two cameras either side of the direction in which a target is looked at.
 
     Parameters

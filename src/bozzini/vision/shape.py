@@ -27,7 +27,7 @@ from ..numeric.polylines import (
     measure_arc_length,
     resample_polyline,
 )
-from ..results import Json, ReasonedResult, list_coordinates, take_axes, to_plain
+from ..results import Json, ReasonedResult, Shown, list_coordinates, take_axes, to_plain
 from .camera import Camera, CameraSet, distort, triangulate
 from .kernels.rods import bend_rod, match_curves, miss_line, outline_tube
 from .pictures import Picture
@@ -85,7 +85,7 @@ _BLURS = np.array([0.5, 0.7, 0.9, 1.2, 1.6, 2.1, 2.8, 3.7, 5.0])
 
 
 @dataclass(frozen=True, kw_only=True)
-class ShapeOptions:
+class ShapeOptions(Shown):
     """What is known of a tube.
 
     Parameters
@@ -111,15 +111,22 @@ class ShapeOptions:
         "length", "Between the rings; 0 if not known.", default=0.0, low=0.0, high=1e4
     )
     ring: float = quantity("length", "Length of a ring.", default=2.0, low=0.1, high=100.0)
-    holder: float = quantity("length", "Straight, beyond the tip ring.", default=0.0, low=0.0)
+    holder: float = quantity(
+        "length", "Straight, beyond the tip ring.", default=0.0, low=0.0, by_name=True
+    )
     base: str = quantity(
         "text",
         "Side of the pictures where the base is.",
         default="bottom",
         words=("bottom", "top", "left", "right"),
+        by_name=True,
     )
-    gamma: float = quantity(help="Exponent of stored values.", default=2.2, low=0.1, high=10.0)
-    points: int = quantity(help="Points of a shape.", default=25, low=2, high=1000, whole=True)
+    gamma: float = quantity(
+        help="Exponent of stored values.", default=2.2, low=0.1, high=10.0, by_name=True
+    )
+    points: int = quantity(
+        help="Points of a shape.", default=25, low=2, high=1000, whole=True, by_name=True
+    )
 
     def __post_init__(self) -> None:
         check_fields(self)

@@ -74,7 +74,7 @@ class TrackOptions:
     """
 
     pixel_uncertainty: float = quantity(
-        help="Least uncertainty of a pixel [px].", default=0.3, low=0.001, high=100.0
+        help="Least uncertainty of a pixel [px].", default=0.3, low=0.001, high=100.0, by_name=True
     )
     markers: int = quantity(
         help="Markers in each picture.", default=2, low=1, high=MOST_MARKERS, whole=True
@@ -83,7 +83,11 @@ class TrackOptions:
         help="Of a marker in the pictures [px].", default=12.0, low=3.0, high=500.0
     )
     shade: str = quantity(
-        "text", "Markers against their surroundings.", default="bright", words=("bright", "dark")
+        "text",
+        "Markers against their surroundings.",
+        default="bright",
+        words=("bright", "dark"),
+        by_name=True,
     )
 
     def __post_init__(self) -> None:

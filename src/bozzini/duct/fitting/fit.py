@@ -14,7 +14,7 @@ from ...anatomy.tract import LabelTract, SurfaceTract
 from ...checks import check_integer, check_number, check_word
 from ...errors import GeometryError, InputError
 from ...progress import Progress, no_progress
-from ...results import ReasonedResult
+from ...results import ReasonedResult, Shown
 from ..base import Duct, SampledField
 from ..centreline import Centreline, find_centreline
 from ..field import build_field, check_tract
@@ -142,7 +142,7 @@ WALL_PIECES = 20
 
 
 @dataclass(frozen=True, kw_only=True)
-class ShapeFitOptions:
+class ShapeFitOptions(Shown):
     """How shapes are fitted.
 
     Parameters

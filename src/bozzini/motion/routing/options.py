@@ -7,10 +7,11 @@ from dataclasses import dataclass
 
 from ...checks import check_fields, check_integer, quantity, show_value
 from ...errors import InputError
+from ...results import Shown
 
 
 @dataclass(frozen=True, kw_only=True)
-class InsertionRankOptions:
+class InsertionRankOptions(Shown):
     """What `insertion_rank` tries.
 
     Parameters
@@ -34,7 +35,12 @@ class InsertionRankOptions:
     modes: tuple[int, ...] = (4, 6, 8, 10, 12, 16)
     sections: tuple[int, ...] = (4, 6, 8, 12)
     stride: int = quantity(
-        help="A pose every so many steps of 2 mm.", low=1, high=100, whole=True, default=2
+        help="A pose every so many steps of 2 mm.",
+        low=1,
+        high=100,
+        whole=True,
+        default=2,
+        by_name=True,
     )
     rounds: int = quantity(
         help="Rounds of the fit of routings to positions.",
@@ -42,6 +48,7 @@ class InsertionRankOptions:
         high=1000,
         whole=True,
         default=12,
+        by_name=True,
     )
     exact: bool = True
     offset_max: float = quantity(
@@ -51,9 +58,10 @@ class InsertionRankOptions:
         high=1e3,
         low_open=True,
         default=2.0,
+        by_name=True,
     )
     stiffness: float = quantity(
-        "rigidity", "EI of the backbone.", low=1e-9, high=1e15, default=200.0
+        "rigidity", "EI of the backbone.", low=1e-9, high=1e15, default=200.0, by_name=True
     )
 
     def __post_init__(self) -> None:
@@ -63,7 +71,7 @@ class InsertionRankOptions:
 
 
 @dataclass(frozen=True, kw_only=True)
-class RobotSearch:
+class RobotSearch(Shown):
     """What robots are tried for a tract.
 
     Parameters

@@ -12,6 +12,7 @@ from ...checks import check_array, check_integer, check_number, check_range
 from ...errors import InputError
 from ...numeric.arrays import Floats
 from ...numeric.least_squares import LeastSquares, explain_end
+from ...results import Shown
 from .operator import (
     EVALUATIONS,
     LIMIT,
@@ -33,7 +34,7 @@ _LEAST_SLOPE = 1e-3  # of the output curve that a fit tries, in mean slopes of t
 
 
 @dataclass(frozen=True)
-class MonotoneCurve:
+class MonotoneCurve(Shown):
     """An increasing curve of straight pieces, the first and last of which go on.
 
     Parameters

@@ -23,7 +23,7 @@ from ...errors import InputError
 from ...numeric.arrays import Floats
 from ...numeric.least_squares import LeastSquares, explain_end
 from ...numeric.vectors import settle_layout
-from ...results import Result
+from ...results import Result, Shown
 
 Fitted = TypeVar("Fitted", covariant=True)
 
@@ -49,7 +49,7 @@ LIMIT = 1e12
 
 
 @dataclass(frozen=True, eq=False)
-class HysteresisState:
+class HysteresisState(Shown):
     """What an operator remembers of the histories that it has seen.
 
     Parameters
@@ -114,7 +114,7 @@ def take_fields(item: Any) -> None:
             take_same_count(like, getattr(item, like), one.name, getattr(item, one.name))
 
 
-class Operator(ABC):
+class Operator(Shown, ABC):
     """A rate-independent map from a history of inputs to a history of outputs.
 
     Only the order of the inputs counts, not their timing: a sample more on the way between two
@@ -341,7 +341,7 @@ _SHARE = 1e-4  # of a parameter in what nothing determines, for it to be named
 
 
 @dataclass(frozen=True, eq=False)
-class LoopOptions:
+class LoopOptions(Shown):
     """How an operator is fitted to loops.
 
     Parameters

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from ...checks import broadcast, check_array, check_integer, check_range, refuse_first
 from ...errors import InputError
 from ...numeric.arrays import Floats
+from ...results import Shown
 from ..kernels import hysteresis as kernels
 from .operator import (
     LIMIT,
@@ -194,7 +195,7 @@ class Preisach(Operator):
 
 
 @dataclass(frozen=True, kw_only=True)
-class PreisachForce:
+class PreisachForce(Shown):
     """Force of a pleated muscle along a history of strains, thesis (2.50).
 
     A mean curve, and relays about it::

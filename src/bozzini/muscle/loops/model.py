@@ -25,7 +25,7 @@ from ...errors import FileFormatError, InputError
 from ...io.files import write_text
 from ...io.records import format_yaml, load_data, read_record, write_record
 from ...numeric.arrays import Floats
-from ...results import Json, Result, measured, take_axes
+from ...results import Json, Result, Shown, measured, take_axes
 from ..design import PRESSURE_LIMIT
 from ..ends import MountedMuscle
 from ..files import MuscleFile
@@ -90,7 +90,7 @@ class StaticCurve:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class LoopModel:
+class LoopModel(Shown):
     """A muscle with the hysteresis that was identified: contraction or force over a history.
 
     Parameters

@@ -21,7 +21,7 @@ from ...checks import (
 )
 from ...errors import FileFormatError, InputError
 from ...numeric.arrays import Floats
-from ...results import take_axes
+from ...results import Shown, take_axes
 from ..design import PRESSURE_LIMIT
 from ..hysteresis.operator import LIMIT
 from ..hysteresis.prandtl_ishlinskii import trace_symmetric_plays
@@ -48,7 +48,7 @@ _STILL = 0.1  # a sample with less than this share of the mean way is at rest
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class LoopRecord:
+class LoopRecord(Shown):
     """Pressure and response of a muscle over time.
 
     Parameters
@@ -189,7 +189,7 @@ def find_bins(time: Floats, steady: Floats, count: int) -> tuple[NDArray[np.intp
 
 
 @dataclass(frozen=True, eq=False)
-class LoopSamples:
+class LoopSamples(Shown):
     """Means of a record's samples, in the order of time.
 
     Attributes

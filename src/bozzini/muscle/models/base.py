@@ -23,7 +23,7 @@ from ...checks import (
     show_beside,
     show_range,
 )
-from ...errors import BozziniError, InputError
+from ...errors import BozziniError, ConvergenceError, InputError
 from ...numeric import roots as numeric_roots
 from ...numeric.arrays import Floats
 from ...results import Json
@@ -31,7 +31,6 @@ from ..design import LOCKING_ANGLE, PRESSURE_LIMIT, Braid, Muscle, check_muscle
 from ..hysteresis import Hysteresis
 from ..model import (
     LOAD_LIMIT,
-    ConvergenceError,
     MuscleModel,
     MuscleState,
     check_hysteresis,

@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 
 from ...checks import Limit, check_number, check_word, list_quantities, show_apart
 from ...errors import InputError, MissingLawError
+from ...results import Shown
 from ...units import INTERNAL_UNITS
 
 STATUSES = ("self-contained", "corrected", "fitted", "partial")
@@ -34,7 +35,7 @@ WALL_FIELDS = (*BRAID_FIELDS, "inner_radius")
 
 
 @dataclass(frozen=True)
-class Parameter:
+class Parameter(Shown):
     """A number that a model takes beside the `Muscle`.
 
     Parameters
@@ -132,7 +133,7 @@ def make_parameters(kind: type) -> tuple[Parameter, ...]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Choice:
+class Choice(Shown):
     """A word that a model takes: one of several readings of its source.
 
     Parameters
@@ -158,7 +159,7 @@ class Choice:
 
 
 @dataclass(frozen=True)
-class Law:
+class Law(Shown):
     """A function that a model takes, since the survey does not hold it.
 
     Parameters
@@ -201,7 +202,7 @@ _Item = TypeVar("_Item", Parameter, Choice)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Card:
+class Card(Shown):
     """What is known of a model of the catalogue.
 
     Parameters

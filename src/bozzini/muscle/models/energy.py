@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...checks import check_word, name_at, show_apart
-from ...errors import InputError
+from ...errors import ConvergenceError, InputError
 from ...numeric.arrays import Floats
 from ...numeric.vectors import settle_layout
 from ..design import PRESSURE_LIMIT, Muscle, check_muscle
@@ -22,7 +22,6 @@ from ..kernels import energy as kernels
 from ..kernels import interface
 from ..model import (
     CompiledMuscle,
-    ConvergenceError,
     MuscleModel,
     MuscleState,
     check_hysteresis,
