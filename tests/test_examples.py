@@ -37,6 +37,7 @@ def test_every_example_is_tested():
         "play_plan",
         "routed_tendons",
         "send_plan",
+        "train_insertion",
     }
 
 
@@ -225,4 +226,14 @@ def test_baselines_that_look_ahead_do_better_than_chance(capsys):
     random, centre, plan = (rated[name][0] for name in ("random", "centre", "plan"))
     assert centre["complete"] == plan["complete"] == 1.0
     assert min(centre["reward"], plan["reward"]) > random["reward"]
-    assert len(capsys.readouterr().out.splitlines()) == 4
+    assert len(capsys.readouterr().out.splitlines()) == 5
+
+
+@pytest.mark.slow
+def test_a_policy_is_trained_and_its_curve_drawn(tmp_path):
+    pytest.importorskip("stable_baselines3", reason="needs Stable-Baselines3")
+    words = ["--steps", "2048", "--phantoms", "1", "--trials", "1", "--out", str(tmp_path)]
+    load("train_insertion").main(words)
+    assert (tmp_path / "curve.png").read_bytes()[:4] == PNG
+    steps = np.loadtxt(tmp_path / "curve.csv", delimiter=",", skiprows=1, ndmin=2)[:, 0]
+    assert 0 < len(steps) and np.all(np.diff(steps) >= 0) and steps[-1] <= 2048

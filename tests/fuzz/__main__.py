@@ -91,6 +91,7 @@ LEGAL: dict[str, tuple[int, str]] = {
         "<plan <plan's_tract --sd 0.3mm --draws 20 --out >|<saltelli --workers 1 --out >",
     ),
     "execute": (1, "<plan <plan's_tract --speed 500mm/s --step 5ms --out >"),
+    "evaluate": (1, "--phantoms 1 --starts 1 --policy straight --out >.csv"),
     "export": (4, "ros2 <plan --out >.yaml"),
     "segment": (8, "<ct --out >.nii.gz"),
     "demo": (3, "--voxel 3mm --diameter 9mm --link 12mm --out >"),

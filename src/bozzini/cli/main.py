@@ -66,6 +66,7 @@ JOBS = {
     },
     "Many runs": {
         "study": "Compute many rows from one file: sweeps, tolerances, maps.",
+        "evaluate": "Rate policies that insert a scope, in many phantoms.",
         "uncertainty": "State how sure a plan or a study is, and what that comes of.",
     },
     "Files and help": {
@@ -160,7 +161,7 @@ class LazyGroup(click.Group):
                 with formatter.section(job):
                     formatter.write_dl(list(commands.items()))
         for point in entry_points(group="bozzini.tasks"):
-            if point.name in COMMANDS:
+            if point.name in COMMANDS and not point.value.startswith("bozzini."):
                 reason = f"left out, as a command of Bozzini is called '{point.name}'"
                 formatter.write_text(f"The task of {point.value} is {reason}.")
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-_NEAR_MM = 40.0  # along the way, between places of the tip in neighbouring rows
+NEAR_MM = 40.0
+"""Along the way, between places of the tip in neighbouring rows."""
 
 
 def measure_arc_length(points: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -33,7 +34,7 @@ def follow_way(
     line: NDArray[np.float64], arc: NDArray[np.float64], tip: NDArray[np.float64], *, before: float
 ) -> float:
     """Return how far a tip is along a way (m, 3), near where it was `before` [mm]."""
-    first, last = np.searchsorted(arc, [before - _NEAR_MM, before + _NEAR_MM])
+    first, last = np.searchsorted(arc, [before - NEAR_MM, before + NEAR_MM])
     start, stop = max(int(first) - 1, 0), min(int(last) + 1, len(arc))
     ways, lengths = np.diff(line[start:stop], axis=0), np.diff(arc[start:stop])
     off = tip - line[start : stop - 1]

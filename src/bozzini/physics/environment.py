@@ -20,10 +20,10 @@ from ..checks import check_array, check_integer, check_kind, check_path, check_w
 from ..errors import InputError, MissingExtraError
 from ..motion.scope import Introducer, Scope
 from ..numeric.arrays import Floats
-from ..numeric.polylines import follow_way, interpolate_polyline, measure_arc_length
+from ..numeric.polylines import NEAR_MM, follow_way, interpolate_polyline, measure_arc_length
 from ..results import Json, Shown
 from .options import ScopeOptions, WallOptions
-from .robots import PushDrive, find_bends, stand_outside
+from .robots import PushDrive, stand_outside
 from .simulate import Chain, Dynamics, Simulation
 from .walls import LumenWall
 
@@ -257,9 +257,11 @@ class Insertion(gymnasium.Env[Observation, Floats]):
         self.arc = measure_arc_length(lumen.line)
         self.inserted, self.progress = 0.0, 0.0
         self.turn = np.zeros(2)
-        self.heading = stand_outside(tube, length)[:3, :3]
-        self._base = self.heading
-        self._trail = np.stack([tube.entry + length * tube.outward, tube.entry])
+        self.heading = stand_outside(tube, length)[:3, :3].copy()
+        self._base = self.heading.copy()
+        self._trail, self._arcs = np.zeros((MOST_STEPS + 2, 3)), np.zeros(MOST_STEPS + 2)
+        self._trail[0], self._trail[1] = tube.entry + length * tube.outward, tube.entry
+        self._arcs[1], self._rows = length, 2
         simulation.place(np.zeros(simulation.model.nv))
         self._held = np.zeros(simulation.model.nu)
         self._steer(START_RAD * self.np_random.standard_normal(2))
@@ -292,9 +294,9 @@ class Insertion(gymnasium.Env[Observation, Floats]):
     def _steer(self, turn: Floats) -> None:
         """Turn the leader's heading about its own x and y, or bend the tip of an elastic scope."""
         if self.robot == "leader":
-            from scipy.spatial.transform import Rotation
+            from .kernels.steering import turn_axes
 
-            self.heading = self.heading @ Rotation.from_rotvec([*turn, 0.0]).as_matrix()
+            turn_axes(self.heading, float(turn[0]), float(turn[1]))
             return
         self.turn = self.turn + turn
         size = float(np.linalg.norm(self.turn))
@@ -317,28 +319,24 @@ class Insertion(gymnasium.Env[Observation, Floats]):
         start, goal = self._held, self._command(advance)
         if self.robot == "leader":
             self.turn = goal[-2:].copy()
-        rates, count = (goal - start) / CONTROL_S, round(CONTROL_S / DYNAMICS.step)
-        for k in range(1, count + 1):
-            simulation.step(start + k / count * (goal - start), rates)
+        force = simulation.advance(start, goal, round(CONTROL_S / DYNAMICS.step))
         self._held = goal
-        return self._judge(lumen)
+        return self._judge(lumen, force)
 
     def _command(self, advance: float) -> Floats:
         """Return where the drives are to be: the links on the leader's way, or the tip bent."""
         if self.robot == "pushed":
             return np.concatenate([[self.inserted], np.tile(self.turn / self.tip, self.tip)])
-        arcs = measure_arc_length(self._trail)
-        if advance > 0.0:
-            self._trail = np.vstack([self._trail, self._trail[-1] + advance * self.heading[:, 2]])
-        elif advance < 0.0:
-            kept = arcs < arcs[-1] + advance
-            end = interpolate_polyline(self._trail, arcs, arcs[-1:] + advance)
-            self._trail = np.concatenate([self._trail[kept], end])
-        arcs = measure_arc_length(self._trail)
-        places = arcs[-1] - np.cumsum(np.append(0.0, self.simulation.chain.lengths))[::-1]
-        joints = interpolate_polyline(self._trail, arcs, np.maximum(places, 0.0))
-        joints[0] = self._trail[0] + (self.inserted) * self._base[:, 2]
-        return np.append(self.inserted, find_bends(joints[None], self._base)[0])
+        from .kernels.steering import lead_chain
+
+        if self._rows == len(self._arcs):
+            self._trail, self._arcs = np.tile(self._trail, (2, 1)), np.tile(self._arcs, 2)
+        goal = np.empty(self.simulation.model.nu)
+        self._rows = lead_chain(
+            self._trail, self._arcs, self._rows, advance, self.heading, self._base, self.inserted,
+            self.simulation.chain.lengths, goal,
+        )  # fmt: skip
+        return goal
 
     def aim(self, way: Floats, ahead: float) -> Floats:
         """Return the direction (3,) in the tip's frame to a place on a way that lies ahead [mm]."""
@@ -372,41 +370,37 @@ class Insertion(gymnasium.Env[Observation, Floats]):
             raise InputError("the environment has not begun: reset it first")
         return np.repeat(self._look(RENDERED)[..., None], 3, axis=2)
 
-    def _observe(self, lumen: Lumen) -> Observation:
-        simulation = self.simulation
-        length = float(self.arc[-1])
-        if self.observe == "camera":
-            body = np.append(self.turn, self.inserted / length)
-            return {"image": self.see()[..., None], "body": body}
-        clear = float(self.wall.measure(simulation.joints[:1])[0]) - 0.5 * DIAMETER
-        least = min(simulation.least, clear)
-        force = float(simulation.touch.normals.sum())
-        shares = [self.progress / length, self.inserted / length]
-        aims = [self.aim(lumen.line, ahead) for ahead in LOOK_AHEAD]
-        return np.concatenate(
-            [[0.1 * clear], *aims, self.turn, shares, [math.tanh(force), 0.1 * least]]
-        )
-
-    @property
-    def wall(self) -> LumenWall:
-        """The wall of the lumen that was chosen."""
-        wall = self.simulation.wall
-        if wall is None:
-            raise InputError("the environment has no wall")
-        return wall
-
-    def _judge(self, lumen: Lumen) -> tuple[Observation, float, bool, bool, Json]:
-        simulation = self.simulation
-        tip = simulation.joints[0]
-        before = self.progress
-        self.progress = follow_way(lumen.line, self.arc, tip, before=before)
-        force = float(simulation.touch.normals.sum())
-        complete = float(np.linalg.norm(tip - lumen.line[-1])) <= DIAMETER
+    def _judge(self, lumen: Lumen, force: float) -> tuple[Observation, float, bool, bool, Json]:
+        simulation, before = self.simulation, self.progress
+        observed = self._observe(lumen, force)
+        complete = math.dist(simulation.tip, lumen.line[-1]) <= DIAMETER
         outside = simulation.least + simulation.chain.radius < 0.0
         reward = PROGRESS_REWARD * (self.progress - before) + FORCE_REWARD * force
         reward += END_REWARD * (float(complete) - float(outside))
         info = {"complete": complete, "outside": outside, "force_N": force}
-        return self._observe(lumen), reward, complete or outside, False, info
+        return observed, reward, complete or outside, False, info
+
+    def _observe(self, lumen: Lumen, force: float = 0.0) -> Observation:
+        """Find where the tip is along the way, and return what is seen from there."""
+        from .kernels.steering import watch_tip
+
+        simulation, length = self.simulation, float(self.arc[-1])
+        aims = np.empty((len(LOOK_AHEAD), 3))
+        self.progress, clear = watch_tip(
+            simulation.packed_wall, lumen.line, self.arc, simulation.tip, self.axes,
+            (self.progress, NEAR_MM), np.array(LOOK_AHEAD), aims,
+        )  # fmt: skip
+        if self.observe == "camera":
+            body = np.append(self.turn, self.inserted / length)
+            return {"image": self.see()[..., None], "body": body}
+        clear -= 0.5 * DIAMETER
+        least = min(simulation.least, clear)
+        return np.array(
+            [
+                0.1 * clear, *aims.ravel(), *self.turn, self.progress / length,
+                self.inserted / length, math.tanh(force), 0.1 * least,
+            ]
+        )  # fmt: skip
 
 
 @functools.lru_cache(maxsize=4)
@@ -420,12 +414,17 @@ def _read_lumen(plan: str, tract: str) -> Lumen:
     return Lumen.of_plan(read, rebuild_field(read, read_input(read, tract)))
 
 
-# What a policy is measured against: chance, the middle of the lumen, and a certified plan.
+# What a policy is measured against: chance, straight on, the middle of the lumen, a certified plan.
 
 
 def act_at_random(env: Insertion) -> Floats:
     """Turn and push by chance, from the environment's own generator."""
     return env.np_random.uniform(-1.0, 1.0, 3)
+
+
+def go_straight(env: Insertion) -> Floats:
+    """Push, and turn nowhere."""
+    return np.array([0.0, 0.0, 1.0])
 
 
 def follow_centre(env: Insertion) -> Floats:
@@ -452,10 +451,32 @@ def _pursue(env: Insertion, way: Floats) -> Floats:
 
 POLICIES: dict[str, Policy] = {
     "random": act_at_random,
+    "straight": go_straight,
     "centre": follow_centre,
     "plan": follow_plan,
 }
 """Baselines by name."""
+
+
+def run_episode(
+    env: Scene, policy: Callable[[Scene], Floats], *, seed: int, limit: float = math.inf
+) -> Floats:
+    """Return what becomes of an episode (6,).
+
+    Whether it came through, whether a link left the lumen, the largest force [N], after how many
+    actions it was above the limit [N], the reward, and how many actions were taken.
+    """
+    found = np.zeros(6)
+    env.reset(seed=seed)
+    while found[5] < MOST_STEPS:
+        _, reward, over, _, info = env.step(policy(env))
+        force = info["force_N"]
+        found[:2] = info["complete"], info["outside"]
+        found[2] = max(found[2], force)
+        found[3:] += force > limit, reward, 1.0
+        if over:
+            break
+    return found
 
 
 def rate_policy(
@@ -471,19 +492,14 @@ def rate_policy(
     episodes, seed : int
         The first is reset with this seed.
     """
-    totals = np.zeros((episodes, 4))
-    for k in range(episodes):
-        env.reset(seed=seed + k)
-        while totals[k, 3] < MOST_STEPS:
-            _, reward, over, _, info = env.step(policy(env))
-            totals[k, 1] += reward
-            totals[k, 2] = max(totals[k, 2], info["force_N"])
-            totals[k, 0] = info["complete"]
-            totals[k, 3] += 1.0
-            if over:
-                break
-    names = ("complete", "reward", "force_N", "steps")
-    return dict(zip(names, totals.mean(axis=0).tolist(), strict=True))
+    found = np.mean([run_episode(env, policy, seed=seed + k) for k in range(episodes)], axis=0)
+    names = ("complete", "force_N", "reward", "steps")
+    return dict(zip(names, found[[0, 2, 4, 5]].tolist(), strict=True))
 
 
-gymnasium.register(id=NAME, entry_point=f"{__name__}:Insertion", max_episode_steps=MOST_STEPS)
+gymnasium.register(
+    id=NAME,
+    entry_point=f"{__name__}:Insertion",
+    vector_entry_point="bozzini.physics.vector:InsertionVector",
+    max_episode_steps=MOST_STEPS,
+)

@@ -391,7 +391,12 @@ class Simulation(Shown):
     @property
     def joints(self) -> Floats:
         """Joints (n + 1, 3) in the world, the tip first as in a plan [mm]."""
-        return np.concatenate([self.data.xpos[2:], self.data.site("tip").xpos[None]])[::-1].copy()
+        return np.concatenate([self.data.xpos[2:], self.tip[None]])[::-1].copy()
+
+    @property
+    def tip(self) -> Floats:
+        """Where the tip is (3,), world [mm]."""
+        return np.asarray(self.data.site_xpos[-1])
 
     @property
     def tip_frame(self) -> Floats:
@@ -446,7 +451,7 @@ class Simulation(Shown):
         mujoco.mj_resetData(self.model, self.data)
         self.touch, self.least, self.work = _NONE, math.inf, 0.0
         self.unsettled = 0
-        self._before[self._used] = 0.0
+        self._before[:] = 0.0
         self.data.qpos[:] = positions
         mujoco.mj_forward(self.model, self.data)
 
@@ -475,28 +480,91 @@ class Simulation(Shown):
         moved = self._drive_rates()
         self.work += step * float(self._drive_forces(moved) @ moved) / NEWTON
         if data.warning.number.any():
-            raise InputError(
-                f"the simulation is not stable at {data.time:.3f} s: take a smaller step than "
-                f"{step:g} s"
-            )
+            self._refuse()
+
+    @property
+    def is_compiled(self) -> bool:
+        """Whether `advance` knows how to step it: a penalty wall, neither tendons nor twists."""
+        penalty = self.wall is not None and self.wall.options.kind == "penalty"
+        return penalty and not self.chain.tendons and self.chain.twists is None
+
+    def advance(self, start: Floats, goal: Floats, count: int) -> float:
+        """Make steps in which the drives (u,) go evenly from one place to another, in one call.
+
+        They are those of `step`, by a compiled kernel instead of MuJoCo where `is_compiled`; that
+        does not list the contacts.
+
+        Returns
+        -------
+        float
+            Sum of the normal forces of the last step, but for those in the introducer [N].
+        """
+        step = self.dynamics.step
+        if not self.is_compiled:
+            rates = (goal - start) / (count * step)
+            for k in range(1, count + 1):
+                self.step(start + k / count * (goal - start), rates)
+            return float(self.touch.normals.sum())
+        from .kernels.dynamics import advance_chain
+
+        chain, drives, state, scene, law, memory = self._kept
+        pressed, least, where, unsettled, work, made = advance_chain(
+            self.packed_wall, chain, drives, (start, goal, count), state, scene, law, memory
+        )
+        self.least, self.tightest = least - self.chain.radius, self._points[where].copy()
+        self.unsettled += unsettled
+        self.work += work / NEWTON
+        self.data.time += made * step
+        if made < count:
+            self._refuse()
+        return float(pressed) / NEWTON
+
+    @cached_property
+    def _kept(self) -> tuple[tuple[object, ...], ...]:
+        """What `advance_chain` takes, the arrays of MuJoCo's data among it, but for the motion."""
+        model, data, chain, step = self.model, self.data, self.chain, self.dynamics.step
+        gains, options = model.actuator_gainprm[:, 0].copy(), self._given_wall.options
+        springs = np.append(0.0, NEWTON * np.repeat(chain.springs, 2))
+        stiffness = NEWTON * options.stiffness
+        law = stiffness, stiffness * options.damping, options.friction, step
+        return (
+            (
+                np.ascontiguousarray(chain.frame), chain.lengths, model.body_mass[1:].copy(),
+                model.body_ipos[2:, 2].copy(), model.body_inertia[2:, 0].copy(),
+                model.body_inertia[2:, 2].copy(),
+            ),
+            (
+                springs, model.dof_damping.copy(), model.dof_armature + self._damping,
+                self._driven.astype(np.int64), gains, self._yield, self._yield / gains - step,
+            ),
+            (data.qpos, data.qvel),
+            (data.xpos, data.xmat, data.xaxis, data.xanchor, data.site_xpos),
+            ((*law, self.dynamics.tolerance), chain.radius, MARGIN_MM),
+            (self._bodies, self._samples[1], self._points, self._before),
+        )  # fmt: skip
+
+    def _refuse(self) -> None:
+        raise InputError(
+            f"the simulation is not stable at {self.data.time:.3f} s: take a smaller step than "
+            f"{self.dynamics.step:g} s"
+        )
 
     def _press(self, wall: LumenWall) -> None:
         """Measure the clearance, and apply the force of the penalty wall."""
         from .kernels.contact import find_contacts
 
-        data, links = self.data, self._bodies
+        data = self.data
         margin = MARGIN_MM + 2.0 * self.dynamics.step * abs(float(data.qvel[0]))
         count, least, where = find_contacts(
-            self._packed, wall.tube, self._frame, data.xpos[links], data.xmat[links, 2::3],
-            self._samples[1], self._points, (self.chain.radius, margin), self._index,
-            self._depth, self._normal,
+            self.packed_wall, (data.xpos, data.xmat), (self._bodies, self._samples[1]),
+            self._points, (self.chain.radius, margin), self._index, self._depth, self._normal,
         )  # fmt: skip
         self.least, self.tightest = least - self.chain.radius, self._points[where].copy()
         self.touch = _NONE
         if wall.options.kind == "prism":
             self._balance(*self._list_contacts())
         elif count:
-            normals = self._normal[:count] @ self._frame[:3].T
+            normals = self._normal[:count] @ self.packed_wall[2][:3].T
             index = self._index[:count].copy()
             self._balance(
                 self._points[index] - self.chain.radius * normals,
@@ -524,17 +592,19 @@ class Simulation(Shown):
         merge_contacts(order, places, normals, links, MERGED_MM, kept)
         return places[kept], normals[kept], depths[kept], links[kept], keys[kept]
 
-    @cached_property
-    def _packed(self) -> object:
-        return None if self.wall is None else self.wall.duct.pack()
+    @property
+    def _given_wall(self) -> LumenWall:
+        if self.wall is None:
+            raise InputError("there is no wall")
+        return self.wall
 
     @cached_property
-    def _frame(self) -> Floats:
-        """Take the world to the duct's own frame: three rows, and where the origin is."""
-        if self.wall is None:
-            return np.eye(4, 3)
-        origin = self.wall.duct.to_grid(np.zeros(3))
-        return np.vstack([self.wall.duct.to_grid(np.eye(3)) - origin, origin])
+    def packed_wall(self) -> tuple[object, Floats, Floats]:
+        """The duct and the introducer as kernels take them, and the frame (4, 3) of the duct."""
+        wall = self._given_wall
+        origin = wall.duct.to_grid(np.zeros(3))
+        frame = np.vstack([wall.duct.to_grid(np.eye(3)) - origin, origin])
+        return wall.duct.pack(), wall.tube, frame
 
     def look(self, axes: Floats, *, pixels: int, lens: tuple[float, float, float]) -> Floats:
         """Return what a camera at the tip sees of the wall, lit from there, (n, n) in [0, 1].
@@ -555,14 +625,9 @@ class Simulation(Shown):
         """
         from .kernels.contact import look_ahead
 
-        if self.wall is None:
-            raise InputError("there is no wall to see")
         image = np.empty((pixels, pixels))
         lens = math.tan(lens[0]), *lens[1:]
-        look_ahead(
-            self._packed, self.wall.tube, self._frame, self.joints[0], np.ascontiguousarray(axes),
-            lens, image,
-        )  # fmt: skip
+        look_ahead(self.packed_wall, self.tip, np.ascontiguousarray(axes), lens, image)
         return image
 
     def _balance(

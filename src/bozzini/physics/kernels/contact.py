@@ -38,18 +38,18 @@ def measure_gap(duct, tube, x, y, z):
     return clear, gx, gy, gz
 
 
-@kernel
-def look_ahead(duct, tube, frame, eye, axes, lens, image):
+@kernel(nogil=True)
+def look_ahead(wall, eye, axes, lens, image):
     """Fill an image (n, n) with the light of the tip that the wall throws back, 0 to 1.
 
-    `frame` (4, 3) takes the world to the duct's own frame; `eye` (3,) and `axes` (3, 3) are the
-    camera in the world, whose columns go right, down and ahead; `lens` has the tangent of half the
-    angle of view, where the light saturates, and how far it reaches [mm].
+    `wall` is as in `find_contacts`; `eye` (3,) and `axes` (3, 3) are the camera in the world, whose
+    columns go right, down and ahead; `lens` has the tangent of half the angle of view, where the
+    light saturates, and how far it reaches [mm].
 
     A place at a distance d is seen as bright as the root of its cosine times its part of the light,
     which falls with d squared: a camera of gamma 2.
     """
-    half, near, far = lens
+    (duct, tube, frame), (half, near, far) = wall, lens
     n = image.shape[0]
     start, way, lumen_alone = np.empty(3), np.empty(3), np.zeros(7)
     for k in range(3):
@@ -90,13 +90,14 @@ def look_ahead(duct, tube, frame, eye, axes, lens, image):
 
 
 @kernel
-def find_contacts(duct, tube, frame, bodies, turns, along, points, size, index, depth, normal):
+def find_contacts(wall, links, samples, points, size, index, depth, normal):
     """List the samples of the body that touch or come near to touching.
 
-    `frame` (4, 3) takes the world to the duct's own frame: three rows and the place of the origin.
-    `bodies` (m, 3) and `turns` (m, 3) are the place and the axis of each sample's link, `along` how
-    far it is along that; `size` has the body's radius and how near is near. They go from the base
-    to the tip: what has once left the introducer is in the lumen alone, also past the entry plane.
+    `wall` is the packed duct, the introducer (7,), and a frame (4, 3) that takes the world to the
+    duct's own: three rows and the place of the origin. `links` are the places (b, 3) and the turns
+    (b, 9) of MuJoCo's bodies, `samples` the body of each sample (m,) and how far it is along its
+    axis (m,); `size` has the body's radius and how near is near. They go from the base to the tip:
+    what has once left the introducer is in the lumen alone, also past the entry plane.
 
     A sample is a ball. Its direction to the wall is that of its centre's gradient first, then twice
     that of the place on its skin which that gives: near the middle of a narrow lumen the gradient
@@ -107,11 +108,12 @@ def find_contacts(duct, tube, frame, bodies, turns, along, points, size, index, 
     into the lumen; returns how many there are, the least clearance of the centres, and its sample.
     """
     radius, near = size
+    (duct, tube, frame), (places, turns), (bodies, along) = wall, links, samples
     count, least, where = 0, math.inf, 0
     local, lumen_alone = np.empty(3), np.zeros(7)
     for i in range(points.shape[0]):
         for k in range(3):
-            points[i, k] = bodies[i, k] + along[i] * turns[i, k]
+            points[i, k] = places[bodies[i], k] + along[i] * turns[bodies[i], 3 * k + 2]
         for k in range(3):
             local[k] = frame[3, k]
             for j in range(3):
@@ -206,25 +208,31 @@ def fill_jacobian(axes, anchors, places, owners, frames, jacobian):
 
 @kernel
 def factor_mass(mass):
-    """Replace a symmetric positive matrix (v, v) by its lower Cholesky factor."""
-    n = mass.shape[0]
-    for i in range(n):
-        for j in range(i + 1):
-            value = mass[i, j]
-            for k in range(j):
-                value -= mass[i, k] * mass[j, k]
-            mass[i, j] = math.sqrt(value) if i == j else value / mass[j, j]
+    """Replace the lower triangle of a positive matrix M (v, v) by L of M = L^T L.
+
+    From the last row up: each row is taken from those above as a whole, which compiles to vectors.
+    """
+    for k in range(mass.shape[0] - 1, -1, -1):
+        mass[k, k] = math.sqrt(mass[k, k])
+        for i in range(k):
+            mass[k, i] /= mass[k, k]
+        for i in range(k):
+            scale = mass[k, i]
+            for j in range(i + 1):
+                mass[i, j] -= scale * mass[k, j]
 
 
 @kernel
-def solve_lower(factor, rows):
-    """Replace rows (r, v) by what solves the lower triangle for each of them."""
-    for i in range(factor.shape[0]):
-        for r in range(rows.shape[0]):
-            value = rows[r, i]
-            for k in range(i):
-                value -= factor[i, k] * rows[r, k]
-            rows[r, i] = value / factor[i, i]
+def solve_upper(factor, rows):
+    """Replace rows (r, v) by what solves L^T for each of them."""
+    for r in range(rows.shape[0]):
+        for k in range(factor.shape[0] - 1, -1, -1):
+            if rows[r, k] == 0.0:  # as beyond the link that a contact is at
+                continue
+            rows[r, k] /= factor[k, k]
+            scale = rows[r, k]
+            for i in range(k):
+                rows[r, i] -= scale * factor[k, i]
 
 
 @kernel
@@ -232,12 +240,12 @@ def solve_mass(factor, force):
     """Return the acceleration (v,) by a force (v,)."""
     n = factor.shape[0]
     rows = force.copy().reshape(1, n)
-    solve_lower(factor, rows)
+    solve_upper(factor, rows)
     found = rows[0]
-    for i in range(n - 1, -1, -1):
-        found[i] /= factor[i, i]
+    for i in range(n):
         for k in range(i):
-            found[k] -= factor[i, k] * found[i]
+            found[i] -= factor[i, k] * found[k]
+        found[i] /= factor[i, i]
     return found
 
 
@@ -298,13 +306,19 @@ def press_contacts(mass, state, joints, contacts, law, force, frames):
     frames : (n, 3, 3) float
         Is filled: normal and tangents.
     """
+    factor_mass(mass)
+    free = state[0] + law[3] * solve_mass(mass, state[1])
+    return hold_contacts(mass, free, joints, contacts, law, force, frames)
+
+
+@kernel
+def hold_contacts(mass, free, joints, contacts, law, force, frames):
+    """Do the work of `press_contacts`, by the factor and the rates that are without contacts."""
     axes, anchors = joints
     places, normals, depth, owners = contacts
-    stiffness, damping, friction, step, _ = law
+    stiffness, damping, _, step, _ = law
     gain = stiffness * step + damping
     n = depth.shape[0]
-    factor_mass(mass)
-    free = state[0] + step * solve_mass(mass, state[1])
     speeds = np.empty(n)
     fill_speeds(axes, anchors, places, owners, normals, free, speeds)
     active = np.zeros(n, dtype=np.bool_)
@@ -322,7 +336,7 @@ def press_contacts(mass, state, joints, contacts, law, force, frames):
         fill_jacobian(axes, anchors, places[which], owners[which], there, rows)
         velocity = np.dot(rows, free)
         spread = rows.copy()
-        solve_lower(mass, spread)
+        solve_upper(mass, spread)
         effect = step * np.dot(spread, spread.T)
         found = force[which].ravel()
         settled = balance_contacts(effect, velocity, depth[which], law, found)
