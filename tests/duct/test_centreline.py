@@ -11,6 +11,7 @@ import pytest
 from scipy.spatial import cKDTree
 from skimage.graph import MCP_Geometric
 
+from benchmarks.line_ends import FAR, SCALES, VOXELS, measure_miss
 from bozzini.anatomy import make_phantom
 from bozzini.duct import build_field, field_from_mask, find_centreline, fit, load
 from bozzini.duct.centreline import LumenGraph
@@ -258,6 +259,24 @@ def test_a_fork_has_the_same_ends_at_every_voxel_and_scale(scale, voxel):
     assert other.distance < line.length
 
 
+@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize(("voxel", "scale"), [(0.15, 0.1), (0.35, 4.0)])
+def test_ends_lie_in_the_middle_of_the_cap_within_a_voxel(seed, voxel, scale):
+    assert measure_miss(seed, voxel, scale)[0] < 1.0
+
+
+@pytest.mark.slow
+def test_ends_of_sixty_tubes_and_forks_are_those_of_the_longest_way():
+    misses = []
+    for seed in range(60):  # each of them at two voxels and two scales
+        for turn in (seed, seed + 3):
+            voxel, scale = VOXELS[turn % len(VOXELS)], SCALES[(turn + seed) % len(SCALES)]
+            miss = measure_miss(seed, voxel, scale)[0]
+            assert miss * np.sqrt(3.0) * voxel < max(FAR, np.sqrt(3.0) * voxel)
+            misses.append(miss)
+    assert np.mean(np.array(misses) <= 1.0) > 0.95
+
+
 def test_the_way_to_another_end_is_that_of_the_line_to_it():
     field = make_y(1.0, 1.25)
     line = find_centreline(field)
@@ -281,7 +300,7 @@ class PlainSearch:
 class PlainGraph(LumenGraph):
     """The same over the whole grid, by scikit-image: the reference."""
 
-    def search(self, source):
+    def search(self, source, near=None):
         mcp = MCP_Geometric(self._dense(), sampling=tuple(self.field.spacing), fully_connected=True)
         costs = mcp.find_costs([tuple(node) for node in np.atleast_2d(source)])[0]
         return PlainSearch(mcp, costs)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from functools import cached_property
+from itertools import combinations, pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,6 +17,17 @@ from ..numeric.polylines import interpolate_polyline, measure_arc_length, resamp
 from ..progress import Progress, no_progress
 from ..results import show_briefly, take_axes
 from .base import Duct, SampledField
+from .groups import (
+    COST_POWER,
+    COVERED,
+    CREST_AHEAD,
+    CREST_NEXT,
+    Flood,
+    LumenWay,
+    NodeGroups,
+    Numbers,
+    measure_tip,
+)
 from .shapes.cones import RoundCones
 from .shapes.cylinders import ConnectedCylinders
 
@@ -25,34 +36,8 @@ if TYPE_CHECKING:
 
 # The nodes of a lumen as a graph: ends located, paths found, tips measured.
 
-COST_POWER = 2.5
-"""The path costs ``length / clearance**COST_POWER``: so that it keeps to the middle."""
-
 LAST_WAY = 1e4
 """So many times as much costs a place that is to be avoided."""
-
-Key = tuple[tuple[int, ...], ...]
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Tip:
-    """A place of locally longest taut path, and the middle path to it without its closed tip.
-
-    Attributes
-    ----------
-    node : (3,) int
-    path : (n, 3) float
-        Grid frame [mm].
-    length : float
-        Of that path of nodes [mm]: up to an eighth more than it is when smoothed.
-    radius : float
-        Of the lumen on the way to it: the median [mm].
-    """
-
-    node: NDArray[np.int64]
-    path: NDArray[np.float64]
-    length: float
-    radius: float
 
 
 class Region:
@@ -134,10 +119,13 @@ class LumenGraph:
         self.nodes = np.empty(count, dtype=np.int64)
         number_nodes(values, 0.0, self.number, self.nodes)
         self.depths = -values.reshape(-1)[self.nodes]
-        self._last: tuple[Key, ShortestPaths] | None = None
-        self._tips: dict[Key, list[Tip]] = {}
         floor = 0.25 * float(self.field.spacing.min())
         self.weights = (np.maximum(self.depths.astype(float), floor) / 10.0) ** -COST_POWER
+
+    @cached_property
+    def groups(self) -> NodeGroups:
+        """The same on a coarser grid."""
+        return NodeGroups(self.number, self.nodes, self.depths, self.field.spacing)
 
     @property
     def inside(self) -> NDArray[np.bool_]:
@@ -194,21 +182,16 @@ class LumenGraph:
         gaps = np.linalg.norm((candidates - node) * self.field.spacing, axis=1)
         return np.asarray(candidates[int(np.argmin(gaps))])
 
-    def search(self, source: NDArray[np.int64]) -> ShortestPaths:
-        """Minimum-cost paths from nodes (3,) or (k, 3) to all others.
-
-        The last one is kept: settling the ends and the path itself often ask for the same.
-        """
+    def search(self, source: Numbers, near: NDArray[np.bool_] | None = None) -> ShortestPaths:
+        """Minimum-cost paths from nodes (3,) or (k, 3) to all others, or all that are `near`."""
         from .kernels.graph import find_costs
 
-        key = make_key(source)
-        if self._last is None or self._last[0] != key:
-            costs = np.full(len(self.nodes), np.inf)
-            before = np.full(len(self.nodes), -1, dtype=np.int32)
-            arguments = (self.number, self.nodes, self.weights, self.field.spacing)
-            find_costs(*arguments, self._number(source), costs, before)
-            self._last = (key, ShortestPaths(graph=self, costs=costs, before=before))
-        return self._last[1]
+        costs = np.full(len(self.nodes), np.inf)
+        before = np.full(len(self.nodes), -1, dtype=np.int32)
+        weights = self.weights if near is None else np.where(near, self.weights, np.inf)
+        arguments = (self.number, self.nodes, weights, self.field.spacing)
+        find_costs(*arguments, self._number(source), costs, before)
+        return ShortestPaths(graph=self, costs=costs, before=before)
 
     def avoid(self, numbers: NDArray[np.int64]) -> None:
         """Make paths take the places of nodes (k,) and what is beside them only as a last way."""
@@ -217,7 +200,6 @@ class LumenGraph:
         for here in numbers:
             away = np.linalg.norm(places - places[here], axis=1)
             self.weights[away <= self.depths[here] + beside] *= LAST_WAY
-        self._last = None
 
     def measure_lengths(self, source: NDArray[np.int64]) -> NDArray[np.float64]:
         """Length (n,) of the shortest path from nodes (3,) or (k, 3) to all nodes [mm]."""
@@ -241,102 +223,91 @@ class LumenGraph:
         index = np.atleast_2d(np.asarray(nodes, dtype=np.int64))
         return np.asarray(self.number[tuple(index.T)], dtype=np.int64)
 
-    def farthest(
-        self, source: NDArray[np.int64], among: NDArray[np.int64] | None
-    ) -> NDArray[np.int64]:
-        """Find the node (of `among`) whose middle path from `source` is the longest.
+    def find_path(self, start: Numbers, goal: Numbers) -> Numbers:
+        """Minimum-cost path (n, 3) of nodes that keeps to the middle.
 
-        The taut path is a bad measure of how far an end is: it cuts the bends of a wide lumen, and
-        may call a pouch the far end. So the tips, the places of locally longest taut path, are
-        compared by the length of their middle path.
+        It is sought in the groups of nodes on the coarse way, and beside them.
         """
-        return self.find_longest(self.measure_tips(source, among)).node
-
-    def find_longest(self, tips: list[Tip]) -> Tip:
-        """Return the tip with the longest path, as that is when it is smoothed."""
-        rivals = self.list_rivals(tips)
-        return rivals[0] if len(rivals) == 1 else max(rivals, key=self.measure_way)
-
-    def list_rivals(self, tips: list[Tip]) -> list[Tip]:
-        """Return the tips that may be the farthest, those on the way to another left out."""
-        from scipy.spatial import cKDTree
-
-        rivals: list[Tip] = []
-        ways: list[cKDTree] = []
-        tips = sorted(tips, key=lambda tip: -tip.length)
-        for tip in tips:
-            if tip.length < BRANCH_SHARE * tips[0].length:
-                break
-            if all(way.query(tip.path[-1])[0] > 2.0 * tip.radius for way in ways):
-                rivals.append(tip)
-                ways.append(cKDTree(tip.path))
-        return rivals
-
-    def measure_way(self, tip: Tip, *, closed: bool = True) -> float:
-        """Return the length of the smoothed path to a tip [mm]; `closed`: from another tip."""
-        path = tip.path
-        if closed:
-            path = path[find_first_crest(path, self.measure_depth(path)) :]
-        return float(measure_arc_length(_smooth(path, self))[-1]) if len(path) > 1 else 0.0
-
-    def measure_tips(
-        self, source: NDArray[np.int64], among: NDArray[np.int64] | None = None
-    ) -> list[Tip]:
-        """Return the tips (of `among`) seen from nodes (3,) or (k, 3), with their middle paths."""
-        key = make_key(source)
-        if among is None and key in self._tips:
-            return self._tips[key]
-        with ThreadPoolExecutor(1) as pool:  # the two searches know nothing of each other
-            searching = pool.submit(self.search, source)
-            lengths = self.measure_lengths(source)
-            search = searching.result()
-        lengths[~np.isfinite(lengths)] = -1.0
-        if among is not None:
-            allowed = np.zeros(len(lengths), dtype=bool)
-            allowed[self._number(among)] = True
-            lengths[~allowed] = -1.0
-        if lengths.max() < 0.0:
-            raise GeometryError(self._explain_apart(source, among))
-        tips = self._find_tips(search, lengths)
-        if among is None:
-            self._tips[key] = tips
-        return tips
-
-    def _find_tips(
-        self, search: ShortestPaths, lengths: NDArray[np.float64], most: int = 12
-    ) -> list[Tip]:
-        """Return the tips of longest taut paths, longest first, well apart."""
-        from .kernels.graph import find_peaks
-
-        peaks = np.zeros(len(lengths), dtype=bool)
-        find_peaks(self.number, self.nodes, lengths, peaks)
-        left = np.flatnonzero(peaks & (lengths > 0.5 * float(lengths.max())))
-        if len(left) == 0:  # the source is all there is
-            left = np.array([int(np.argmax(lengths))])
-        places = self.places(left)
-        tips: list[Tip] = []
-        while len(tips) < most and len(left) > 0:
-            node = places[int(np.argmax(lengths[left]))]
-            path = search.traceback(node) * self.field.spacing
-            depth = self.measure_depth(path)[::-1]
-            radius = float(np.median(depth))
-            path = path[: len(path) - find_first_crest(path[::-1], depth)]
-            length = float(measure_arc_length(path)[-1])
-            tips.append(Tip(node=node, path=path, length=length, radius=radius))
-            apart = TIPS_APART * radius + self.field.spacing
-            near = (np.abs(places - node) * self.field.spacing <= apart).all(axis=1)
-            left, places = left[~near], places[~near]
-        return tips
-
-    def find_path(self, start: NDArray[np.int64], goal: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Minimum-cost path (n, 3) of nodes that keeps to the middle."""
-        keys = make_key(start), make_key(goal)
-        if self._last is not None and self._last[0] == keys[1] != keys[0]:
-            return self.find_path(goal, start)[::-1]
-        search = self.search(start)
-        if not np.isfinite(search[goal]):
+        first, last = (int(self.groups.groups[self._number(end)[0]]) for end in (start, goal))
+        flood = self.groups.flood(first)
+        if flood.lengths[last] < 0.0:
             raise GeometryError(self._explain_apart(start, goal))
-        return search.traceback(goal)
+        return self._follow(flood.trace(last), start, goal)
+
+    def _follow(self, way: Numbers, start: Numbers, goal: Numbers) -> Numbers:
+        """Return the path of nodes along a way of groups."""
+        near = self.groups.widen(way)[self.groups.groups]
+        return self.search(start, near).traceback(goal)
+
+    def draw_way(self, way: LumenWay) -> NDArray[np.float64]:
+        """Return a way (n, 3) as a centreline has it, without the closed tips that were found."""
+        if len(way.groups) < 2:
+            return way.path
+        ends = self.places(self.groups.nodes[way.groups[[0, -1]]].astype(np.int64))
+        points = self._follow(way.groups, *ends) * self.field.spacing
+        tips = (self.measure_tip(points) if way.both else 0.0, self.measure_tip(points[::-1]))
+        points = _cut_ends(points, *tips)
+        return _smooth(points, self) if len(points) > 1 else points
+
+    def measure_tip(self, points: NDArray[np.float64]) -> float:
+        """Return the length of path (n, 3) in the closed tip that it starts in [mm]."""
+        return measure_tip(points, self.measure_depth(points), float(self.field.spacing.max()))
+
+    def measure_taut(self, way: LumenWay) -> float:
+        """Return the length of a way that cuts corners [mm]."""
+        points = self.draw_way(way)
+        return float(measure_arc_length(points)[-1]) if len(points) > 1 else 0.0
+
+    def choose_longest(self, ways: Sequence[LumenWay]) -> LumenWay:
+        """Return the longest way, as it is with the corners of forks cut."""
+        ways = sorted(ways, key=lambda way: -way.length)
+        rivals = [way for way in ways if way.length >= RIVAL_SHARE * ways[0].length]
+        if len(rivals) == 1:
+            return rivals[0]
+        return max(rivals[:RIVALS_MAX], key=self.measure_taut)
+
+    def find_farthest(self, source: Numbers, among: Numbers | None) -> Numbers:
+        """Find the node (of `among`) whose middle path from nodes (k, 3) is the longest."""
+        groups = self.groups
+        allowed = None if among is None else self._number(among)
+        flood = groups.flood(groups.groups[self._number(source)].astype(np.int64))
+        tips = groups.find_tips(
+            flood, None if allowed is None else groups.groups[allowed].astype(np.int64)
+        )
+        if not tips:
+            raise GeometryError(self._explain_apart(source, among))
+        tip = self.choose_longest(tips)
+        node = int(groups.nodes[tip.groups[-1]])
+        if allowed is not None:
+            own = allowed[groups.groups[allowed] == tip.groups[-1]]
+            gaps = np.linalg.norm(self.places(own) - self.places(np.array([node])), axis=1)
+            node = int(own[np.argmin(gaps)])
+        return np.asarray(self.places(np.array([node]))[0])
+
+    def find_ends(self) -> Numbers:
+        """Return the nodes (2, 3) at both ends of the longest path through the lumen.
+
+        In a tree an end of the longest path is farthest from wherever one begins, and all that may
+        be one is about as far from one of its ends.
+        """
+        groups = self.groups
+        first = groups.find_tips(groups.flood(int(np.argmax(groups.depths))))[0].groups[-1]
+        ends: dict[int, Flood] = {}
+        for _ in range(2):
+            ends[first] = groups.flood(first)
+            tips = groups.find_tips(ends[first])
+            far = [tip for tip in tips if tip.length >= BRANCH_SHARE * tips[0].length]
+            for tip in far[:RIVALS_MAX]:
+                apart = 2.0 * COVERED * tip.width + groups.size
+                if all(flood.lengths[tip.groups[-1]] > apart for flood in ends.values()):
+                    ends[tip.groups[-1]] = groups.flood(tip.groups[-1])
+            first = tips[0].groups[-1]
+        pairs = combinations(ends, 2)
+        ways = [groups.make_way(ends[one].trace(two), both=True) for one, two in pairs]
+        if not ways:  # one ball
+            return self.places(groups.nodes[[first, first]].astype(np.int64))
+        way = self.choose_longest(ways)
+        return self.places(groups.nodes[way.groups[[0, -1]]].astype(np.int64))
 
     def _explain_apart(self, start: NDArray[np.int64], goal: NDArray[np.int64] | None) -> str:
         """Explain where the lumen is closed between nodes, or sets of them, that no path joins."""
@@ -378,47 +349,24 @@ def _format_distance(field: SampledField, distance: float) -> str:
     return f"{distance:.1f} mm" if known else f"at least {floor_mm(distance - field.error, 1)} mm"
 
 
-def make_key(nodes: NDArray[np.int64]) -> Key:
-    """Return nodes as a key of a dictionary."""
-    return tuple(map(tuple, np.atleast_2d(nodes).tolist()))
-
-
-CREST_AHEAD, CREST_NEXT = 0.8, 1.0
-"""How far from a tip its crest is compared and sought, in radii of the lumen along the path."""
-
-TIPS_APART = 2.5
-"""Tips nearer to each other along each axis are one, in radii of the lumen along the path."""
-
-
-def find_first_crest(points: NDArray[np.float64], depth: NDArray[np.float64]) -> int:
-    """Index where a path that starts in a closed tip comes out of it.
-
-    That is the first point with at least 0.8 of the clearance that the path has soon after it
-    (within two radii), and from there the one with the most clearance within the next radius: an
-    end that was only found, not given, need not be a narrow one. The radius is the path's median.
-    """
-    arc, radius = measure_arc_length(points), float(np.median(depth))
-    for here in range(len(points)):
-        reach = arc[here] + max(2.0 * depth[here], CREST_AHEAD * radius)
-        ahead = int(np.searchsorted(arc, reach, "right"))
-        if depth[here] >= 0.8 * depth[here:ahead].max():
-            ahead = int(np.searchsorted(arc, arc[here] + CREST_NEXT * radius, "right"))
-            return here + int(np.argmax(depth[here:ahead] > 0.98 * depth[here:ahead].max()))
-    return 0
-
-
 SPACING = 1.0
 """Distance between the points of a centreline [mm]; less in a narrow lumen."""
 
 SPACING_SHARE = 0.12
-"""The same by the radius of the lumen along the path, if that is less; but at least a voxel."""
+"""The same by the radius of the lumen along the path, if that is less; but at least a voxel. So
+far apart are points while they are smoothed."""
 
-BRANCH_SHARE, BRANCH_GAP = 0.8, 4.0
-"""An end that was not taken is reported if it is about as far, and this many radii of the lumen
-from the path."""
+BRANCH_SHARE = 0.8
+"""An end that was not taken is reported if it is about as far, or if none is as wide."""
 
-SWEEPS = 4
-"""How often the ends are settled anew at most, from one end to the other."""
+RIVAL_SHARE, RIVALS_MAX = 0.85, 8
+"""Of so many ways at most that are about the longest, each is smoothed and measured."""
+
+WIDER = 1.2
+"""An end that is so many times as wide as both that were taken may be one, wherever it lies."""
+
+SMOOTH_SWEEPS, KEEP = (120, 40), 0.95
+"""How often a path of nodes is smoothed, and the share of its clearance that it keeps."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -601,14 +549,14 @@ def find_centreline(
     start, goal = _choose_ends(graph, start_nodes, end_nodes)
     progress("centreline", 0.6)
     nodes = _find_path_via(graph, start, goal, via)
+    points = _trim_path(graph, nodes * field.spacing, ends, areas)
     progress("centreline", 0.8)
     others: list[OtherEnd] = []
     found = {"start": start_nodes is None, "end": end_nodes is None}
     if found["end"]:
-        others += _find_other_ends(graph, "end", start, nodes, found=found["start"])
+        others += _find_other_ends(graph, "end", start, points, found=found["start"])
     if found["start"]:
-        others += _find_other_ends(graph, "start", goal, nodes, found=found["end"], known=others)
-    points = _trim_path(graph, nodes * field.spacing, ends, areas)
+        others += _find_other_ends(graph, "start", goal, points, found=found["end"], known=others)
     if start_nodes is None and end_nodes is None:
         ends_z = field.to_world(points[[0, -1]])[:, 2]
         if ends_z[0] < ends_z[1]:
@@ -672,29 +620,41 @@ def _trim_path(
     for position, end in ((0, ends[0]), (-1, ends[1])):
         if end is not None:
             points[position] = field.to_grid(check_points("end", end))
-    depth = graph.measure_depth(points)
-    skipped = []
-    for end, area, path, clearance in (
-        (ends[0], areas[0], points, depth),
-        (ends[1], areas[1], points[::-1], depth[::-1]),
-    ):
-        skip = 0 if end is not None else find_first_crest(path, clearance)
-        if skip > 0 and area is not None:
-            left = np.flatnonzero(~area.contains(path[: skip + 1]))
-            skip = max(0, int(left[0]) - 1) if len(left) else skip
-        skipped.append(skip)
-    kept = points[skipped[0] : len(points) - skipped[1]]
+    cuts = []
+    for end, area, path in ((ends[0], areas[0], points), (ends[1], areas[1], points[::-1])):
+        cut = 0.0 if end is not None else graph.measure_tip(path)
+        if cut > 0.0 and area is not None:
+            arc = measure_arc_length(path)
+            left = np.flatnonzero(~area.contains(path[: int(np.searchsorted(arc, cut)) + 1]))
+            cut = float(arc[max(0, int(left[0]) - 1)]) if len(left) else cut
+        cuts.append(cut)
+    kept = _cut_ends(points, *cuts)
     length = float(measure_arc_length(kept)[-1]) if len(kept) > 1 else 0.0
+    most = float(graph.measure_depth(points).max())
     if all(fixed):
         if length <= 0.0:
             raise GeometryError("start and end are the same point: no centreline between them")
-    elif len(kept) < 2 or length < float(depth.max()):
+    elif length < most:
         raise GeometryError(
             f"no tube was found in the lumen: the path through it is {length:.1f} mm long between "
-            f"its tips, and it is {2.0 * float(depth.max()):.1f} mm wide; give both --start and "
-            "--end as points inside it"
+            f"its tips, and it is {2.0 * most:.1f} mm wide; give both --start and --end as points "
+            "inside it"
         )
     return _smooth(kept, graph)
+
+
+def _cut_ends(points: NDArray[np.float64], first: float, last: float) -> NDArray[np.float64]:
+    """Return a path without so much of its length at both ends; one point if none is left."""
+    arc = measure_arc_length(points)
+    stop = float(arc[-1]) - last
+    if stop <= first:
+        return points[:1]
+    inner = arc[(arc > first + 1e-9 * stop) & (arc < stop - 1e-9 * stop)]
+    return interpolate_polyline(points, arc, np.concatenate([[first], inner, [stop]]))
+
+
+def _choose_spacing(graph: LumenGraph, radius: float) -> float:
+    return min(SPACING, max(float(graph.field.spacing.min()), SPACING_SHARE * radius))
 
 
 def find_clear_path(
@@ -735,85 +695,75 @@ def find_clear_path(
 
 
 def _choose_ends(
-    graph: LumenGraph, start: NDArray[np.int64] | None, goal: NDArray[np.int64] | None
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    graph: LumenGraph, start: Numbers | None, goal: Numbers | None
+) -> tuple[Numbers, Numbers]:
     """Settle the ends that are open: as far as possible from the other one."""
+    if start is None and goal is None:
+        first, second = graph.find_ends()
+        return first, second
     if start is not None and len(start) == 1:
         known = goal is not None and len(goal) == 1
-        return start[0], goal[0] if goal is not None and known else graph.farthest(start[0], goal)
-    if goal is not None:
-        # From the whole label, so that an end that is not given lies far from all of it.
-        first = graph.farthest(goal, start)
-        second = graph.farthest(first, goal)
-        return (first if start is None else graph.farthest(second, start)), second
-    if start is not None:
-        second = graph.farthest(start, None)
-        return graph.farthest(second, start), second
-    first = graph.find_remotest(graph.find_deepest())
-    second = graph.farthest(first, None)
-    first = graph.farthest(second, None)
-    for _ in range(SWEEPS):
-        rivals = graph.list_rivals(graph.measure_tips(first))
-        if len(rivals) == 1:  # the way that led here
-            break
-        ways = [graph.measure_way(tip) for tip in rivals]
-        reached = min(rivals, key=lambda tip: float(np.abs(tip.node - second).max()))
-        longest = int(np.argmax(ways))
-        if ways[longest] <= ways[rivals.index(reached)] + float(graph.field.spacing.max()):
-            break
-        first, second = rivals[longest].node, first
-    return first, second
+        return start[0], goal[0] if goal is not None and known else graph.find_farthest(start, goal)
+    if goal is None:
+        return _choose_ends(graph, goal, start)[::-1]
+    # From the whole label, so that an end that is not given lies far from all of it.
+    first = graph.find_farthest(goal, start)
+    second = graph.find_farthest(first[None], goal)
+    return (first if start is None else graph.find_farthest(second[None], start)), second
 
 
 def _find_other_ends(
     graph: LumenGraph,
     name: str,
-    source: NDArray[np.int64],
-    nodes: NDArray[np.int64],
+    source: Numbers,
+    points: NDArray[np.float64],
     *,
     found: bool,
     known: Sequence[OtherEnd] = (),
 ) -> list[OtherEnd]:
-    """Return the tips that could be the end `name` as well as the one that was taken.
+    """Return the ends of the lumen that could be the end `name` as well as the one that was taken.
 
-    They lie about as far from the opposite end `source`, which may be one that was `found`, but
-    well away from the path, from each other's paths and from those that are known.
+    They lie about as far from the opposite end `source`, which may be one that was `found`, or one
+    of them is the widest of all; and beyond the wall of the line (n, 3), of each other's paths and
+    of those that are known.
     """
     from scipy.spatial import cKDTree
 
-    tips = sorted(graph.measure_tips(source), key=lambda tip: -tip.length)
-    taken = [nodes * graph.field.spacing]
+    groups = graph.groups
+    flood = groups.flood(int(groups.groups[graph._number(source)[0]]))
+    tips = groups.find_tips(flood)
+    ends = graph.measure_depth(points[[0, -1]])
+    widest = max(tips, key=lambda tip: tip.width)
+    taken = [points]
     taken += [graph.field.to_grid(np.array([other.point])) for other in known]
     others = []
-    for tip in tips:
-        if tip.length < BRANCH_SHARE * tips[0].length:
-            break
-        gap = cKDTree(np.concatenate(taken)).query(tip.path[-1])[0]
-        if gap < BRANCH_GAP * tip.radius:
+    for tip in sorted(tips, key=lambda tip: -tip.length):
+        far = tip.length >= BRANCH_SHARE * tips[0].length
+        if not far and not (tip is widest and tip.width > WIDER * ends.max()):
+            continue
+        before = np.concatenate(taken)
+        gap, nearest = cKDTree(before).query(tip.path[-1])
+        depth = float(graph.measure_depth(before[[nearest]])[0])
+        if gap < COVERED * depth + tip.width:
             continue
         taken.append(tip.path)
-        x, y, z = (float(v) for v in graph.field.to_world(tip.path[-1]))
-        way = graph.measure_way(tip, closed=found)
-        others.append(OtherEnd(end=name, point=(x, y, z), distance=way))
+        way = graph.draw_way(groups.make_way(flood.trace(tip.groups[-1]), both=found))
+        x, y, z = (float(v) for v in graph.field.to_world(way[-1]))
+        distance = float(measure_arc_length(way)[-1])
+        others.append(OtherEnd(end=name, point=(x, y, z), distance=distance))
     return others
 
 
 def _smooth(points: NDArray[np.float64], graph: LumenGraph) -> NDArray[np.float64]:
     """Smooth a path of nodes; where that loses clearance against the path itself, push it back."""
-    radius = float(np.median(graph.measure_depth(points)))
-    spacing = min(SPACING, max(float(graph.field.spacing.min()), SPACING_SHARE * radius))
+    from .kernels.line import smooth_path
+
+    spacing = _choose_spacing(graph, float(np.median(graph.measure_depth(points))))
     points = resample_polyline(points, spacing)
-    for sweeps, keep in ((120, 0.95), (40, 0.95)):
-        target = keep * graph.measure_depth(points)
-        spread = np.minimum(target, _running_minimum(target, 3))
-        for _ in range(sweeps):
-            middle = 0.5 * (points[:-2] + points[2:])
-            moved = points.copy()
-            moved[1:-1] += 0.5 * (middle - points[1:-1])
-            lack = spread - graph.measure_depth(moved)
-            push = np.clip(lack, 0.0, 0.5 * spacing)[:, None] * graph.measure_slope(moved)
-            moved[1:-1] += push[1:-1]
-            points = moved
+    for sweeps in SMOOTH_SWEEPS:
+        target = KEEP * graph.measure_depth(points)
+        target = np.minimum(target, _running_minimum(target, 3))
+        smooth_path(graph.field.pack(), points, target, 0.5 * spacing, sweeps)
         points = resample_polyline(points, spacing)
     return _stay_inside(points, graph)
 
@@ -990,9 +940,20 @@ def _find_tips(chain: RoundCones | ConnectedCylinders, line: Centreline) -> tupl
     last = len(line.points) - 1
     if isinstance(chain, RoundCones):  # its ends are balls, with clearance in their middle
         return 0, last
-    first = find_first_crest(line.points, line.radius)
-    other = last - find_first_crest(line.points[::-1], line.radius[::-1])
+    first = _find_crest(line.arc_length, line.radius)
+    other = last - _find_crest(line.length - line.arc_length[::-1], line.radius[::-1])
     return (first, other) if first < other else (0, last)
+
+
+def _find_crest(arc: NDArray[np.float64], depth: NDArray[np.float64]) -> int:
+    """Return where a path out of a flat end first has its width: no grid blurs its clearance."""
+    radius = float(np.median(depth))
+    for here in range(len(arc)):
+        reach = arc[here] + max(2.0 * depth[here], CREST_AHEAD * radius)
+        if depth[here] >= 0.8 * depth[here : int(np.searchsorted(arc, reach, "right"))].max():
+            near = depth[here : int(np.searchsorted(arc, arc[here] + CREST_NEXT * radius, "right"))]
+            return here + int(np.argmax(near > 0.98 * near.max()))
+    return 0
 
 
 def _go_far(line: Centreline, place: int, tips: tuple[int, int]) -> int:

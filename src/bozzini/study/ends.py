@@ -21,8 +21,8 @@ from ..anatomy.labels import find_centres
 from ..anatomy.tract import Finding, LabelTract, Opening, SurfaceTract, name_place
 from ..checks import check_points
 from ..duct import Centreline, LumenTree, SampledField, find_centreline
-from ..duct.centreline import CREST_AHEAD, CREST_NEXT, TIPS_APART
 from ..duct.field import INFLATION_MAX
+from ..duct.groups import CREST_AHEAD, CREST_NEXT
 from ..errors import GeometryError, InputError
 from ..motion import Plan
 from ..progress import Progress, no_progress
@@ -68,6 +68,10 @@ LANDMARK_REACH = 25.0
 
 SIZE_SHARE, OPENING_SHARE = 0.25, 0.04
 """These reaches, and `OPENING_RADIUS`, are no more than these shares of a tract's longest side."""
+
+
+USUAL_REACH = 2.5
+"""The widest place within so many radii of an end is how wide it is."""
 
 
 def find_reach(tract: Tract, most: float, share: float = SIZE_SHARE) -> float:
@@ -339,7 +343,7 @@ def _measure_behind(rest: SampledField, plan: Plan, entry: Point, *, tip: bool) 
     spacing = rest.spacing
     depth = -rest.signed_distance(plan.path)
     usual = float(np.median(depth))
-    near = depth[plan.path_arc_length <= TIPS_APART * usual]
+    near = depth[plan.path_arc_length <= USUAL_REACH * usual]
     radius = float(max(near.max(), spacing.max()))
     ball = 1.3 * radius
     most = ball + radius + 2.0 * float(spacing.max())

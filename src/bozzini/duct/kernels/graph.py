@@ -238,21 +238,90 @@ def find_lengths(number, nodes, step, sources, lengths):
 
 
 @kernel(nogil=True)
-def find_peaks(number, nodes, lengths, peaks):
-    """Mark in `peaks` (n,), False at first, the nodes of which no neighbour has a longer path."""
+def group_nodes(number, nodes, depths, block, groups, deepest):
+    """Group the nodes of each block of the grid that are joined in it; return how many groups.
+
+    Parameters
+    ----------
+    block : (3,) int
+        Nodes of a block along each axis.
+    groups : (n,) int32
+        -1 at first; filled with the group of each node.
+    deepest : (n,) int32
+        Its first places are filled with the node of each group that has the most clearance.
+    """
     nx, ny, nz = number.shape
-    for here in range(nodes.shape[0]):
-        if lengths[here] < 0.0:
+    stack = np.empty(block[0] * block[1] * block[2], np.int32)
+    count = 0
+    for first in range(nodes.shape[0]):
+        if groups[first] >= 0:
             continue
+        flat = nodes[first]
+        low_i = flat // (ny * nz) // block[0] * block[0]
+        low_j = (flat // nz) % ny // block[1] * block[1]
+        low_k = flat % nz // block[2] * block[2]
+        high_i = min(low_i + block[0], nx)
+        high_j = min(low_j + block[1], ny)
+        high_k = min(low_k + block[2], nz)
+        groups[first] = count
+        stack[0], size = first, 1
+        best = first
+        while size > 0:
+            size -= 1
+            here = stack[size]
+            if depths[here] > depths[best]:
+                best = here
+            flat = nodes[here]
+            i = flat // (ny * nz)
+            j = (flat // nz) % ny
+            k = flat % nz
+            for a in range(max(i - 1, low_i), min(i + 2, high_i)):
+                for b in range(max(j - 1, low_j), min(j + 2, high_j)):
+                    for c in range(max(k - 1, low_k), min(k + 2, high_k)):
+                        there = number[a, b, c]
+                        if there >= 0 and groups[there] < 0:
+                            groups[there] = count
+                            stack[size] = there
+                            size += 1
+        deepest[count] = best
+        count += 1
+    return count
+
+
+@kernel(nogil=True)
+def link_groups(number, nodes, groups, first, links):
+    """List once each pair of groups with nodes beside each other; return how many there are.
+
+    Parameters
+    ----------
+    first : (m,) int32
+        -1 at first; filled with the place in `links` of the last link of each group.
+    links : (k, 3) int32
+        Filled with the two groups of each link and the place of the one before of the first group,
+        as far as they find room.
+    """
+    nx, ny, nz = number.shape
+    count = 0
+    for here in range(nodes.shape[0]):
         flat = nodes[here]
         i = flat // (ny * nz)
         j = (flat // nz) % ny
         k = flat % nz
-        peak = True
-        for a in range(max(i - 1, 0), min(i + 2, nx)):
+        one = groups[here]
+        for a in range(i, min(i + 2, nx)):
             for b in range(max(j - 1, 0), min(j + 2, ny)):
                 for c in range(max(k - 1, 0), min(k + 2, nz)):
                     there = number[a, b, c]
-                    if there >= 0 and lengths[there] > lengths[here]:
-                        peak = False
-        peaks[here] = peak
+                    if there <= here or groups[there] == one:
+                        continue
+                    low, high = min(one, groups[there]), max(one, groups[there])
+                    at = first[low]
+                    while at >= 0 and links[at, 1] != high:
+                        at = links[at, 2]
+                    if at < 0:
+                        if count < links.shape[0]:
+                            links[count, 0], links[count, 1] = low, high
+                            links[count, 2] = first[low]
+                            first[low] = count
+                        count += 1
+    return count
