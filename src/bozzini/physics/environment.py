@@ -473,7 +473,7 @@ def run_episode(
         force = info["force_N"]
         found[:2] = info["complete"], info["outside"]
         found[2] = max(found[2], force)
-        found[3:] += force > limit, reward, 1.0
+        found[3:] += [force > limit, float(reward), 1.0]
         if over:
             break
     return found

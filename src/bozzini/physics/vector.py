@@ -11,15 +11,19 @@ import os
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
+import gymnasium
 import numpy as np
+from numpy.typing import NDArray
 
 from ..checks import check_integer
 from ..numeric.arrays import Floats
 from ..results import Json
-from .environment import MOST_STEPS, Insertion, Observation, gymnasium
+from .environment import MOST_STEPS, Insertion, Observation
+
+Flags = NDArray[np.bool_]
 
 
-class InsertionVector(gymnasium.vector.SyncVectorEnv):  # type: ignore[misc]
+class InsertionVector(gymnasium.vector.SyncVectorEnv):
     """Environments side by side, all stepped at once.
 
     An episode that has ended is begun anew by the next step, whose action counts for nothing, as in
@@ -56,9 +60,9 @@ class InsertionVector(gymnasium.vector.SyncVectorEnv):  # type: ignore[misc]
         """Begin all anew, the first with the seed, the next with the one after it."""
         mask = None if options is None else options.get("reset_mask")
         self._ages[slice(None) if mask is None else mask] = 0
-        return super().reset(seed=seed, options=options)  # type: ignore[no-any-return]
+        return super().reset(seed=seed, options=options)
 
-    def step(self, actions: Floats) -> tuple[Observation, Floats, Floats, Floats, Json]:
+    def step(self, actions: Floats) -> tuple[Observation, Floats, Flags, Flags, Json]:
         """Step all by their actions (n, 3), or begin anew those that have ended."""
         infos: list[Json] = [{}] * self.num_envs
 
@@ -81,7 +85,7 @@ class InsertionVector(gymnasium.vector.SyncVectorEnv):  # type: ignore[misc]
             whole[name] = np.array([info.get(name, type(value)()) for info in infos])
             whole[f"_{name}"] = np.array([name in info for info in infos])
         self._autoreset_envs = self._terminations | self._truncations
-        seen = gymnasium.vector.utils.concatenate(
+        seen: Any = gymnasium.vector.utils.concatenate(
             self.single_observation_space, self._env_obs, self._observations
         )
         self._observations = seen
