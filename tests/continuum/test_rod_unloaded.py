@@ -13,8 +13,9 @@ from scipy.optimize import minimize
 from bozzini.continuum import ArcModel, ContinuumRobot, Helix, RodModel, Section, Tendon
 from bozzini.continuum.energy import EnergyModel
 from bozzini.continuum.kernels.rod import expand_potential, find_curvature, measure_unloaded
+from bozzini.continuum.profile import ROUND_OFF_MM
 from bozzini.continuum.rod_grid import RodGrid
-from tests.continuum.rods import cross_tendons, draw_command, draw_robot
+from tests.continuum.rods import cross_tendons, draw_command, draw_robot, make_robot
 
 THIRDS = [2.0, -1.0, -1.0, 3.0, -2.0, -1.0]
 
@@ -202,3 +203,11 @@ def test_tension_of_a_bent_rod_is_that_of_the_arc() -> None:
     assert shape.section_parameters[0] == pytest.approx([1.0, 0.0], abs=1e-9)
     assert shape.tensions[0] == pytest.approx(300.0 / 60.0 / 4.0, rel=1e-9)
     assert shape.tip[0] == pytest.approx(60.0 * (1.0 - math.cos(1.0)), abs=1e-6)
+
+
+def test_a_station_of_a_cluster_is_found_at_the_place_that_was_kept():
+    robot = make_robot(cross_tendons())
+    for length in np.random.default_rng(1).uniform(0.5, 1.0, 200) * robot.length:
+        close = length - ROUND_OFF_MM * np.array([1.8, 0.9, 0.0])
+        grid = RodGrid.cut(robot, np.concatenate([[0.0], close]), 10)
+        assert grid.places[grid.find(close)] == pytest.approx(close, abs=2.0 * ROUND_OFF_MM)

@@ -27,7 +27,7 @@ from .kernels.rod import (
     integrate_rod,
 )
 from .model import choose_stiffness, explain_contrast
-from .rod_grid import EDGE, RodGrid, list_breaks
+from .rod_grid import RodGrid, list_breaks
 from .rod_solver import EMPTY, Rod, RodState, Target, follow, follow_sliding
 from .shape import Shape
 
@@ -205,7 +205,7 @@ class RodModel(ElasticModel):
         states[0, FORCE:MOMENT] = start.states[0, FORCE:MOMENT]
         states[0, MOMENT : MOMENT + 3] = start.moments[0]
         found = np.zeros((len(self.arc_length), 6, slopes.shape[1]))
-        stops = np.searchsorted(rod.fine.places, self.arc_length - EDGE)
+        stops = rod.fine.find(self.arc_length)
         sections = owners, parts
         for station, span in enumerate(zip(stops[:-1], stops[1:], strict=True), start=1):
             integrate_rod(*span, packed, 1.0, tensions, states, slopes, sections, EMPTY)
@@ -336,9 +336,9 @@ class RodModel(ElasticModel):
 
         count, rod = len(self.robot.tendons), self._rod
         places, stations = rod.fine.places, self.arc_length
-        index = np.searchsorted(places, stations - EDGE)
+        index = rod.fine.find(stations)
         ends = self.robot.section_ends
-        edges = np.searchsorted(places, np.concatenate([[0.0], ends]) - EDGE)
+        edges = rod.fine.find(np.concatenate([[0.0], ends]))
         states = (
             np.stack([state.states for state in rod_states])
             if rod_states

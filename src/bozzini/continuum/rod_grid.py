@@ -18,7 +18,7 @@ from .section import LEAST_LEVER, Section
 NUDGE_MM = 10.0 * ROUND_OFF_MM
 """How far inside a step its ends are evaluated [mm]."""
 
-EDGE = 1e-9
+EDGE = 2.0 * ROUND_OFF_MM
 """Distance at which a place counts as a step's end [mm]."""
 
 RIGID = 1e10
@@ -63,10 +63,14 @@ class RodGrid:
         ]
         return cls(robot, np.concatenate([[0.0], *pieces]))
 
+    def find(self, stations: Floats) -> NDArray[np.int64]:
+        """Return the indices of places at stations; a cluster of places was kept as its first."""
+        return np.minimum(np.searchsorted(self.places, stations - EDGE), len(self.places) - 1)
+
     def thin(self, breaks: Floats, steps: int) -> RodGrid:
         """Return about so many of these steps, joined between breaks."""
         kept, widest = [0], self.robot.length / steps * (1.0 + 1e-9)
-        fixed = np.isin(np.arange(len(self.places)), np.searchsorted(self.places, breaks - EDGE))
+        fixed = np.isin(np.arange(len(self.places)), self.find(breaks))
         for index in range(1, len(self.places) - 1):
             if fixed[index] or self.places[index + 1] - self.places[kept[-1]] > widest:
                 kept.append(index)

@@ -55,7 +55,7 @@ from .model import (
     advise_contradiction,
     explain_play,
 )
-from .rod_grid import EDGE, Packed, RodGrid
+from .rod_grid import Packed, RodGrid
 from .stability import count_negative, measure_stability
 
 PackedRod = tuple[Packed, tuple[Floats, Floats, Floats], bool]
@@ -402,7 +402,7 @@ class Rod:
     @cached_property
     def fine_cuts(self) -> NDArray[np.int64]:
         """The same on the fine grid."""
-        return np.searchsorted(self.fine.places, self.coarse.places[self.coarse_cuts] - EDGE)
+        return self.fine.find(self.coarse.places[self.coarse_cuts])
 
     @property
     def fine_steps(self) -> Steps:
