@@ -161,8 +161,9 @@ def format_jobs() -> str:
 
 def _list_leaves(name: str, command: click.Command | None) -> Iterator[tuple[str, click.Command]]:
     if isinstance(command, click.Group):
-        for word, under in command.commands.items():
-            yield from _list_leaves(f"{name} {word}", under)
+        context = click.Context(command)
+        for word in command.list_commands(context):
+            yield from _list_leaves(f"{name} {word}", command.get_command(context, word))
     elif command is not None:
         yield name, command
 

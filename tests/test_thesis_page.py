@@ -129,7 +129,7 @@ def _list_posed() -> list[tuple[list[str], str]]:
     found = []
     for line in (DOCS / "thesis.md").read_text("utf-8").splitlines():
         cells = line.split(" | ")
-        if len(cells) == 3 and cells[1].startswith("`bozzini effector pose --preset thesis"):
+        if len(cells) == 3 and cells[1].startswith("`bozzini effector pose thesis"):
             whole, *more = re.findall(r"`([^`]+)`", cells[1])
             commands = [whole]
             for options in more:  # each adds to the one before

@@ -8,7 +8,6 @@ from __future__ import annotations
 __all__ = [
     "BozziniError",
     "ConvergenceError",
-    "ConvergenceWarning",
     "DeformationError",
     "FileFormatError",
     "GeometryError",
@@ -35,10 +34,6 @@ class UnitError(InputError):
 
 class ConvergenceError(BozziniError, ArithmeticError):
     """An iteration ran out of steps before it met its tolerance, or there is no answer."""
-
-
-class ConvergenceWarning(UserWarning):
-    """A value was read of a result that is no answer, and nobody had asked if it is one."""
 
 
 class MissingLawError(InputError):

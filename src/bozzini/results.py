@@ -6,13 +6,11 @@ import dataclasses
 import math
 import operator
 import os
-import sys
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 from .checks import Quantity, show_value
-from .errors import ConvergenceError, ConvergenceWarning, InputError, MissingExtraError
+from .errors import ConvergenceError, InputError, MissingExtraError
 from .units import add_unit
 from .views import find_view
 
@@ -40,13 +38,6 @@ SHOWN_LENGTH = 100
 
 SHOWN_TOTAL = 300
 """Characters of a representation."""
-
-_VERDICT = ("converged", "reason", "residual", "settled", "reachable", "require")
-"""What tells whether there is an answer: who reads one of them has asked."""
-
-_ASKED = "_asked"
-_TOOLS = ("bozzini", "dataclasses", "copy", "inspect", "unittest", "IPython")
-"""Packages that may read a result without asking: ours report by themselves, others only copy."""
 
 
 def show_briefly(self: object) -> str:
@@ -118,9 +109,6 @@ def _show_field(value: object) -> str:
 class Result(Shown):
     """An answer, or the reason why there is none.
 
-    To read a value of one that has not converged, outside Bozzini and before `converged` or
-    `reason` is read, gives one `ConvergenceWarning`; `require` raises an error instead.
-
     A subclass is a dataclass with `converged`, `reason` and `residual`, as fields or as properties.
     In a result of a batch these are arrays.
 
@@ -142,19 +130,6 @@ class Result(Shown):
     rows_have_verdict: ClassVar[bool] = False
     """Whether each row of `to_frame` has `converged` and `reason`; `list_columns` is without."""
 
-    if not TYPE_CHECKING:  # a checker would take any name for an attribute
-
-        def __getattribute__(self, name: str) -> object:
-            """Return an attribute; of what is no answer the first value read gives a warning."""
-            value = object.__getattribute__(self, name)
-            if name[0] != "_" and _ASKED not in object.__getattribute__(self, "__dict__"):
-                package = sys._getframe(1).f_globals.get("__name__", "").partition(".")[0]
-                if package not in _TOOLS:
-                    object.__setattr__(self, _ASKED, True)
-                    if name not in _VERDICT and (words := self._describe_failure()):
-                        warnings.warn(words, ConvergenceWarning, stacklevel=2)
-            return value
-
     def require(self) -> Self:
         """Return the result if all of it has converged.
 
@@ -172,7 +147,7 @@ class Result(Shown):
         verdict = _flatten(to_plain(self.converged))
         if all(verdict):
             return ""
-        reasons = sorted({text for text in _flatten(to_plain(self.reason)) if text})
+        reasons = sorted({str(text) for text in _flatten(to_plain(self.reason)) if text})
         count = f" in {verdict.count(False)} of {len(verdict)}" if len(verdict) > 1 else ""
         words = f"{type(self).__name__} has not converged{count}"
         return ": ".join([words, *reasons[:1]])
@@ -264,7 +239,7 @@ class Result(Shown):
         from html import escape
 
         words = [type(self).__name__]
-        reasons = [text for text in _flatten(to_plain(self.reason)) if text]
+        reasons = [str(text) for text in _flatten(to_plain(self.reason)) if text]
         words += [] if all(_flatten(to_plain(self.converged))) else ["not converged"]
         words += sorted(set(reasons))[:3]
         try:
@@ -395,7 +370,7 @@ def to_plain(value: object, *, unknown: Callable[[object], object] = repr) -> An
     return unknown(value)
 
 
-def _flatten(value: object) -> list[Any]:
+def _flatten(value: object) -> list[object]:
     if isinstance(value, list):
         return [item for part in value for item in _flatten(part)]
     return [value]

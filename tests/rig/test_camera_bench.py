@@ -135,7 +135,7 @@ def test_a_film_is_a_camera(tmp_path):
             "weights are 0.1 N, 0.1 N: give one or more, each once",
         ),
         ("--camera rendered --weights 1mm", "1mm"),
-        ("--camera rendered --plot x.png", "--plot has no effect"),
+        ("--camera rendered --plot x.png", "--figure has no effect"),
         ("--camera rendered --free modulus,colour", "colour"),
         ("--camera rendered --weights 0.05N --steps 1 --repeats 1", "too few"),
         ("--play 2MPa", "play is 2"),

@@ -294,7 +294,7 @@ def test_the_command_writes_table_pictures_and_curve(run, tmp_path):
         (("--port", "nowhere"), "--port needs --hook"),
         (
             ("--port", "nowhere", "--hook", "true {file}", "--preset", "thesis-40"),
-            "--preset has no",
+            "MUSCLE has no",
         ),
         (("--port", "nowhere", "--hook", "true {file}"), "port is 'nowhere'"),
         (("--hook", "true {file} {x}"), "but not {x}"),

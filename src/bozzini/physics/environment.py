@@ -319,7 +319,7 @@ class Insertion(gymnasium.Env[Observation, Floats]):
         start, goal = self._held, self._command(advance)
         if self.robot == "leader":
             self.turn = goal[-2:].copy()
-        force = simulation.advance(start, goal, round(CONTROL_S / DYNAMICS.step))
+        force = simulation.advance(start, goal, count=round(CONTROL_S / DYNAMICS.step))
         self._held = goal
         return self._judge(lumen, force)
 

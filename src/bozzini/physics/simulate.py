@@ -488,7 +488,7 @@ class Simulation(Shown):
         penalty = self.wall is not None and self.wall.options.kind == "penalty"
         return penalty and not self.chain.tendons and self.chain.twists is None
 
-    def advance(self, start: Floats, goal: Floats, count: int) -> float:
+    def advance(self, start: Floats, goal: Floats, *, count: int) -> float:
         """Make steps in which the drives (u,) go evenly from one place to another, in one call.
 
         They are those of `step`, by a compiled kernel instead of MuJoCo where `is_compiled`; that

@@ -9,7 +9,7 @@ from __future__ import annotations
 import functools
 import os
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
+from typing import Any, cast
 
 import gymnasium
 import numpy as np
@@ -85,9 +85,10 @@ class InsertionVector(gymnasium.vector.SyncVectorEnv):
             whole[name] = np.array([info.get(name, type(value)()) for info in infos])
             whole[f"_{name}"] = np.array([name in info for info in infos])
         self._autoreset_envs = self._terminations | self._truncations
-        seen: Any = gymnasium.vector.utils.concatenate(
+        joined = gymnasium.vector.utils.concatenate(
             self.single_observation_space, self._env_obs, self._observations
         )
+        seen = cast("Observation", joined)
         self._observations = seen
         return (
             seen.copy() if isinstance(seen, np.ndarray) else {k: v.copy() for k, v in seen.items()},
