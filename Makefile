@@ -48,8 +48,7 @@ test: $(DEV) compiled read ## Run the tests
 test-all: $(DEV) compiled read opencv ## Run all tests, those that take minutes too
 	@BOZZINI_COMPILED=yes $(RUN) -m pytest -n $(WORKERS) --dist worksteal
 
-# What the tests need of the core alone: compiled while the rest is installed, under `make -j`.
-compiled: $(CORE)
+compiled: $(DEV)
 	@$(RUN) -m bozzini doctor --compile --quiet >$(VENV)/doctor.log || { cat $(VENV)/doctor.log >&2; exit 1; }
 
 # Pytest rewrites all tests once and keeps that: several processes would each do it at the same time.
