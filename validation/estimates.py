@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,22 +21,15 @@ from bozzini.continuum import (
     fit_model_error,
     follow_record,
 )
-from bozzini.continuum.energy import Segment
 
 AHEAD = (1, 5, 20)
 """Rows ahead that are predicted."""
-CARRIED = 0.95
-"""Share of what a model missed rows before that the plainest prediction adds to it."""
 APART_S = 1e6
 """Time in which all but constants is forgotten [s]."""
 
 
 def make_estimator(
-    setup: RobotSetup,
-    data: RobotMeasurements,
-    error: ModelError,
-    deviation: float,
-    segment: Segment = "channel",
+    setup: RobotSetup, data: RobotMeasurements, error: ModelError, deviation: float
 ) -> ShapeEstimator:
     """Return an estimator that sees the markers of a setup."""
     sensors = tuple(
@@ -46,7 +39,7 @@ def make_estimator(
         for one in (setup.markers or data.markers)
     )
     return ShapeEstimator(
-        model=EnergyModel(setup.robot, segment=segment),
+        model=EnergyModel(setup.robot, segment="channel"),
         sensors=sensors,
         error=error,
         command=data.command,
@@ -64,87 +57,49 @@ def make_record(
     )
 
 
-@dataclasses.dataclass(frozen=True)
-class Ahead:
-    """Rows predicted some rows ahead, of blocks that nothing was fitted to."""
-
-    rms: float
-    """With what was read until then [mm]."""
-    alone: float
-    """By the model alone [mm]."""
-    carried: float
-    """By the model and so much of what it missed that many rows before [mm]."""
-    coverage: float
-    """Share of coordinates within 95 % intervals."""
-    corrected: float
-    """Share within intervals that the rows fitted have widened (conformal)."""
-
-
 def predict_ahead(
     data: RobotMeasurements,
     times: NDArray[np.float64],
     fit: Callable[[NDArray[np.bool_]], RobotSetup],
     *,
     error: ModelError,
+    blocks: int,
     wanted: Sequence[int],
-    segment: Segment = "channel",
-) -> dict[int, Ahead]:
-    """Return predictions of the quarters of rows wanted, each by what was fitted to the others."""
-    block = np.arange(len(data)) * 4 // len(data)
+) -> dict[int, tuple[AheadPrediction, float]]:
+    """Return predictions of the blocks of rows wanted, each by what was fitted to the others.
+
+    Beside each, the share within 95 % intervals that the rows fitted have widened (conformal).
+    """
+    block = np.arange(len(data)) * blocks // len(data)
     parts: dict[int, list[AheadPrediction]] = {steps: [] for steps in AHEAD}
     inside: dict[int, list[float]] = {steps: [] for steps in AHEAD}
-    left: list[NDArray[np.float64]] = []
     for k in wanted:
         setup = fit(block != k)
         record = make_record(setup, data, times)
-        estimator = make_estimator(setup, data, error, 0.5, segment)
+        estimator = make_estimator(setup, data, error, 0.5)
         found = fit_model_error(estimator, record.select(block != k), ahead=AHEAD)
         estimator = dataclasses.replace(estimator, error=found.error)
         known = follow_record(estimator, record.select(block != k)).state
-        own = record.select(block == k)
-        history = follow_record(estimator, own, ahead=AHEAD, state=estimator.wait(known, APART_S))
+        history = follow_record(
+            estimator,
+            record.select(block == k),
+            ahead=AHEAD,
+            state=estimator.wait(known, APART_S),
+        )
         for one in history.predictions:
             parts[one.ahead].append(one)
             inside[one.ahead].append(one.measure_coverage(found.widenings[one.ahead]))
-        bare = [np.concatenate(list(estimator.predict(row).values())) for row in own.commands]
-        left.append(np.concatenate(list(own.readings.values()), axis=1) - bare)
-    found_ahead = {}
-    for steps in AHEAD:
-        whole = AheadPrediction(
-            ahead=steps,
-            misses=np.concatenate([one.misses for one in parts[steps]]),
-            deviations=np.concatenate([one.deviations for one in parts[steps]]),
+    return {
+        steps: (
+            AheadPrediction(
+                ahead=steps,
+                misses=np.concatenate([one.misses for one in parts[steps]]),
+                deviations=np.concatenate([one.deviations for one in parts[steps]]),
+            ),
+            float(np.mean(inside[steps])),
         )
-        carried = [rows[steps:] - CARRIED * rows[:-steps] for rows in left]
-        found_ahead[steps] = Ahead(
-            rms=whole.rms,
-            alone=find_rms(left),
-            carried=find_rms(carried),
-            coverage=whole.measure_coverage(),
-            corrected=float(np.mean(inside[steps])),
-        )
-    return found_ahead
-
-
-def find_rms(parts: Sequence[NDArray[np.float64]]) -> float:
-    """Return the root mean square length of rows, of those without NaN."""
-    squares = np.sum(np.concatenate(parts) ** 2, axis=1)
-    return math.sqrt(float(np.nanmean(squares)))
-
-
-def describe_ahead(ahead: dict[int, Ahead]) -> str:
-    """Return how far rows ahead are missed, and by plainer predictions."""
-
-    def join(values: Iterable[float], places: int) -> str:
-        return ", ".join(f"{value:.{places}f}" for value in values)
-
-    every = list(ahead.values())
-    return (
-        f"{join((x.rms for x in every), 2)} mm {', '.join(map(str, ahead))} rows ahead (model "
-        f"alone {every[0].alone:.2f}; with {CARRIED} of its last miss "
-        f"{join((x.carried for x in every), 2)}); 95 % intervals, corrected by the other quarters, "
-        f"hold {join((100.0 * x.corrected for x in every), 1)} %."
-    )
+        for steps in AHEAD
+    }
 
 
 @dataclasses.dataclass(frozen=True)

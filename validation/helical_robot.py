@@ -124,9 +124,9 @@ def validate(folder: Path, images: Path) -> Section:
             "",
             f"The pull of a step is not stated. If it was {STEP_MM} mm, as the source's scripts "
             f"suggest, the least error is with {pull:.2f} mm; friction, weight, and discs in place "
-            "of channels are left out, and any of them could be what the factor stands for. The "
-            "loop has no pulls: friction is not fitted. "
-            "One tendon hardly determines the base, as the fit warns: "
+            "of channels are left out, and any of them could be what the factor stands for. Nor "
+            "are the pulls of the loop, whose time is all that its table has: friction is not "
+            "fitted. One tendon hardly determines the base, as the fit warns: "
             f"{least:.2f} mm is the error of a pull repeated at its place, not of another motion.",
         ),
         bounds=(Bound(f"two markers, {len(best.estimates)} constants", best.rms, 1.0, "mm"),),

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from pathlib import Path
 
 import numpy as np
-from estimates import Ahead, describe_ahead, predict_ahead
-from numpy.typing import NDArray
 from section import Bound, Section, format_rows
 
 from bozzini.continuum import (
     ContinuumRobot,
-    ModelError,
     RobotFit,
     RobotFitOptions,
     RobotMeasurements,
@@ -23,7 +19,6 @@ from bozzini.continuum import (
     read_robot_measurements,
 )
 from bozzini.continuum import Section as RobotSection
-from bozzini.continuum.energy import Segment
 
 TITLES = (
     *(f"T{k} displacement [0.1 mm]" for k in (1, 2, 3)),
@@ -35,7 +30,7 @@ TAUT_MM = 10.0
 """Zero of the cables: they stay taut, so that the mean of a command makes no difference."""
 
 BASE_LENGTH = ("base", "sections.1.length")
-FORMS: dict[str, tuple[Segment, tuple[str, ...]]] = {
+FORMS = {
     "an even bend": ("channel", (*BASE_LENGTH, "tendons.*.offset")),
     "a straight link on half the bend at each end": ("chord", (*BASE_LENGTH, "tendons.*.offset")),
     "an even bend, and scale of the command": (
@@ -44,13 +39,6 @@ FORMS: dict[str, tuple[Segment, tuple[str, ...]]] = {
 }  # fmt: skip
 CHOSEN = "a straight link on half the bend at each end"
 DEGENERATE = "an even bend, and scale of the command"
-FOLLOWED, QUARTERS = 400, (0, 1, 2, 3)
-"""Rows that are predicted from those before, in the order of the file; quarters left out."""
-BEGIN = ModelError(
-    curvature=1e-3, twist=1e-3, reach=100.0, stiffness=0.0, zero=0.2, coupling=0.1, position=1.0,
-    rotation=0.02, memory=3.0, drift=1e-4,
-)  # fmt: skip
-"""Where sizes of the model's errors begin; a row is a second."""
 
 
 def make_setup() -> RobotSetup:
@@ -77,24 +65,6 @@ def read_rows(folder: Path, robot: ContinuumRobot) -> tuple[RobotMeasurements, R
     ]
     first, second = (read_robot_measurements(frame, robot=robot) for frame in frames)
     return first, second
-
-
-def follow_rows(folder: Path, setup: RobotSetup) -> dict[int, Ahead]:
-    """Return the tip rows ahead from commands and tips before, each quarter from the others."""
-    import pandas
-
-    table = np.loadtxt(folder / "tips.csv.gz", delimiter=",")[:FOLLOWED]
-    data = read_robot_measurements(pandas.DataFrame(table, columns=TITLES), robot=setup.robot)
-    segment, free = FORMS[CHOSEN]
-    options = RobotFitOptions(folds=0, smaller=False, model_options={"segment": segment})
-
-    def fit(rows: NDArray[np.bool_]) -> RobotSetup:
-        points = np.where(rows[:, None, None], data.points, np.nan)
-        own = dataclasses.replace(data, points=points)
-        return fit_robot(setup, own, free=free, options=options).setup
-
-    times = np.arange(len(data), dtype=np.float64)
-    return predict_ahead(data, times, fit, error=BEGIN, wanted=QUARTERS, segment=segment)
 
 
 def fit_form(data: RobotMeasurements, setup: RobotSetup, form: str) -> RobotFit:
@@ -124,7 +94,6 @@ def validate(folder: Path, images: Path) -> Section:
         [name, "", f"{error:.2f}", "", "", ""] for name, error in checks[CHOSEN].baselines.items()
     ]
     best = found[CHOSEN]
-    ahead = follow_rows(folder, setup)
     known = {one.name: one.value for one in best.estimates}
     return Section(
         title="Robot of three cables, tip",
@@ -133,9 +102,9 @@ def validate(folder: Path, images: Path) -> Section:
         licence="MIT.",
         text=(
             f"{FITTED} of 5000 commands, drawn at random, are fitted and {CHECKED} others "
-            "predicted. Nothing of the robot is stated: "
+            "predicted; commands do not follow each other in time. Nothing of the robot is stated: "
             "fitted are the pose of its base, the length, and the distance of the cables, which "
-            "are taken as taut. Errors are root "
+            "are taken as taut; in the order of the columns they stand clockwise. Errors are root "
             "mean square distances [mm].",
             "",
             *format_rows(
@@ -150,15 +119,13 @@ def validate(folder: Path, images: Path) -> Section:
                 rows,
             ),
             "",
-            f"The second form: a link of {known['sections.1.length']:.0f} mm, cables "
-            f"{known['tendons.*.offset']:.2f} mm off the axis.",
+            f"The second form: a link of {known['sections.1.length']:.0f} mm, and cables "
+            f"{known['tendons.*.offset']:.2f} mm off the axis, if commands are what they say.",
             "",
-            "Degenerate, of the last form: "
+            f"What is degenerate, as the fit says it of the last form: "
             f"{'; '.join(found[DEGENERATE].undetermined)}. Length and place of the base along "
-            "the robot hardly are: the fit warns of it.",
-            "",
-            f"{FOLLOWED} rows as they follow, with tips before (`ShapeEstimator`): "
-            f"{describe_ahead(ahead)}",
+            "the robot are determined by the curvature of the surface that the tip moves on alone, "
+            "and hardly: the fit warns of it.",
         ),
         bounds=(
             Bound(
@@ -175,24 +142,6 @@ def validate(folder: Path, images: Path) -> Section:
                 "%",
             ),
             Bound("fitted in that form", len(known), 9, "constants"),
-            *(
-                Bound(
-                    f"tip, {rows} row(s) ahead, by the model alone",
-                    one.rms / one.alone,
-                    1.0,
-                    "times",
-                )
-                for rows, one in ahead.items()
-            ),
-            *(
-                Bound(
-                    f"{rows} row(s) ahead, share in 95 % intervals, off 95 %",
-                    100.0 * abs(one.corrected - 0.95),
-                    3.0,
-                    "%",
-                )
-                for rows, one in ahead.items()
-            ),
             Bound("not determined by the rows", len(best.undetermined), 0, "combinations"),
         ),
     )

@@ -16,7 +16,6 @@ from scipy.spatial.transform import Rotation, Slerp
 from bozzini.cli.main import main
 from bozzini.continuum import (
     CurvatureSensor,
-    EnergyModel,
     ModelError,
     PlaceSensor,
     PointLoad,
@@ -35,14 +34,7 @@ from bozzini.continuum import (
 from bozzini.duct import RoundCones
 from bozzini.duct.shape_files import save_shapes
 from bozzini.errors import BozziniError, InputError
-from tests.continuum.test_estimation import (
-    MODEL,
-    PULLED,
-    SENSORS,
-    make_robot,
-    read_sensors,
-    write_table,
-)
+from tests.continuum.test_estimation import MODEL, PULLED, SENSORS, write_table
 
 SURE = ModelError(curvature=1e-6, twist=1e-6, stiffness=1e-3, zero=1e-3)
 TIP = PlaceSensor(name="tip")
@@ -331,48 +323,3 @@ def test_two_forces_are_found_where_they_are():
     for load, (place, force) in zip(found, forces, strict=True):
         assert load.place_low < place < load.place_high
         assert load.force_low < math.hypot(force, 0.1) < load.force_high
-
-
-def test_zeros_of_cables_that_may_be_slack_are_within_their_intervals():
-    sensors, random = (SENSORS[0], SENSORS[1]), np.random.default_rng(2)
-    estimator = ShapeEstimator(model=MODEL, sensors=sensors, error=ModelError(zero=0.5))
-    first = estimator.begin()
-    spread = np.sqrt(np.diag(first.covariance))
-    zeros = [name.startswith("zero") for name in estimator.names]
-    inside = []
-    for _ in range(25):
-        mean = spread * random.standard_normal(len(spread))
-        truth = estimator.estimate(PULLED, state=dataclasses.replace(first, mean=mean))
-        found = estimator.estimate(PULLED, read_sensors(truth, sensors, random))
-        half = 1.96 * np.sqrt(np.diag(found.state.covariance))
-        inside.append((np.abs(found.state.mean - mean) < half)[zeros])
-    assert 0.88 < np.mean(inside) < 0.99
-
-
-def test_without_readings_slack_leaves_what_was_known():
-    estimator = ShapeEstimator(model=MODEL, error=ModelError(zero=0.5))
-    before = estimator.begin()
-    after = estimator.estimate(PULLED).state
-    scale = np.sqrt(np.diag(before.covariance))
-    off = (after.covariance - before.covariance) / np.outer(scale, scale)
-    np.testing.assert_allclose(off, 0.0, atol=1e-6)
-
-
-def test_a_stiffness_that_body_tendons_and_force_share_changes_no_shape():
-    def push(factor: float) -> np.ndarray:
-        robot = make_robot(factor)
-        sections = tuple(
-            dataclasses.replace(
-                one,
-                tendons=tuple(
-                    dataclasses.replace(own, stiffness=own.stiffness * factor)
-                    for own in one.tendons
-                ),
-            )
-            for one in robot.sections
-        )
-        load = PointLoad(arc_length=115.0, force=(0.3 * factor, 0.2 * factor, 0.0), frame="body")
-        robot = dataclasses.replace(robot, sections=sections)
-        return EnergyModel(robot, segment="channel", loads=(load,)).shape(PULLED).world_points
-
-    np.testing.assert_allclose(push(1.2), push(1.0), atol=1e-6)

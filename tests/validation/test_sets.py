@@ -21,7 +21,6 @@ LESS = {
         "QUARTERS": module.QUARTERS[1:2],
         "LOOPS": module.LOOPS[:1],
     },
-    "three_cable_robot": lambda module: {"QUARTERS": module.QUARTERS[2:3]},
     "three_muscle_arm": lambda module: {
         "FORMS": {"all": module.FORMS["all"]},
         "FREQUENCIES": module.FREQUENCIES[-1:],

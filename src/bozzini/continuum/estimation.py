@@ -38,7 +38,6 @@ from .coupling import check_displacements
 from .elastic import check_tension_commands
 from .energy import STIFF, EnergyModel
 from .equilibrium import LumpedLoads, TendonCommand
-from .estimate_slack import Tangent, find_kinks, spread_over_kinks
 from .estimate_walls import PackedGrid, PressedRod, PressingWalls, WallPush
 from .kernels.energy import CONVERGED
 from .kernels.equilibrium import make_state, solve_equilibrium
@@ -124,7 +123,6 @@ class _Body(NamedTuple):
     turned: Floats = np.empty(0)
     pulled: Floats = np.empty(0)
     push: WallPush | None = None
-    tangent: Tangent | None = None
 
 
 class _Fit(NamedTuple):
@@ -139,7 +137,6 @@ class _Fit(NamedTuple):
     cost: float = math.inf
     steps: int = 0
     settled: bool = False
-    read: Mapping[int, Floats] = MappingProxyType({})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -543,8 +540,7 @@ class ShapeEstimator(Shown):
         if short is None or not body.found:
             return body
         on_segments, on_commands = self._push(mean, body, (packed, bent), acting)
-        gaps = body.lengths - command.free_lengths
-        _, compliances = self._stretch(gaps)
+        _, compliances = self._stretch(body.lengths - command.free_lengths)
         slopes, size = state[2].reshape(tendons, -1), body.rotation_vectors.size
         matrix = np.zeros((size + int(held.sum()),) * 2)
         matrix[:size, :size] = state[6]
@@ -552,12 +548,10 @@ class ShapeEstimator(Shown):
         matrix[size:, :size] = slopes[held]
         matrix[size:, size:] = -np.diag(compliances[held])
         by_tension = on_commands * pulled
-        rows = np.concatenate([on_segments - slopes.T @ by_tension, -on_commands[held]])
-        solved = np.asarray(np.linalg.solve(matrix, rows), dtype=np.float64)
+        right = on_segments - slopes.T @ by_tension, -on_commands[held]
+        solved = np.asarray(np.linalg.solve(matrix, np.concatenate(right)), dtype=np.float64)
         by_tension[held] = solved[size:]
-        own = np.flatnonzero(held)
-        tangent = Tangent(matrix, rows, own, self._compliances[own], gaps[own], body.tensions[own])
-        return body._replace(turned=solved[:size], pulled=by_tension, tangent=tangent)
+        return body._replace(turned=solved[:size], pulled=by_tension)
 
     def _make_command(self, asked: Floats, mean: Floats, acting: Floats) -> TendonCommand:
         """Return what commands come to with the errors of a state."""
@@ -766,8 +760,8 @@ class ShapeEstimator(Shown):
         spans = self.model.rod.grid.spans
         weights = self._weights / spans
         curvatures = weights @ body.rotation_vectors
-        curved = weights @ body.turned.reshape(len(spans), -1)
-        curved = curved.reshape(len(weights), 3, body.turned.shape[1])
+        curved = weights @ body.turned.reshape(len(spans), 3 * len(mean))
+        curved = curved.reshape(len(weights), 3, len(mean))
         names = self.robot.tendon_names
         each = zip(places, rotations, slopes, curvatures, curved, strict=True)
         return [Sensed(*one, body.tensions, body.pulled, names) for one in each]
@@ -782,10 +776,7 @@ class ShapeEstimator(Shown):
         short: Floats,
     ) -> _Fit:
         """Return what readings miss at a state, and the slopes, by the noise."""
-        return self._compare(read, mean, self._solve(asked, mean, start, short))
-
-    def _compare(self, read: Mapping[int, Floats], mean: Floats, body: _Body) -> _Fit:
-        """Return what readings miss of a body, and the slopes, by the noise."""
+        body = self._solve(asked, mean, start, short)
         if not body.found:
             return _Fit(mean, body, np.empty(0), np.empty((0, len(mean))))
         seen = self._sense(mean, body)
@@ -806,7 +797,7 @@ class ShapeEstimator(Shown):
         if not missed:
             return _Fit(mean, body, np.empty(0), np.empty((0, len(mean))))
         rows = np.concatenate(missed), np.concatenate(slope_rows)
-        return _Fit(mean, body, *rows, tuple(noises), tuple(kept), read=read)
+        return _Fit(mean, body, *rows, tuple(noises), tuple(kept))
 
     # Search.
 
@@ -1053,12 +1044,10 @@ class ShapeEstimator(Shown):
             likelihood = expected + float(np.linalg.slogdet(inner)[1])
             likelihood = -0.5 * (likelihood + len(off) * math.log(2.0 * math.pi))
             likelihood -= float(np.log(np.concatenate(fit.noises)).sum())
-        if body.found:
-            body, covariance = self._spread_over_slack(before, fit, covariance)
         frames = np.full((len(nominal), 4, 4), np.nan)
         spread = np.full((len(nominal), 6, 6), np.nan)
         tensions = np.full(len(body.tensions), np.nan)
-        pulled, contact = np.zeros((len(self.robot.tendons), len(covariance))), None
+        pulled, contact = np.zeros((len(self.robot.tendons), count)), None
         if body.found:
             stations = find_stations(grid.arc_length, grid.arc_length)
             places, axes, slopes = self._place(fit.mean, body, stations)
@@ -1068,7 +1057,6 @@ class ShapeEstimator(Shown):
             pulled, tensions = body.pulled, body.tensions
             if body.push is not None:
                 contact = EstimatedContact.make(body.push, slopes[1:, 3:], covariance)
-        state = covariance[:count, :count]
         tension_spread = np.einsum("ti,ij,tj->t", pulled, covariance, pulled)
         tension_spread[np.isnan(tensions)] = np.nan
         missed = math.sqrt(float(np.mean(fit.missed**2))) if len(fit.missed) else 0.0
@@ -1085,13 +1073,13 @@ class ShapeEstimator(Shown):
             commanded=nominal[:, :3, 3],
             tensions=tensions,
             tension_deviations=np.sqrt(np.maximum(tension_spread, 0.0)),
-            loads=tuple(self._describe_load(k, fit.mean, state, body)
+            loads=tuple(self._describe_load(k, fit.mean, covariance, body)
                         for k in range(len(self.loads))),
             contact=contact,
             names=self.names,
             state=EstimatorState(
                 fit.mean,
-                state,
+                covariance,
                 body.rotation_vectors if body.found else before.rotation_vectors,
                 body.lengths if body.found else before.lengths,
                 None if self._walls is None else alone.rotation_vectors,
@@ -1104,25 +1092,6 @@ class ShapeEstimator(Shown):
             converged=not reason,
             reason=reason,
         )  # fmt: skip
-
-    def _spread_over_slack(
-        self, before: EstimatorState, fit: _Fit, covariance: Floats
-    ) -> tuple[_Body, Floats]:
-        """Return derivatives and covariance, both with gaps of cables near the end of slack."""
-        body, cables = fit.body, np.flatnonzero(~self.model.rod.pushes)
-        kinks = None if body.tangent is None else find_kinks(body.tangent, cables, covariance)
-        if kinks is None or body.tangent is None:
-            return body, covariance
-        size = body.rotation_vectors.size
-        pulled = np.zeros((len(self.robot.tendons), kinks.solved.shape[1]))
-        pulled[:, : body.pulled.shape[1]] = body.pulled
-        pulled[body.tangent.tendons] = kinks.solved[size:]
-        bent = body._replace(turned=kinks.solved[:size], pulled=pulled)
-        slopes = np.zeros((len(fit.missed), pulled.shape[1]))
-        if len(fit.missed):
-            slopes = self._compare(fit.read, fit.mean, bent).slopes
-        first = before.mean - fit.mean
-        return bent, spread_over_kinks(kinks, before.covariance, first, fit.missed, slopes)
 
     def _describe_load(
         self, index: int, mean: Floats, covariance: Floats, body: _Body
