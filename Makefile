@@ -44,9 +44,11 @@ demo: $(CORE) ## Plan a scope through a phantom tract; report in bozzini-demo/
 test: $(DEV) compiled read ## Run the tests
 	@BOZZINI_COMPILED=yes $(RUN) -m pytest -m "not slow" -n $(WORKERS) --dist worksteal
 
-# In one run, so that short tests fill the time while the last long ones end.
-test-all: $(DEV) compiled read opencv ## Run all tests, those that take minutes too
-	@BOZZINI_COMPILED=yes $(RUN) -m pytest -n $(WORKERS) --dist worksteal
+# Files without slow tests need not be read.
+SLOW_TESTS = $(sort $(shell grep -rl --include='test_*.py' 'mark\.slow' tests))
+
+test-all: test opencv ## Run all tests, those that take minutes too
+	@$(RUN) -m pytest -m slow -n $(WORKERS) --dist worksteal $(SLOW_TESTS)
 
 compiled: $(DEV)
 	@$(RUN) -m bozzini doctor --compile --quiet >$(VENV)/doctor.log || { cat $(VENV)/doctor.log >&2; exit 1; }
