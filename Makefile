@@ -41,7 +41,7 @@ help: ## Show this list
 demo: $(CORE) ## Plan a scope through a phantom tract; report in bozzini-demo/
 	@$(DEMO)
 
-test: $(DEV) compiled read ## Run the tests
+test: compiled read ## Run the tests
 	@BOZZINI_COMPILED=yes $(RUN) -m pytest -m "not slow" -n $(WORKERS) --dist worksteal
 
 # Files without slow tests need not be read.

@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import sys
 from collections import defaultdict
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -21,10 +21,10 @@ Signatures = dict[str, set[str]]
 
 
 @contextmanager
-def recording(*, ignored: Callable[[], bool] | None = None) -> Iterator[Signatures]:
+def recording(*, only_compiled: bool = False) -> Iterator[Signatures]:
     """Give the signatures of kernels, filled while Bozzini's own code calls them.
 
-    With `ignored`, only those that were compiled for it, and not loaded, where it is not so.
+    Or only those that were compiled for it, and not loaded.
     """
     found: Signatures = defaultdict(set)
     load: Any = Dispatcher._compile_for_args
@@ -33,7 +33,7 @@ def recording(*, ignored: Callable[[], bool] | None = None) -> Iterator[Signatur
         caller = sys._getframe(1).f_globals.get("__name__", "")
         before, compiled = set(kernel.overloads), sum(kernel.stats.cache_misses.values())
         answer = load(kernel, *args, **options)
-        if ignored and (ignored() or sum(kernel.stats.cache_misses.values()) == compiled):
+        if only_compiled and sum(kernel.stats.cache_misses.values()) == compiled:
             return answer
         if caller.startswith("bozzini.") and kernel.py_func.__module__.startswith("bozzini."):
             for kinds in set(kernel.overloads) - before:

@@ -43,20 +43,11 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             item.add_marker(pytest.mark.timeout(1800))
 
 
-def pytest_runtest_setup(item: pytest.Item) -> None:
-    """Note whether it is a slow test that runs."""
-    running["slow"] = item.get_closest_marker("slow") is not None
-
-
-running = {"slow": False}
-
-
 @pytest.fixture(scope="session", autouse=True)
 def kernels_are_recorded() -> Iterator[None]:
     """Record which kernels are called with what types where `make kernels` asks for that.
 
     `make test` compiles all that are listed beforehand: what is compiled then is not listed.
-    Slow tests may compile more.
     """
     place, compiled = (os.environ.get(f"BOZZINI_{name}") for name in ("SIGNATURES", "COMPILED"))
     if not (place or compiled):
@@ -64,7 +55,7 @@ def kernels_are_recorded() -> Iterator[None]:
         return
     from tests.compiled import recording
 
-    with recording(ignored=(lambda: running["slow"]) if compiled else None) as found:
+    with recording(only_compiled=not place) as found:
         yield
     if place:
         rows = {name: sorted(signatures) for name, signatures in found.items()}
